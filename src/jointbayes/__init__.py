@@ -1,0 +1,76 @@
+"""Joint stiffness from vibration measurements, with uncertainty.
+
+Names are loaded at first use, so that importing the package costs next to nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jointbayes.case import Case, case_from_text, load_case
+    from jointbayes.check import check_posterior
+    from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, SamplingError
+    from jointbayes.frf import FrfSet, Ports
+    from jointbayes.identification import IterationHistory, MapEstimate
+    from jointbayes.inference import Problem
+    from jointbayes.posterior import Posterior, summarise
+    from jointbayes.run_directory import write_report
+    from jointbayes.sampling import SamplerSettings
+    from jointbayes.workflow import find_map, identify, load_posterior, sample
+
+_HOMES = {
+    "jointbayes.case": ("Case", "case_from_text", "load_case"),
+    "jointbayes.check": ("check_posterior",),
+    "jointbayes.errors": ("CaseError", "JointBayesError", "MeasurementError", "ModelError", "SamplingError"),
+    "jointbayes.frf": ("FrfSet", "Ports"),
+    "jointbayes.identification": ("IterationHistory", "MapEstimate"),
+    "jointbayes.inference": ("Problem",),
+    "jointbayes.posterior": ("Posterior", "summarise"),
+    "jointbayes.run_directory": ("write_report",),
+    "jointbayes.sampling": ("SamplerSettings",),
+    "jointbayes.workflow": ("find_map", "identify", "load_posterior", "sample"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    # cases
+    "Case",
+    "case_from_text",
+    "load_case",
+    # steps of a run
+    "check_posterior",
+    "find_map",
+    "identify",
+    "load_posterior",
+    "sample",
+    "summarise",
+    "write_report",
+    # results and parts
+    "FrfSet",
+    "IterationHistory",
+    "MapEstimate",
+    "Ports",
+    "Posterior",
+    "Problem",
+    "SamplerSettings",
+    # errors
+    "CaseError",
+    "JointBayesError",
+    "MeasurementError",
+    "ModelError",
+    "SamplingError",
+]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 (any public name)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("jointbayes")
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'jointbayes' has no attribute {name!r}")
+    return getattr(import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

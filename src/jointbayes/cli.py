@@ -1,0 +1,168 @@
+"""The command line: parse, call, print. Heavy imports wait until a command needs them."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jointbayes.errors import JointBayesError
+
+if TYPE_CHECKING:
+    from jointbayes.case import Case
+    from jointbayes.posterior import Posterior
+
+__all__ = ["main"]
+
+NOT_MATCHED = 1
+BAD_INPUT = 2
+NOT_CONVERGED = 3
+
+
+class _Commands(click.Group):
+    """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
+
+    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 (click's own signature)
+        try:
+            return super().invoke(ctx)
+        except JointBayesError as error:
+            click.echo(f"jointbayes: {error}", err=True)
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            click.echo(f"jointbayes: {place}{error.strerror or error}", err=True)
+        ctx.exit(BAD_INPUT)
+
+
+_seed = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
+_config = click.argument("config", type=click.Path(path_type=Path))
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="jointbayes")
+def main() -> None:
+    """Joint stiffness from vibration measurements, with uncertainty.
+
+    Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged.
+    """
+
+
+@main.command()
+@_config
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
+@_seed
+def run(config: Path, out: Path | None, seed: int | None) -> None:
+    """Identify, sample and write the report of a case file."""
+    from jointbayes.case import load_case
+    from jointbayes.run_directory import require_writable, write_report
+
+    case = load_case(config)
+    target = out or Path("reports") / case.name
+    require_writable(target)
+    posterior = _sample(case, seed)
+    write_report(posterior, target)
+    _print_summary(posterior)
+    click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+    _exit_by_convergence(posterior)
+
+
+@main.command()
+@_config
+def identify(config: Path) -> None:
+    """Run the paper's sensitivity iteration and the MAP search; print both."""
+    from jointbayes.case import load_case
+    from jointbayes.workflow import find_map
+    from jointbayes.workflow import identify as iterate
+
+    case = load_case(config)
+    if case.joint_frf is not None:
+        history = iterate(case)
+        click.echo(f"{'step':>4} {'residual':>10} {'k11 (N/m)':>12} {'k12 (N)':>12} {'k22 (N·m/rad)':>14}")
+        for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
+            click.echo(f"{step:>4} {norm:>10.3e} {k[0]:>12.4e} {k[1]:>12.4e} {k[2]:>14.4e}")
+        click.echo(f"The paper's iteration {history.reason}.")
+    estimate = find_map(case)
+    k11, k12, k22 = estimate.stiffness
+    click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
+    sd = estimate.covariance.diagonal() ** 0.5
+    names = [n if n == "rho" else f"ln {n}" for n in case.problem.parametrisation.names]
+    click.echo("Laplace sd: " + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True)))
+    if estimate.failed_starts:
+        click.echo(f"Starts that ended elsewhere: {', '.join(estimate.failed_starts)}")
+
+
+@main.command()
+@_config
+@click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
+@_seed
+def sample(config: Path, out: Path | None, seed: int | None) -> None:
+    """Sample a case and write the draws, without a report."""
+    from jointbayes.case import load_case
+    from jointbayes.errors import CaseError
+
+    case = load_case(config)
+    target = out or Path(f"{case.name}.nc")
+    if not target.absolute().parent.is_dir():
+        raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
+    posterior = _sample(case, seed)
+    posterior.save(target)
+    _print_summary(posterior)
+    click.echo(f"Draws: {target}")
+    _exit_by_convergence(posterior)
+
+
+@main.command()
+@click.argument("posterior", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
+def report(posterior: Path, out: Path | None) -> None:
+    """Write the report of a posterior file."""
+    from jointbayes.run_directory import write_report
+    from jointbayes.workflow import load_posterior
+
+    loaded = load_posterior(posterior)
+    target = write_report(loaded, out or Path("reports") / loaded.record.case_name)
+    click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+    _exit_by_convergence(loaded)
+
+
+@main.command()
+@_config
+@_seed
+def check(config: Path, seed: int | None) -> None:
+    """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not."""
+    from jointbayes.case import load_case
+    from jointbayes.check import check_posterior, require_reference
+
+    case = load_case(config)
+    require_reference(case)
+    result = check_posterior(case, _sample(case, seed))
+    click.echo(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
+    for line in result.lines:
+        click.echo(f"{'ok  ' if line.matches else 'FAIL'} {line.subject}: {line.found}; expected: {line.expected}")
+    click.echo("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
+    if not result.matches:
+        sys.exit(NOT_MATCHED)
+
+
+def _sample(case: "Case", seed: int | None) -> "Posterior":
+    from jointbayes.progress import show_progress
+    from jointbayes.workflow import sample as draw
+
+    with show_progress() as progress:
+        return draw(case, seed, progress=progress)
+
+
+def _print_summary(posterior: "Posterior") -> None:
+    from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+
+    if not posterior.converged:
+        click.echo("NOT CONVERGED: do not use these numbers.")
+    click.echo(posterior.reason)
+    for name, unit in zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True):
+        known = posterior.identifiability(name)
+        low, high = known.interval95
+        click.echo(f"{name}: {posterior.mode[name]:.3e} {unit}, 95 % {low:.3e} to {high:.3e}: {known.verdict}")
+
+
+def _exit_by_convergence(posterior: "Posterior") -> None:
+    if not posterior.converged:
+        sys.exit(NOT_CONVERGED)

@@ -1,0 +1,35 @@
+"""Frequency response functions: measured sets, the forward models that predict them, rotations."""
+
+from jointbayes.frf.coupling import LowRankCoupling
+from jointbayes.frf.direct import DirectSolve, dynamic_stiffness
+from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
+from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
+from jointbayes.frf.model import ReceptanceModel, receptance_model
+from jointbayes.frf.ports import Ports
+from jointbayes.frf.rotation import (
+    DifferenceScheme,
+    Transform,
+    rotation_from_translations,
+    transform_frf,
+)
+
+__all__ = [
+    # data
+    "FrfSet",
+    "Quantity",
+    "quantity_factor",
+    # forward models
+    "AssembledModes",
+    "DirectSolve",
+    "LowRankCoupling",
+    "NaturalFrequencies",
+    "Ports",
+    "ReceptanceModel",
+    "dynamic_stiffness",
+    "receptance_model",
+    # rotations
+    "DifferenceScheme",
+    "Transform",
+    "rotation_from_translations",
+    "transform_frf",
+]

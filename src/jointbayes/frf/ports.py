@@ -1,0 +1,62 @@
+"""Where a structure is excited, observed and joined."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.joint import Joint
+from jointbayes.structure import Structure
+
+__all__ = ["Ports"]
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Frequency lines and DOFs between which receptances are wanted.
+
+    Parameters
+    ----------
+    frequency_hz
+        Frequency lines, shape (lines,), Hz.
+    outputs, inputs
+        DOF labels of responses and of excitations.
+    """
+
+    frequency_hz: NDArray[np.float64]
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def omega(self) -> NDArray[np.float64]:
+        """ω = 2πf, shape (lines,), rad/s."""
+        return 2 * np.pi * np.asarray(self.frequency_hz, dtype=float)
+
+    def selections(
+        self, structure: Structure, joint: Joint
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Selection matrices of joint, outputs and inputs, shapes (n, r), (n, outputs), (n, inputs)."""
+        unit = np.eye(structure.n_dofs)
+        return (
+            joint.selection(structure),
+            unit[:, structure.index(self.outputs)],
+            unit[:, structure.index(self.inputs)],
+        )
+
+
+def split_along(
+    selection: NDArray[np.float64], joined: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Split selections (n, q) into joint coordinates (r, q) and the rest (n, q): selection = joined @ along + rest.
+
+    Motion of the joint itself vanishes as the joint becomes rigid. Computed as a difference of large numbers it
+    would be rounding error; with its part along the joint kept apart it is not.
+    """
+    along = np.linalg.pinv(joined) @ selection
+    return along, selection - joined @ along
+
+
+def as_batch(stiffness: ArrayLike) -> NDArray[np.float64]:
+    """Joint matrices with a leading batch axis, shape (batch, r, r)."""
+    matrices = np.asarray(stiffness, dtype=float)
+    return matrices[None] if matrices.ndim == 2 else matrices

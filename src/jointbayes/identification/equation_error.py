@@ -1,0 +1,144 @@
+"""A start without a guess: the joint compliance by linear least squares.
+
+With a joint of two DOFs, (A_ab − H^x) D = N where D = det(C + A_jj) and N = A_aj adj(C + A_jj) A_jb are both linear
+in (c11, c12, c22, det C). The weights 1/|D| of the last pass turn the equation error into the output error.
+
+References
+----------
+Sanathanan, C. K., Koerner, J. (1963). Transfer function synthesis as a ratio of two complex polynomials.
+IEEE Transactions on Automatic Control 8(1), 56-58. DOI 10.1109/TAC.1963.1105517
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.frf import LowRankCoupling, Ports
+from jointbayes.joint import Joint
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.structure import LossFactor, ModalDamping, Structure
+
+__all__ = ["compliance_start"]
+
+Array = NDArray[np.float64]
+_PASSES = 10
+
+
+def compliance_start(structure: Structure, joint: Joint, measurement: FrfMeasurement) -> Array:
+    """Estimate (k11, k12, k22) from FRFs alone, positive definite, as a start for a proper fit.
+
+    Parameters
+    ----------
+    structure, joint
+        Structure without the joint, and where the joint acts (two DOFs). Modal damping of the assembled structure
+        has no counterpart without the joint; the loss factor 2ζ of its first mode stands in.
+    measurement
+        FRFs with variances.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+
+    References
+    ----------
+    Sanathanan & Koerner (1963), DOI 10.1109/TAC.1963.1105517
+    """
+    law = structure.damping
+    if isinstance(law, ModalDamping):
+        structure = replace(structure, damping=LossFactor(2 * law.ratios[0]))
+    frf = measurement.frf.converted("receptance")
+    ratio = np.abs(measurement.frf.values) / np.sqrt(measurement.variance)
+    sigma = np.abs(frf.values) / np.maximum(ratio, np.finfo(float).tiny)
+    free = _FreeReceptance(structure, joint, frf.frequency_hz, frf.outputs, frf.inputs)
+
+    scale = free.scale
+    unknown = np.zeros(4)
+    weight = 1 / sigma
+    for _ in range(_PASSES):
+        matrix, right = free.equations(frf.values, scale)
+        rows = (matrix * weight[..., None]).reshape(-1, 4)
+        known = (right * weight).ravel()
+        unknown, *_ = np.linalg.lstsq(
+            np.concatenate([rows.real, rows.imag]), np.concatenate([known.real, known.imag]), rcond=None
+        )
+        weight = 1 / (sigma * np.abs(free.denominator(unknown, scale))[:, None, None])
+    return _positive_definite(unknown[:3] * scale[:3])
+
+
+class _FreeReceptance:
+    """Receptance without the joint, cut into the blocks that the linear equations need."""
+
+    def __init__(
+        self, structure: Structure, joint: Joint, frequency_hz: Array, outputs: tuple[str, ...], inputs: tuple[str, ...]
+    ) -> None:
+        # the joint's DOFs stand first among outputs and inputs; a relative joint is a difference of two blocks
+        sides = joint.dofs + joint.against
+        ports = Ports(frequency_hz, _unique(sides + outputs), _unique(sides + inputs))
+        free = LowRankCoupling(structure, joint, ports).receptance(np.zeros((2, 2)))[0]
+        relative = np.eye(2) if not joint.against else np.hstack([np.eye(2), -np.eye(2)])
+        n = len(sides)
+        rows = [ports.outputs.index(label) for label in outputs]
+        columns = [ports.inputs.index(label) for label in inputs]
+        self.jj = relative @ free[:, :n, :n] @ relative.T
+        self.oj = free[:, rows, :n] @ relative.T
+        self.ji = relative @ free[:, :n, columns]
+        self.oi = free[:, rows][:, :, columns]
+
+    @property
+    def scale(self) -> Array:
+        """Typical size of (c11, c12, c22, det C), shape (4,): compliances that matter are near the receptance."""
+        c11, c22 = np.median(np.abs(self.jj[:, [0, 1], [0, 1]]), axis=0)
+        return np.array([c11, np.sqrt(c11 * c22), c22, c11 * c22])
+
+    def denominator(self, unknown: Array, scale: Array) -> NDArray[np.complex128]:
+        """D per line, relative to its scale, shape (lines,)."""
+        return (self._factors() @ (unknown * scale) + self._determinant()) / scale[3]
+
+    def equations(self, measured: NDArray[np.complex128], scale: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Matrix (lines, outputs, inputs, 4) and right-hand side (lines, outputs, inputs) of (A − H^x) D = N."""
+        difference = self.oi - measured
+        a, b = self.oj[:, :, None, :], self.ji.swapaxes(1, 2)[:, None, :, :]
+        numerator = np.stack(
+            [
+                a[..., 1] * b[..., 1],
+                -(a[..., 0] * b[..., 1] + a[..., 1] * b[..., 0]),
+                a[..., 0] * b[..., 0],
+                np.zeros_like(difference),
+            ],
+            axis=-1,
+        )
+        jj = self.jj[:, None, None]
+        constant = (
+            a[..., 0] * b[..., 0] * jj[..., 1, 1]
+            - (a[..., 0] * b[..., 1] + a[..., 1] * b[..., 0]) * jj[..., 0, 1]
+            + a[..., 1] * b[..., 1] * jj[..., 0, 0]
+        )
+        matrix = difference[..., None] * self._factors()[:, None, None, :] - numerator
+        right = constant - difference * self._determinant()[:, None, None]
+        return matrix * scale / scale[3], right / scale[3]
+
+    def _factors(self) -> NDArray[np.complex128]:
+        """∂D/∂(c11, c12, c22, det C), shape (lines, 4)."""
+        one = np.ones(len(self.jj), dtype=complex)
+        return np.stack([self.jj[:, 1, 1], -2 * self.jj[:, 0, 1], self.jj[:, 0, 0], one], axis=-1)
+
+    def _determinant(self) -> NDArray[np.complex128]:
+        determinant: NDArray[np.complex128] = self.jj[:, 0, 0] * self.jj[:, 1, 1] - self.jj[:, 0, 1] ** 2
+        return determinant
+
+
+def _unique(labels: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(labels))
+
+
+def _positive_definite(compliance: Array) -> Array:
+    """Stiffness of the positive definite compliance nearest to (c11, c12, c22), in scaled terms."""
+    c11, c12, c22 = compliance
+    size = np.sqrt(np.abs([c11, c22])) + np.finfo(float).tiny
+    unit = np.array([[c11, c12], [c12, c22]]) / np.outer(size, size)
+    values, vectors = np.linalg.eigh(unit)
+    # noise may turn an eigenvalue negative: a nearly rigid direction is then the nearest joint that exists
+    values = np.maximum(values, 1e-3 * np.abs(values).max())
+    stiffness = (vectors / values) @ vectors.T / np.outer(size, size)
+    return np.array([stiffness[0, 0], stiffness[0, 1], stiffness[1, 1]])

@@ -1,0 +1,189 @@
+"""The posterior mode (MAP) by Levenberg-Marquardt from several starts, and its Laplace covariance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
+
+from jointbayes.errors import ModelError
+from jointbayes.inference import LogPosterior
+
+__all__ = ["MapEstimate", "StartOutcome", "maximise_posterior", "refine"]
+
+Array = NDArray[np.float64]
+
+#: Two modes are the same when they lie this close, in prior standard deviations and in log density.
+_SAME_POINT = 1e-3
+_SAME_DENSITY = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class StartOutcome:
+    """Where one start led: its first and last (k11, k12, k22), log density, and whether that is the best mode."""
+
+    name: str
+    start: Array
+    stiffness: Array
+    log_posterior: float
+    reached_mode: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MapEstimate:
+    """Mode of the posterior density over θ.
+
+    Parameters
+    ----------
+    theta
+        Coordinates of the mode, shape (d,).
+    stiffness
+        (k11, k12, k22) at the mode, shape (3,).
+    covariance
+        Laplace covariance of θ, shape (d, d); never wider than the prior in any direction.
+    log_posterior
+        Log density at the mode, up to the evidence.
+    starts
+        What became of each start.
+    """
+
+    theta: Array
+    stiffness: Array
+    covariance: Array
+    log_posterior: float
+    starts: tuple[StartOutcome, ...]
+
+    @property
+    def failed_starts(self) -> tuple[str, ...]:
+        """Names of the starts that ended elsewhere."""
+        return tuple(s.name for s in self.starts if not s.reached_mode)
+
+
+def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]:
+    """Climb from θ, shape (d,), to the nearest mode: trust-region least squares with exact Jacobian.
+
+    Returns
+    -------
+    theta, log_density : ndarray of shape (d,), float
+
+    Raises
+    ------
+    ModelError
+        If the start lies outside the prior's support.
+
+    References
+    ----------
+    Branch, M. A., Coleman, T. F., Li, Y. (1999). SIAM Journal on Scientific Computing 21(1), 1-23.
+    DOI 10.1137/S1064827595289108
+    """
+    start = np.asarray(theta, dtype=float)
+    if not np.isfinite(log_posterior(start)[0]):
+        raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
+    low, high = log_posterior.prior.support
+    feasible = log_posterior.prior.parametrisation.feasible
+
+    def residual(t: Array) -> Array:
+        # an infinite residual makes the solver shorten its step: the cone is no box that it could be told of
+        values = log_posterior.residuals(t)[0]
+        return values if feasible(t) else np.full_like(values, np.inf)
+
+    margin = 1e-9 * (high - low)
+    margin[~np.isfinite(margin)] = 0.0
+    found = optimize.least_squares(
+        residual,
+        np.clip(start, low + margin, high - margin),
+        jac=lambda t: log_posterior.residuals(t)[1],
+        bounds=(low, high),
+        x_scale=log_posterior.prior.sd,
+        xtol=1e-12,
+        ftol=1e-14,
+        gtol=1e-12,
+        max_nfev=200,
+    )
+    return found.x, float(log_posterior(found.x)[0])
+
+
+def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLike]) -> MapEstimate:
+    """Best mode over several starts.
+
+    Parameters
+    ----------
+    log_posterior
+        Density to climb.
+    starts
+        (k11, k12, k22), shape (3,), by name. A start outside the prior's support is moved to its nearest edge.
+
+    Returns
+    -------
+    MapEstimate
+
+    Raises
+    ------
+    ModelError
+        If no start leads anywhere.
+    """
+    parametrisation = log_posterior.prior.parametrisation
+    ends: dict[str, tuple[Array, float]] = {}
+    for name, stiffness in starts.items():
+        theta = into_support(log_posterior, stiffness)
+        if theta is not None:
+            ends[name] = refine(log_posterior, theta)
+    if not ends:
+        raise ModelError(
+            "MAP: found no start inside the prior's support; expected priors that contain a positive definite joint; "
+            "widen them"
+        )
+    theta, best = max(ends.values(), key=lambda end: end[1])
+    outcomes = []
+    for name, stiffness in starts.items():
+        end, density = ends.get(name, (np.full_like(theta, np.nan), -np.inf))
+        near = bool(np.abs((end - theta) / log_posterior.prior.sd).max() < _SAME_POINT)
+        # along a ridge that data and prior leave flat many points are equally the mode
+        same = near or best - density < _SAME_DENSITY
+        outcomes.append(
+            StartOutcome(name, np.asarray(stiffness, dtype=float), parametrisation.stiffness(end), density, same)
+        )
+    return MapEstimate(
+        theta, parametrisation.stiffness(theta), laplace_covariance(log_posterior, theta), best, tuple(outcomes)
+    )
+
+
+def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:
+    """Coordinates of the joint nearest to (k11, k12, k22) at which the prior is above zero; None if there is none."""
+    k11, k12, k22 = np.asarray(stiffness, dtype=float)
+    prior = log_posterior.prior
+    tiny = np.exp(-20.0)
+    k11, k22 = max(k11, tiny), max(k22, tiny)
+    limit = 0.9 * np.sqrt(k11 * k22)
+    names = prior.parametrisation.names
+    coupling = np.clip(k12, 0.1 * limit, limit) if "k12" in names else np.clip(k12, -limit, limit)
+    low, high = prior.support
+    inner = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
+    theta = np.clip(prior.parametrisation.coordinates([k11, coupling, k22]), low + inner, high - inner)
+    if not prior.parametrisation.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large
+        k = prior.parametrisation.stiffness(theta)
+        k[1] = 0.9 * np.sqrt(k[0] * k[2])
+        theta = np.clip(prior.parametrisation.coordinates(k), low + inner, high - inner)
+    return theta if np.isfinite(log_posterior(theta)[0]) else None
+
+
+def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
+    """Inverse of −∇∇ ln p at a mode, shape (d, d).
+
+    The Hessian is a central difference of the exact gradient. Directions in which it is flatter than the prior
+    (a mode at the edge of its support, data that do not see a combination) get the prior's width.
+    """
+    sd = log_posterior.prior.sd
+    low, high = log_posterior.prior.support
+    _, jacobian = log_posterior.residuals(theta)
+    scaled = jacobian * sd
+    step = 1e-3 * sd / np.sqrt(np.maximum((scaled**2).sum(axis=0), 1.0))
+    hessian = np.empty((theta.size, theta.size))
+    for i in range(theta.size):
+        move = step[i] * np.eye(theta.size)[i]
+        up, down = np.minimum(theta + move, high), np.maximum(theta - move, low)
+        hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
+    values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(sd, sd))
+    covariance: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)
+    return covariance

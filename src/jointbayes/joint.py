@@ -1,0 +1,200 @@
+"""A joint: a small symmetric stiffness K^J between DOFs, and the coordinates it is inferred in.
+
+References
+----------
+Cao, H., Li, B., He, Z. A joint stiffness identification method based on finite element modeling and
+frequency response functions, section 3 (K^J with k11, k12, k22 at one translation and one rotation).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.structure import Structure
+
+__all__ = [
+    "STIFFNESS_NAMES",
+    "STIFFNESS_UNITS",
+    "Joint",
+    "LogStiffness",
+    "Parametrisation",
+    "SignedCoupling",
+    "check_positive_semidefinite",
+    "joint_matrix",
+]
+
+Array = NDArray[np.float64]
+
+STIFFNESS_NAMES = ("k11", "k12", "k22")
+#: The paper prints N/m for all three; a translation-rotation joint has these.
+STIFFNESS_UNITS = ("N/m", "N", "N·m/rad")
+
+#: ∂K^J/∂(k11, k12, k22), the paper's K_i, shape (3, 2, 2).
+STIFFNESS_PATTERN = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
+STIFFNESS_PATTERN.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Where a joint acts.
+
+    Parameters
+    ----------
+    dofs
+        Labels of the r DOFs on the structure's side, e.g. ``("1:y", "1:rz")``.
+    against
+        Labels of the r DOFs on the other side; empty means ground.
+
+    Raises
+    ------
+    ModelError
+        If a DOF occurs twice or the two sides differ in number.
+    """
+
+    dofs: tuple[str, ...]
+    against: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        both = self.dofs + self.against
+        if not self.dofs or len(set(both)) != len(both):
+            raise ModelError(f"joint: found DOFs {both}; expected one or more, each once; correct the labels")
+        if self.against and len(self.against) != len(self.dofs):
+            raise ModelError(
+                f"joint: found {len(self.dofs)} DOFs against {len(self.against)}; "
+                "expected as many on both sides, or none (ground) on the other; correct the labels"
+            )
+
+    def selection(self, structure: Structure) -> Array:
+        """Matrix B, shape (n, r), so that Bᵀx is the joint's deformation and B K^J Bᵀ its stiffness.
+
+        Raises
+        ------
+        ModelError
+            If a DOF does not exist in the structure.
+        """
+        selection = np.zeros((structure.n_dofs, len(self.dofs)))
+        selection[structure.index(self.dofs), np.arange(len(self.dofs))] = 1.0
+        if self.against:
+            selection[structure.index(self.against), np.arange(len(self.dofs))] = -1.0
+        return selection
+
+
+def joint_matrix(stiffness: ArrayLike) -> Array:
+    """K^J, shape (..., 2, 2), from (k11, k12, k22), shape (..., 3).
+
+    Examples
+    --------
+    >>> joint_matrix([3.0, 1.0, 2.0]).tolist()
+    [[3.0, 1.0], [1.0, 2.0]]
+    """
+    k = np.asarray(stiffness, dtype=float)
+    return k[..., [0, 1, 1, 2]].reshape(*k.shape[:-1], 2, 2)
+
+
+def check_positive_semidefinite(stiffness: ArrayLike) -> None:
+    """Refuse a joint that could release energy.
+
+    Parameters
+    ----------
+    stiffness
+        (k11, k12, k22), shape (3,).
+
+    Raises
+    ------
+    ModelError
+        If a number is not finite, k11 or k22 is negative, or k12² > k11 k22.
+    """
+    k11, k12, k22 = (float(k) for k in np.asarray(stiffness, dtype=float))
+    if not np.isfinite([k11, k12, k22]).all():
+        raise ModelError(f"joint: found k11 = {k11:g}, k12 = {k12:g}, k22 = {k22:g}; expected finite numbers")
+    if k11 < 0 or k22 < 0 or k12**2 > k11 * k22:
+        raise ModelError(
+            f"joint: found k11 = {k11:g} N/m, k12 = {k12:g} N, k22 = {k22:g} N·m/rad; expected a positive "
+            f"semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g}); lower |k12| or raise k11, k22"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LogStiffness:
+    """Coordinates θ = (ln k11, ln k12, ln k22), so that every stiffness is positive."""
+
+    names: tuple[str, ...] = STIFFNESS_NAMES
+
+    def stiffness(self, theta: ArrayLike) -> Array:
+        """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
+        return np.exp(np.asarray(theta, dtype=float))
+
+    def coordinates(self, stiffness: ArrayLike) -> Array:
+        """θ, shape (..., 3), of (k11, k12, k22), shape (..., 3).
+
+        Raises
+        ------
+        ModelError
+            If a stiffness is not positive.
+        """
+        k = np.asarray(stiffness, dtype=float)
+        if not (k > 0).all():
+            raise ModelError(
+                f"log-stiffness coordinates: found stiffness {k.tolist()}; expected all above zero; "
+                "use the signed parametrisation for a coupling of either sign"
+            )
+        return np.log(k)
+
+    def derivative(self, theta: ArrayLike) -> Array:
+        """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
+        return np.exp(np.asarray(theta, dtype=float))[..., None] * np.eye(3)
+
+    def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
+        """Whether K^J is positive definite, shape (...); θ has shape (..., 3)."""
+        t = np.asarray(theta, dtype=float)
+        inside: NDArray[np.bool_] = 2 * t[..., 1] < t[..., 0] + t[..., 2]
+        return inside
+
+
+@dataclass(frozen=True, slots=True)
+class SignedCoupling:
+    """Coordinates θ = (ln k11, ln k22, ρ) with k12 = ρ √(k11 k22), −1 < ρ < 1, of either sign."""
+
+    names: tuple[str, ...] = ("k11", "k22", "rho")
+
+    def stiffness(self, theta: ArrayLike) -> Array:
+        """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
+        t = np.asarray(theta, dtype=float)
+        k11, k22 = np.exp(t[..., 0]), np.exp(t[..., 1])
+        return np.stack([k11, t[..., 2] * np.sqrt(k11 * k22), k22], axis=-1)
+
+    def coordinates(self, stiffness: ArrayLike) -> Array:
+        """θ, shape (..., 3), of (k11, k12, k22), shape (..., 3).
+
+        Raises
+        ------
+        ModelError
+            If k11 or k22 is not positive.
+        """
+        k = np.asarray(stiffness, dtype=float)
+        if not (k[..., [0, 2]] > 0).all():
+            raise ModelError(
+                f"signed coordinates: found stiffness {k.tolist()}; expected k11 and k22 above zero; raise them"
+            )
+        log11, log22 = np.log(k[..., 0]), np.log(k[..., 2])
+        return np.stack([log11, log22, k[..., 1] * np.exp(-(log11 + log22) / 2)], axis=-1)
+
+    def derivative(self, theta: ArrayLike) -> Array:
+        """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
+        t = np.asarray(theta, dtype=float)
+        k11, k12, k22 = np.moveaxis(self.stiffness(t), -1, 0)
+        out = np.zeros((*t.shape[:-1], 3, 3))
+        out[..., 0, 0], out[..., 2, 1] = k11, k22
+        out[..., 1, 0] = out[..., 1, 1] = k12 / 2
+        out[..., 1, 2] = np.sqrt(k11 * k22)
+        return out
+
+    def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
+        """Whether K^J is positive definite, shape (...); θ has shape (..., 3)."""
+        inside: NDArray[np.bool_] = np.abs(np.asarray(theta, dtype=float)[..., 2]) < 1.0
+        return inside
+
+
+Parametrisation = LogStiffness | SignedCoupling

@@ -1,0 +1,74 @@
+"""Measurements as inference takes them: values with the variance of their noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+
+__all__ = ["FrequencyMeasurement", "FrfMeasurement", "Measurement"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrfMeasurement:
+    """Measured FRFs and the variance of their noise.
+
+    Parameters
+    ----------
+    frf
+        The FRFs.
+    variance
+        σ² = E|δH|² of the complex noise, half of it in each part, shape as ``frf.values``.
+    synthetic
+        True where the FRFs were computed, not measured.
+
+    Raises
+    ------
+    MeasurementError
+        If a variance is not finite and positive or its shape differs from the FRFs'.
+    """
+
+    frf: FrfSet
+    variance: NDArray[np.float64]
+    synthetic: bool = False
+
+    def __post_init__(self) -> None:
+        if self.variance.shape != self.frf.values.shape:
+            raise MeasurementError(
+                f"noise: found a variance of shape {self.variance.shape}; expected {self.frf.values.shape}"
+            )
+        if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
+            raise MeasurementError("noise: found a variance that is not above zero at some line; raise the noise floor")
+        self.variance.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyMeasurement:
+    """Measured natural frequencies, lowest first, with standard deviations; both shape (n,), Hz.
+
+    Raises
+    ------
+    MeasurementError
+        If frequencies do not increase or a standard deviation is not positive.
+    """
+
+    frequency_hz: NDArray[np.float64]
+    sd_hz: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if self.frequency_hz.ndim != 1 or self.frequency_hz.shape != self.sd_hz.shape:
+            raise MeasurementError("natural frequencies: expected as many standard deviations as frequencies")
+        if not (np.diff(self.frequency_hz, prepend=0.0) > 0).all():
+            raise MeasurementError(
+                f"natural frequencies: found {self.frequency_hz.tolist()} Hz; "
+                "expected positive, strictly increasing values; sort them"
+            )
+        if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
+            raise MeasurementError("natural frequencies: expected standard deviations above 0 Hz; correct them")
+        self.frequency_hz.setflags(write=False)
+        self.sd_hz.setflags(write=False)
+
+
+Measurement = FrfMeasurement | FrequencyMeasurement

@@ -1,0 +1,16 @@
+"""The posterior: draws, verdicts, predictions, summary, storage."""
+
+from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.prediction import FrfPrediction
+from jointbayes.posterior.result import Posterior, RunRecord, data_sha256
+from jointbayes.posterior.summary import summarise
+
+__all__ = [
+    "FrfPrediction",
+    "Identifiability",
+    "Posterior",
+    "RunRecord",
+    "assess",
+    "data_sha256",
+    "summarise",
+]

@@ -1,0 +1,41 @@
+"""The edge to ArviZ, whose 0.x (InferenceData) and 1.x (DataTree) differ; draws themselves are plain xarray."""
+
+import warnings
+from importlib.metadata import version
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+__all__ = ["effective_sizes", "to_arviz"]
+
+
+def _arviz() -> ModuleType:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # 0.23 announces 1.0 at every import
+        import arviz
+    return arviz
+
+
+def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTree, by ArviZ version)
+    """Return the tree as the installed ArviZ wants it: InferenceData before 1.0, the DataTree itself from 1.0 on."""
+    if int(version("arviz").split(".")[0]) >= 1:
+        return tree
+    return _arviz().from_datatree(tree)
+
+
+def effective_sizes(chains: NDArray[np.float64]) -> tuple[float, float]:
+    """Effective sample sizes (bulk, tail) of one parameter's draws, shape (chains, draws).
+
+    References
+    ----------
+    Vehtari, A. et al. (2021). Bayesian Analysis 16(2), 667-718. DOI 10.1214/20-BA1221
+    """
+    arviz = _arviz()
+    sizes = []
+    for method in ("bulk", "tail"):
+        result = arviz.ess(xr.Dataset({"x": (("chain", "draw"), chains)}), method=method)
+        sizes.append(float(result["x"]))
+    return sizes[0], sizes[1]

@@ -1,0 +1,82 @@
+"""What posterior draws predict: FRF bands and natural frequencies."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.frf import Ports, Quantity, quantity_factor, receptance_model
+from jointbayes.inference import Problem
+from jointbayes.joint import joint_matrix
+
+__all__ = ["FrfPrediction", "predict_frf"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrfPrediction:
+    """Pointwise median and interval of predicted FRFs; all arrays of shape (lines, outputs, inputs).
+
+    Parameters
+    ----------
+    frequency_hz
+        Lines, shape (lines,), Hz.
+    outputs, inputs
+        DOF labels.
+    quantity
+        Receptance, mobility or accelerance.
+    probability
+        Probability inside lower to upper, line by line.
+    magnitude, magnitude_low, magnitude_high
+        |H|, SI units.
+    phase_deg, phase_deg_low, phase_deg_high
+        Phase, degrees, continuous around the median's.
+    """
+
+    frequency_hz: Array
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    quantity: Quantity
+    probability: float
+    magnitude: Array
+    magnitude_low: Array
+    magnitude_high: Array
+    phase_deg: Array
+    phase_deg_low: Array
+    phase_deg_high: Array
+
+
+def predict_frf(
+    problem: Problem, stiffness: ArrayLike, ports: Ports, quantity: Quantity, probability: float
+) -> FrfPrediction:
+    """Summarise the FRFs of a set of joints, stiffness (n, 3), line by line.
+
+    Raises
+    ------
+    ModelError
+        If a DOF does not exist.
+    """
+    model = receptance_model(problem.structure, problem.joint, ports)
+    factor = quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+    values = model.receptance(joint_matrix(stiffness)) * factor
+    tail = (1 - probability) / 2
+    low, middle, high = np.quantile(np.abs(values), [tail, 0.5, 1 - tail], axis=0)
+    centre = values.mean(axis=0)
+    # phases relative to the mean FRF, so that a band across ±180° does not wrap
+    turn = np.angle(values * np.conj(centre), deg=True)
+    turn_low, turn_middle, turn_high = np.quantile(turn, [tail, 0.5, 1 - tail], axis=0)
+    phase = np.angle(centre, deg=True)
+    return FrfPrediction(
+        ports.frequency_hz,
+        ports.outputs,
+        ports.inputs,
+        quantity,
+        probability,
+        middle,
+        low,
+        high,
+        phase + turn_middle,
+        phase + turn_low,
+        phase + turn_high,
+    )

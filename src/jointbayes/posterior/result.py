@@ -1,0 +1,245 @@
+"""The posterior: draws in physical units, the mode, and everything needed to judge and to repeat the run."""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import Ports
+from jointbayes.identification import MapEstimate
+from jointbayes.inference import Problem
+from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.posterior.arviz_bridge import to_arviz
+from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.prediction import FrfPrediction, predict_frf
+
+__all__ = ["Posterior", "RunRecord", "data_sha256"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """How the draws came about.
+
+    Parameters
+    ----------
+    case_name, case_text
+        Name of the case and its TOML text, from which everything can be rebuilt.
+    seed
+        Seed of the one random generator of the run.
+    converged, reason
+        Whether the stop rule was met, and a sentence with its figures.
+    sampler
+        Settings and figures of the sampler: walkers, steps, ensembles, tau, seconds and so on.
+    r_hat
+        R̂ over the ensembles by coordinate name.
+    versions
+        Version of every package that numbers depend on.
+    """
+
+    case_name: str
+    case_text: str
+    seed: int
+    converged: bool
+    reason: str
+    sampler: Mapping[str, Any]
+    r_hat: Mapping[str, float]
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Draws from the posterior of a joint's stiffnesses.
+
+    Parameters
+    ----------
+    problem
+        Structure, joint, data and prior.
+    tree
+        Groups ``posterior``, ``sample_stats`` (log density), ``prior`` and ``observed_data``; draws have
+        dimensions chain × draw, one chain per walker, with the walker's ensemble as a coordinate.
+    estimate
+        MAP with Laplace covariance.
+    mode_theta, mode_log_density
+        Joint mode: the best draw refined, shape (d,), and its log density.
+    record
+        How the draws came about.
+    """
+
+    problem: Problem
+    tree: xr.DataTree
+    estimate: MapEstimate
+    mode_theta: Array
+    mode_log_density: float
+    record: RunRecord
+
+    @property
+    def draws(self) -> xr.Dataset:
+        """Draws in physical units, variables k11, k12, k22 with dimensions chain × draw."""
+        return self.tree["posterior"].to_dataset()
+
+    @property
+    def converged(self) -> bool:
+        """Whether the sampler met its stop rule."""
+        return self.record.converged
+
+    @property
+    def reason(self) -> str:
+        """Why the sampler stopped, with figures."""
+        return self.record.reason
+
+    @property
+    def mode(self) -> dict[str, float]:
+        """Joint posterior mode (of the density over θ) in physical units, by stiffness."""
+        stiffness = self.problem.parametrisation.stiffness(self.mode_theta)
+        return dict(zip(STIFFNESS_NAMES, (float(k) for k in stiffness), strict=True))
+
+    @property
+    def mode_distance(self) -> float:
+        """Largest distance of joint mode and MAP in Laplace standard deviations: 0 where they agree."""
+        sd = np.sqrt(np.diag(self.estimate.covariance))
+        return float(np.abs((self.mode_theta - self.estimate.theta) / sd).max())
+
+    @property
+    def mode_agrees(self) -> bool:
+        """Whether joint mode and MAP are one point: within 0.01 standard deviations, or equal in density to 0.001.
+
+        Along a direction that the data leave flat many points are equally the mode.
+        """
+        return self.mode_distance <= 0.01 or abs(self.mode_log_density - self.estimate.log_posterior) <= 1e-3
+
+    def values(self, name: str) -> Array:
+        """All draws of one stiffness, shape (chains, draws).
+
+        Raises
+        ------
+        ModelError
+            If there is no such stiffness.
+        """
+        return _variable(self.draws, name)
+
+    def prior_values(self, name: str) -> Array:
+        """Draws of one stiffness from the prior, shape (1, draws)."""
+        return _variable(self.tree["prior"].to_dataset(), name)
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """All draws of (k11, k12, k22), shape (n, 3), chain after chain."""
+        return np.stack([self.values(name).ravel() for name in STIFFNESS_NAMES], axis=-1)
+
+    @property
+    def log_density(self) -> Array:
+        """Log density over θ of each draw, up to the evidence, shape (chains, draws)."""
+        return _variable(self.tree["sample_stats"].to_dataset(), "lp")
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Equal-tailed credible interval of one stiffness, in its unit.
+
+        Raises
+        ------
+        ModelError
+            If there is no such stiffness or the probability is not inside (0, 1).
+        """
+        if not 0 < probability < 1:
+            raise ModelError(f"interval: found probability {probability:g}; expected a number between 0 and 1")
+        tail = (1 - probability) / 2
+        low, high = np.quantile(self.values(name), [tail, 1 - tail])
+        return float(low), float(high)
+
+    def identifiability(self, name: str) -> Identifiability:
+        """Verdict on one stiffness, by the rule of `jointbayes.posterior.identifiability.assess`."""
+        return assess(self.values(name), self.prior_values(name))
+
+    def region_level(self, stiffness: ArrayLike) -> float:
+        """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).
+
+        0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible.
+        """
+        if np.min(np.asarray(stiffness, dtype=float)[[0, 2]]) <= 0:
+            return 1.0
+        theta = self.problem.parametrisation.coordinates(stiffness)
+        density = self.problem.log_posterior(theta)[0]
+        return float((self.log_density > density).mean())
+
+    def predict_frf(
+        self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400
+    ) -> FrfPrediction:
+        """Median and interval of FRFs over posterior draws.
+
+        Parameters
+        ----------
+        ports
+            Lines and DOFs; by default those of the measured FRFs. In the quantity that was measured.
+        probability
+            Probability inside the band at each line.
+        max_draws
+            At most so many draws, evenly spaced, are evaluated.
+
+        Raises
+        ------
+        ModelError
+            If the data are natural frequencies and no lines are given, or a DOF does not exist.
+        """
+        measured = self.problem.measurement
+        quantity = measured.frf.quantity if isinstance(measured, FrfMeasurement) else "receptance"
+        if ports is None:
+            if not isinstance(measured, FrfMeasurement):
+                raise ModelError("FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports")
+            ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
+        return predict_frf(self.problem, self.thinned(max_draws), ports, quantity, probability)
+
+    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000) -> Array:
+        """Natural frequencies of posterior draws, shape (draws, count), Hz."""
+        return self.problem.natural_frequencies_hz(self.thinned(max_draws), count)
+
+    def thinned(self, most: int) -> Array:
+        """At most so many draws of (k11, k12, k22), evenly spaced over all chains, shape (n, 3)."""
+        rows = np.linspace(0, len(self.stiffness) - 1, min(most, len(self.stiffness))).round().astype(int)
+        return self.stiffness[rows]
+
+    def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
+        """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
+        return to_arviz(self.tree)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it."""
+        from jointbayes.posterior.storage import with_record
+
+        target = Path(path)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
+        os.close(handle)
+        try:
+            with_record(self).to_netcdf(temporary, engine="h5netcdf")
+            Path(temporary).replace(target)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def _variable(dataset: xr.Dataset, name: str) -> Array:
+    if name not in dataset:
+        raise ModelError(f"posterior: found parameter {name!r}; expected one of {', '.join(map(str, dataset))}")
+    return np.asarray(dataset[name].transpose("chain", "draw").values, dtype=float)
+
+
+def data_sha256(measurement: Measurement) -> str:
+    """Fingerprint of the numbers that were analysed."""
+    digest = hashlib.sha256()
+    arrays: tuple[NDArray[Any], ...]
+    if isinstance(measurement, FrequencyMeasurement):
+        arrays = (measurement.frequency_hz, measurement.sd_hz)
+    else:
+        arrays = (measurement.frf.frequency_hz, measurement.frf.values, measurement.variance)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,145 @@
+"""A posterior as xarray groups and as a netCDF file."""
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.identification import MapEstimate, StartOutcome
+from jointbayes.inference import Problem
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.measurement import FrfMeasurement, Measurement
+from jointbayes.posterior.result import Posterior, RunRecord
+from jointbayes.sampling import Draws
+
+__all__ = ["StoredPosterior", "draws_tree", "read_record", "with_record"]
+
+#: Of the file: raised when a reader of an older file would misread it.
+FILE_VERSION = 1
+
+Array = NDArray[np.float64]
+StoredPosterior = tuple[xr.DataTree, dict[str, Any]]
+
+
+def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTree:
+    """Groups posterior, sample_stats, prior and observed_data from draws of θ."""
+    stiffness = problem.parametrisation.stiffness
+    posterior = _stiffness_dataset(stiffness(draws.theta))
+    posterior = posterior.assign_coords(ensemble=("chain", draws.ensemble))
+    stats = xr.Dataset({"lp": (("chain", "draw"), draws.log_density)}, coords=posterior.coords)
+    return xr.DataTree.from_dict(
+        {
+            "/posterior": posterior,
+            "/sample_stats": stats,
+            "/prior": _stiffness_dataset(stiffness(prior_theta)[None]),
+            "/observed_data": _observed(problem.measurement),
+        }
+    )
+
+
+def _stiffness_dataset(stiffness: Array) -> xr.Dataset:
+    variables = {
+        name: (("chain", "draw"), stiffness[..., i], {"units": unit})
+        for i, (name, unit) in enumerate(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True))
+    }
+    chains, draws = stiffness.shape[:2]
+    return xr.Dataset(variables, coords={"chain": np.arange(chains), "draw": np.arange(draws)})
+
+
+def _observed(measurement: Measurement) -> xr.Dataset:
+    if not isinstance(measurement, FrfMeasurement):
+        mode = np.arange(1, measurement.frequency_hz.size + 1)
+        return xr.Dataset(
+            {
+                "natural_frequency": ("mode", measurement.frequency_hz, {"units": "Hz"}),
+                "natural_frequency_sd": ("mode", measurement.sd_hz, {"units": "Hz"}),
+            },
+            coords={"mode": mode},
+        )
+    frf = measurement.frf
+    dims = ("frequency", "output", "input")
+    return xr.Dataset(
+        {
+            "frf_real": (dims, frf.values.real),
+            "frf_imag": (dims, frf.values.imag),
+            "frf_variance": (dims, measurement.variance),
+        },
+        coords={"frequency": frf.frequency_hz, "output": list(frf.outputs), "input": list(frf.inputs)},
+        attrs={"quantity": frf.quantity, "synthetic": int(measurement.synthetic)},
+    )
+
+
+def with_record(posterior: Posterior) -> xr.DataTree:
+    """Return the tree with everything else about the run in one JSON attribute (netCDF has no booleans or dicts)."""
+    estimate = posterior.estimate
+    record = {
+        "file_version": FILE_VERSION,
+        "record": asdict(posterior.record),
+        "mode": {"theta": posterior.mode_theta.tolist(), "log_density": posterior.mode_log_density},
+        "map": {
+            "theta": estimate.theta.tolist(),
+            "stiffness": estimate.stiffness.tolist(),
+            "covariance": estimate.covariance.tolist(),
+            "log_posterior": estimate.log_posterior,
+            "starts": [
+                {**asdict(start), "start": start.start.tolist(), "stiffness": start.stiffness.tolist()}
+                for start in estimate.starts
+            ],
+        },
+    }
+    tree = posterior.tree.copy()
+    tree.attrs = {"jointbayes": json.dumps(record)}
+    return tree
+
+
+def read_record(path: str | os.PathLike[str]) -> StoredPosterior:
+    """Read draws and record from a posterior file.
+
+    Raises
+    ------
+    MeasurementError
+        If the file is missing, is no posterior of this package, or is of a later version.
+    """
+    file = Path(path)
+    remedy = "expected a posterior.nc written by jointbayes; give the path of one"
+    if not file.is_file():
+        raise MeasurementError(f"{file}: no such file; {remedy}")
+    try:
+        with xr.open_datatree(file, engine="h5netcdf") as tree:
+            loaded = tree.load().copy(deep=True)
+            record = json.loads(loaded.attrs["jointbayes"])
+    except (OSError, ValueError, KeyError) as error:
+        raise MeasurementError(f"{file}: found no posterior in it ({type(error).__name__}); {remedy}") from error
+    if record["file_version"] > FILE_VERSION:
+        raise MeasurementError(
+            f"{file}: found file version {record['file_version']}; expected {FILE_VERSION} or less; "
+            "read it with the jointbayes that wrote it, or a later one"
+        )
+    loaded.attrs = {}
+    return loaded, record
+
+
+def restore(problem: Problem, tree: xr.DataTree, record: dict[str, Any]) -> Posterior:
+    """Rebuild the posterior from its problem and what was stored."""
+    stored = record["map"]
+    starts = tuple(
+        StartOutcome(**{**s, "start": np.array(s["start"]), "stiffness": np.array(s["stiffness"])})
+        for s in stored["starts"]
+    )
+    estimate = MapEstimate(
+        np.array(stored["theta"]),
+        np.array(stored["stiffness"]),
+        np.array(stored["covariance"]),
+        stored["log_posterior"],
+        starts,
+    )
+    mode = record["mode"]
+    return Posterior(
+        problem, tree, estimate, np.array(mode["theta"]), mode["log_density"], RunRecord(**record["record"])
+    )

@@ -1,0 +1,56 @@
+"""Progress of a run: a bar with the time left on a terminal, plain lines elsewhere."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jointbayes.sampling import Progress
+
+__all__ = ["show_progress"]
+
+_LINES_AT_LEAST_APART = 5.0  # seconds
+
+
+@contextmanager
+def show_progress() -> Iterator[Callable[["Progress"], None]]:
+    """Yield the callback that a run reports to; all of it goes to standard error."""
+    if not sys.stderr.isatty():
+        yield _plain()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("sampling"), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+               TextColumn("{task.description}"))  # fmt: skip
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def report(progress: "Progress") -> None:
+            bar.update(task, completed=progress.steps, total=progress.expected_steps, description=_figures(progress))
+
+        yield report
+
+
+def _plain() -> Callable[["Progress"], None]:
+    last = -_LINES_AT_LEAST_APART
+
+    def report(progress: "Progress") -> None:
+        nonlocal last
+        if progress.elapsed_seconds - last >= _LINES_AT_LEAST_APART or progress.steps >= progress.expected_steps:
+            last = progress.elapsed_seconds
+            left = progress.elapsed_seconds * (progress.expected_steps / progress.steps - 1)
+            print(
+                f"sampling: step {progress.steps} of about {progress.expected_steps}, {_figures(progress)}, "
+                f"{progress.elapsed_seconds:.0f} s so far, about {left:.0f} s left",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    return report
+
+
+def _figures(progress: "Progress") -> str:
+    return f"τ = {progress.tau:.0f}, R̂ = {progress.r_hat:.3f}"

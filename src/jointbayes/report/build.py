@@ -1,0 +1,70 @@
+"""The report of a run: from a posterior to formatted text, tables and figures."""
+
+import datetime
+from dataclasses import dataclass
+
+from jointbayes.identification import IterationHistory
+from jointbayes.paper import audit
+from jointbayes.posterior import Posterior, summarise
+from jointbayes.report import paper_sections, sections
+from jointbayes.report.model import Report, Section
+
+__all__ = ["ReportInputs", "build_report"]
+
+
+@dataclass(frozen=True)
+class ReportInputs:
+    """What a report is written from.
+
+    Parameters
+    ----------
+    posterior
+        Posterior.
+    title
+        Title of the case.
+    initial
+        First guess of (k11, k12, k22).
+    history
+        The paper's iteration, None where the data are natural frequencies.
+    reference, reference_source
+        Published (k11, k12, k22) and where they come from, if any.
+    measured_frequencies_hz
+        Measured natural frequencies, if any.
+    paper_tables
+        Whether to set the paper's tables beside the results and audit them.
+    """
+
+    posterior: Posterior
+    title: str
+    initial: tuple[float, float, float]
+    history: IterationHistory | None = None
+    reference: tuple[float, float, float] | None = None
+    reference_source: str = ""
+    measured_frequencies_hz: tuple[float, ...] | None = None
+    paper_tables: bool = False
+
+
+def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
+    """Build the report, verdict first."""
+    posterior = inputs.posterior
+    summary = summarise(posterior, inputs.initial, inputs.measured_frequencies_hz)
+    parts: list[Section] = [
+        sections.fit_section(posterior, inputs.initial, summary),
+        sections.frequency_section(posterior, summary),
+        sections.posterior_section(posterior, inputs.reference, inputs.reference_source, summary),
+        sections.sampling_section(posterior, summary),
+    ]
+    parts.append(sections.starts_section(posterior, inputs.history, inputs.reference))
+    if inputs.paper_tables:
+        parts.append(paper_sections.paper_section(inputs.initial, summary))
+        parts.append(paper_sections.audit_section(audit()))
+    parts.append(sections.settings_section(posterior, summary))
+    synthetic = " — synthetic data" if summary["fit"]["synthetic_data"] else ""
+    return Report(
+        title=inputs.title,
+        subtitle=f"Joint stiffness with uncertainty{synthetic}",
+        lead=sections.lead(posterior, inputs.reference, inputs.reference_source, summary),
+        sections=tuple(parts),
+        date=date,
+        version=posterior.record.versions["jointbayes"],
+    )

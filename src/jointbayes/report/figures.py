@@ -1,0 +1,239 @@
+"""Figures of a report as SVG text, drawn with matplotlib; no file, no screen, the same bytes in every run."""
+
+import io
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from numpy.typing import NDArray
+
+from jointbayes.report.model import SERIES_COLOURS
+
+__all__ = ["autocorrelation", "corner_plot", "frequency_errors", "frf_overlay", "histories", "residual_norm", "traces"]
+
+Array = NDArray[np.float64]
+_BLUE, _ORANGE, _GREEN, _PURPLE = SERIES_COLOURS[:4]
+_STYLE = {
+    "svg.fonttype": "path",
+    "svg.hashsalt": "jointbayes",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+
+
+def _svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
+    with rc_context(_STYLE):
+        canvas = Canvas(figsize=(width, height), layout="constrained")
+        draw(canvas)
+        buffer = io.StringIO()
+        canvas.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def frf_overlay(
+    frequency_hz: Array,
+    measured: NDArray[np.complex128],
+    initial: NDArray[np.complex128],
+    magnitude: tuple[Array, Array, Array],
+    phase_deg: tuple[Array, Array, Array],
+    label: str,
+    unit: str,
+) -> str:
+    """Magnitude over phase: measured, first guess, MAP with 95 % band.
+
+    `magnitude` and `phase_deg` are (MAP, lower, upper), each shape (lines,).
+    """
+
+    def draw(canvas: Canvas) -> None:
+        top, bottom = canvas.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        phase_measured = _near(np.angle(measured, deg=True), phase_deg[0])
+        phase_initial = _near(np.angle(initial, deg=True), phase_deg[0])
+        rows = (
+            (top, np.abs(measured), np.abs(initial), magnitude),
+            (bottom, phase_measured, phase_initial, phase_deg),
+        )
+        for axes, data, guess, (best, low, high) in rows:
+            axes.plot(frequency_hz, data, color="0.55", lw=0.8, label=label)
+            axes.plot(frequency_hz, guess, color=_PURPLE, lw=0.9, ls="--", label="first guess")
+            axes.fill_between(frequency_hz, low, high, color=_ORANGE, alpha=0.35, lw=0, label="95 % band")
+            axes.plot(frequency_hz, best, color=_BLUE, lw=1.0, label="MAP")
+        top.set_yscale("log")
+        top.set_ylabel(f"|H| ({unit})")
+        bottom.set_ylabel("Phase (°)")
+        bottom.set_xlabel("Frequency (Hz)")
+        top.legend(ncols=4, loc="upper right")
+
+    return _svg(draw, 7.2, 4.8)
+
+
+def _near(angle: Array, centre: Array) -> Array:
+    """Angles in degrees moved by full turns to lie within half a turn of `centre`."""
+    return centre + (angle - centre + 180) % 360 - 180
+
+
+def residual_norm(norm: Array) -> str:
+    """The paper's Fig. 7: norm of the residual FRF over iteration steps."""
+
+    def draw(canvas: Canvas) -> None:
+        axes = canvas.subplots()
+        axes.semilogy(np.arange(norm.size), norm, "o-", ms=3, lw=1, color=_BLUE)
+        axes.set_xlabel("Iteration step")
+        axes.set_ylabel("‖ε‖ / ‖Hˣ‖")
+
+    return _svg(draw, 6.2, 2.6)
+
+
+def histories(names: Sequence[str], units: Sequence[str], history: Array, published: Array | None) -> str:
+    """The paper's Fig. 8: each stiffness over iteration steps; `history` of shape (steps + 1, parameters)."""
+
+    def draw(canvas: Canvas) -> None:
+        panels = canvas.subplots(1, len(names))
+        for i, axes in enumerate(panels):
+            axes.plot(np.arange(len(history)), history[:, i], "o-", ms=2.5, lw=1, color=_BLUE)
+            if published is not None:
+                axes.axhline(published[i], color=_ORANGE, ls="--", lw=1, label="published")
+            axes.set_title(f"{names[i]} ({units[i]})", fontsize=9)
+            axes.set_xlabel("Iteration step")
+        if published is not None:
+            panels[-1].legend(loc="lower right")
+
+    return _svg(draw, 7.4, 2.5)
+
+
+def corner_plot(
+    names: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array
+) -> str:
+    """Marginals and pairs of log10 stiffness, shape (n, parameters) each, with prior, mode and published values."""
+    import corner  # late: it brings ArviZ along, a second of import
+
+    def draw(canvas: Canvas) -> None:
+        canvas.set_layout_engine("none")
+        span = [_range(posterior[:, i], None if published is None else published[i]) for i in range(posterior.shape[1])]
+        labels = [f"log₁₀ {name}" for name in names]
+        corner.corner(
+            posterior,
+            fig=canvas,
+            labels=labels,
+            range=span,
+            bins=40,
+            color=_BLUE,
+            plot_datapoints=False,
+            levels=(0.393, 0.675, 0.95),
+            hist_kwargs={"density": True},
+            max_n_ticks=4,
+            label_kwargs={"fontsize": 9},
+        )
+        axes = np.array(canvas.axes).reshape(posterior.shape[1], -1)
+        for i in range(len(axes)):
+            _prior_line(axes[i, i], prior[:, i], span[i])
+            for j in range(i + 1):
+                _mark(axes[i, j], j, i, mode, _ORANGE, "-", "o")
+                if published is not None:
+                    _mark(axes[i, j], j, i, published, _GREEN, "--", "s")
+
+    return _svg(draw, 6.2, 6.2)
+
+
+def _range(values: Array, reference: float | None) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.001, 0.999])
+    if reference is not None:
+        low, high = min(low, reference), max(high, reference)
+    margin = 0.08 * (high - low)
+    return float(low - margin), float(high + margin)
+
+
+def _prior_line(axes: Axes, prior: Array, span: tuple[float, float]) -> None:
+    # bins as wide as the prior needs, not as narrow as the posterior: its density is smooth on that scale
+    density, edges = np.histogram(prior, bins=60, density=True)
+    axes.stairs(density, edges, color="0.35", lw=1, ls=":")
+    axes.set_xlim(span)
+
+
+def _mark(axes: Axes, column: int, row: int, point: Array, colour: str, style: str, marker: str) -> None:
+    axes.axvline(point[column], color=colour, ls=style, lw=0.9)
+    if row != column:
+        axes.axhline(point[row], color=colour, ls=style, lw=0.9)
+        axes.plot(point[column], point[row], marker, color=colour, ms=4)
+
+
+def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> str:
+    """Draws over steps, shape (chains, draws, parameters): the median and 95 % range of each ensemble's walkers."""
+
+    def draw(canvas: Canvas) -> None:
+        panels = canvas.subplots(len(names), 1, sharex=True)
+        for i, axes in enumerate(panels):
+            for e in np.unique(ensemble):
+                of_ensemble = theta[ensemble == e, :, i]
+                low, middle, high = np.quantile(of_ensemble, [0.025, 0.5, 0.975], axis=0)
+                colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
+                steps = np.arange(theta.shape[1])
+                axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)
+                axes.plot(steps, middle, color=colour, lw=0.8, label=f"ensemble {int(e) + 1}")
+            axes.set_ylabel(names[i])
+        panels[-1].set_xlabel("Kept draw")
+        panels[0].legend(ncols=4, loc="upper right")
+
+    return _svg(draw, 7.2, 4.6)
+
+
+def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
+    """Autocorrelation over lags in steps, averaged over walkers, from draws of shape (chains, draws, parameters)."""
+
+    def draw(canvas: Canvas) -> None:
+        axes = canvas.subplots()
+        lags = min(theta.shape[1] - 1, 60)
+        for i, name in enumerate(names):
+            axes.plot(
+                thin * np.arange(lags + 1), _autocorrelation(theta[..., i], lags), "o-", ms=2.5, lw=1, label=name,
+                color=SERIES_COLOURS[i],
+            )  # fmt: skip
+        axes.axhline(0, color="0.4", lw=0.6)
+        axes.set_xlabel("Lag (steps)")
+        axes.set_ylabel("Autocorrelation")
+        axes.legend()
+
+    return _svg(draw, 6.2, 2.6)
+
+
+def _autocorrelation(chains: Array, lags: int) -> Array:
+    centred = chains - chains.mean()
+    covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
+    result: Array = covariance / covariance[0]
+    return result
+
+
+def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) -> str:
+    """Deviation of predicted from measured natural frequencies in per cent, by mode.
+
+    `rows` maps a legend entry to frequencies (modes,) or to their (lower, upper) interval.
+    """
+
+    def draw(canvas: Canvas) -> None:
+        axes = canvas.subplots()
+        mode = np.arange(1, measured.size + 1)
+        if sd is not None:
+            axes.errorbar(mode, 0 * mode, yerr=196 * sd / measured, fmt="none", ecolor="0.6", elinewidth=8, alpha=0.5,
+                          label="measured, 95 %")  # fmt: skip
+        for i, (label, value) in enumerate(rows.items()):
+            colour, x = SERIES_COLOURS[i], mode + 0.08 * i
+            if isinstance(value, tuple):
+                low, high = (100 * (v / measured - 1) for v in value)
+                axes.vlines(x, low, high, color=colour, lw=2, label=label)
+            else:
+                axes.plot(x, 100 * (value / measured - 1), "o", ms=4, color=colour, label=label)
+        axes.axhline(0, color="0.4", lw=0.6)
+        axes.set_xticks(mode)
+        axes.set_xlabel("Mode")
+        axes.set_ylabel("Deviation from measured (%)")
+        axes.legend()
+
+    return _svg(draw, 6.2, 3.0)

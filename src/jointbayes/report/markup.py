@@ -1,0 +1,184 @@
+r"""The one reading of report text that HTML and PDF share: bold, code, numbers.
+
+Text is parsed here, in Python, into runs that the templates print as they are. No template evaluates a
+user's text, so neither ``<script>`` nor ``#panic()`` in a case name can do anything but be read.
+"""
+
+import re
+from dataclasses import dataclass
+
+from jointbayes.report.model import Kind
+
+__all__ = ["SYMBOLS", "Badge", "Run", "badge", "clean", "format_numbers", "parse", "plain"]
+
+_BOLD = re.compile(r"\*\*(?=\S)(.+?)(?<=\S)\*\*")
+_CODE = re.compile(r"`([^`]+)`")
+# A digit, dot or letter on either side means the "number" is a piece of something longer (hash, version).
+_SCIENTIFIC = re.compile(r"(?<![\w.])([-+−]?)(\d+(?:\.\d+)?)[eE]([-+−]?)(\d{1,3})(?!\w|\.\d)")
+_NEGATIVE = re.compile(r"(?<![\w.)\]-])-(?=\.?\d)")
+_BLANKS = re.compile(r"[ \t\n]+")  # not \s: a no-break space is there on purpose
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")
+_SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A stretch of text in one style.
+
+    Parameters
+    ----------
+    text : str
+        Literal text; numbers outside code are already typeset.
+    bold, code : bool
+        Style.
+    """
+
+    text: str
+    bold: bool = False
+    code: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Badge:
+    """How a verdict is shown: by colour and by symbol, since colour alone is lost on some readers.
+
+    Parameters
+    ----------
+    kind : {"good", "caution", "bad"}
+        Colour.
+    symbol : str
+        One character.
+    """
+
+    kind: Kind
+    symbol: str
+
+
+SYMBOLS: dict[Kind, str] = {"good": "✓", "caution": "!", "bad": "✗"}
+"""Mark of a callout of each kind."""
+
+_BADGES = {
+    "identified": Badge("good", "✓"),
+    "weakly identified": Badge("caution", "~"),
+    "not identified": Badge("bad", "✗"),
+}
+
+
+def badge(cell: str) -> Badge | None:
+    """Badge of a table cell that is a verdict on identifiability, None for any other cell.
+
+    Examples
+    --------
+    >>> badge("not identified")
+    Badge(kind='bad', symbol='✗')
+    >>> badge("5.05e9") is None
+    True
+    """
+    return _BADGES.get(cell.strip())
+
+
+def clean(text: str) -> str:
+    r"""Text without what neither HTML nor PDF can carry: control characters and lone surrogates.
+
+    Examples
+    --------
+    >>> clean("a\x00b\udc80")
+    'ab?'
+    """
+    return _CONTROL.sub("", text.encode("utf-8", "replace").decode("utf-8").replace("\r\n", "\n"))
+
+
+def _typeset(match: re.Match[str]) -> str:
+    sign, mantissa, exponent_sign, digits = match.groups()
+    shown = ("−" if sign in ("-", "−") and sign else sign) + mantissa
+    exponent = int(digits)
+    if exponent == 0:
+        return shown
+    power = f"{'-' if exponent_sign in ('-', '−') and exponent_sign else ''}{exponent}"
+    # No-break spaces: a power of ten alone on the next line would be misread.
+    return f"{shown}\u00a0×\u00a010{power.translate(_SUPERSCRIPT)}"
+
+
+def format_numbers(text: str) -> str:
+    r"""Text with its numbers typeset: powers of ten and true minus signs.
+
+    Superscripts are characters, not styling, so that a number copied from a report stays the same number.
+
+    Parameters
+    ----------
+    text : str
+        Text in which numbers are written as Python writes them.
+
+    Returns
+    -------
+    str
+        The text for the reader.
+
+    Examples
+    --------
+    >>> format_numbers("1.52e+06 N·m/rad").replace("\xa0", " ")
+    '1.52 × 10⁶ N·m/rad'
+    >>> format_numbers("-3.1e-7 to -0.5").replace("\xa0", " ")
+    '−3.1 × 10⁻⁷ to −0.5'
+    >>> format_numbers("a1e5 2026-01-05 1.2e3.4")
+    'a1e5 2026-01-05 1.2e3.4'
+    """
+    return _NEGATIVE.sub("−", _SCIENTIFIC.sub(_typeset, text))
+
+
+def _code_runs(text: str, *, bold: bool) -> list[Run]:
+    # Splitting on one group alternates text, code, text, ...
+    return [
+        Run(part if index % 2 else format_numbers(part), bold=bold, code=bool(index % 2))
+        for index, part in enumerate(_CODE.split(text))
+        if part
+    ]
+
+
+def _bold_spans(text: str) -> list[re.Match[str]]:
+    """Bold stretches, except asterisks that belong to a code span (``a**2 * b**2`` is an expression)."""
+    code = [match.span() for match in _CODE.finditer(text)]
+    hidden = list(text)
+    for start, stop in code:
+        hidden[start:stop] = "\ufffc" * (stop - start)
+    return list(_BOLD.finditer("".join(hidden)))
+
+
+def parse(text: str) -> tuple[Run, ...]:
+    """Split a text with ``**bold**`` and `` `code` `` into runs; everything else is literal.
+
+    Parameters
+    ----------
+    text : str
+        Text of a report; line breaks count as spaces, marks that are not closed are literal.
+
+    Returns
+    -------
+    tuple of Run
+        In reading order; numbers outside code are typeset by :func:`format_numbers`.
+
+    Examples
+    --------
+    >>> [(run.text, run.bold, run.code) for run in parse("**Converged:** see `k12`")]
+    [('Converged:', True, False), (' see ', False, False), ('k12', False, True)]
+    """
+    text = _BLANKS.sub(" ", clean(text)).strip(" ")
+    runs: list[Run] = []
+    end = 0
+    for match in _bold_spans(text):
+        runs += _code_runs(text[end : match.start()], bold=False)
+        runs += _code_runs(text[match.start(1) : match.end(1)], bold=True)
+        end = match.end()
+    runs += _code_runs(text[end:], bold=False)
+    return tuple(runs)
+
+
+def plain(text: str) -> str:
+    """Text without its markup, for places that take only characters (document title, alternative text).
+
+    Examples
+    --------
+    >>> plain("Stiffness of `k12`")
+    'Stiffness of k12'
+    """
+    return "".join(run.text for run in parse(text))

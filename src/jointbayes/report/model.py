@@ -1,0 +1,371 @@
+"""What a report says, independent of how it is printed: formatted text, tables and figures, no physics.
+
+Values arrive as strings that are already rounded (``"5.05e9"``, ``"1.52e6 N·m/rad"``); the renderers in
+:mod:`jointbayes.report.html` and :mod:`jointbayes.report.pdf` decide only how they look. Every text field
+may carry ``**bold**`` and `` `code` `` and nothing else (see :mod:`jointbayes.report.markup`).
+"""
+
+import datetime
+import math
+import re
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from typing import ClassVar, Literal, TypeAlias, get_args
+
+__all__ = [
+    "SERIES_COLOURS",
+    "Block",
+    "Callout",
+    "Code",
+    "Figure",
+    "Kind",
+    "LinePlot",
+    "Paragraph",
+    "Report",
+    "Section",
+    "Series",
+    "SeriesKind",
+    "Table",
+]
+
+Kind: TypeAlias = Literal["good", "caution", "bad"]
+SeriesKind: TypeAlias = Literal["line", "points", "band"]
+
+SERIES_COLOURS = ("#1f5a94", "#c1511b", "#2b7a55", "#8b4a8f", "#8a6d00", "#3d8fb0", "#5b6672", "#b03a5b")
+"""Colours of the interactive series in order; a static figure that uses the same order matches its twin."""
+
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_.:-]*")
+_NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?\d.*")
+_ABSENT_CELL = frozenset({"", "-", "–", "—", "n/a"})
+
+
+def _check_identifier(identifier: str) -> None:
+    """Refuse an identifier that could not be both an HTML id and a URL fragment as it stands."""
+    if not _IDENTIFIER.fullmatch(identifier):
+        raise ValueError(
+            f"identifier {identifier!r}: expected a letter followed by letters, digits, '_', '.', ':' or '-'"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """Running text.
+
+    Parameters
+    ----------
+    text : str
+        Plain text; ``**bold**`` and `` `code` `` are the only markup, line breaks count as spaces.
+    """
+
+    tag: ClassVar[str] = "paragraph"
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Callout:
+    """A banner the reader must not miss: converged, weakly identified, not converged.
+
+    Parameters
+    ----------
+    kind : {"good", "caution", "bad"}
+        Colour and symbol of the banner.
+    text : str
+        The message; starting it with a bold verdict reads best.
+
+    Raises
+    ------
+    ValueError
+        If `kind` is not one of the three.
+    """
+
+    tag: ClassVar[str] = "callout"
+    kind: Kind
+    text: str
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise ValueError(f"callout kind {self.kind!r}: expected one of {', '.join(get_args(Kind))}")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table whose first column names its rows.
+
+    Parameters
+    ----------
+    caption : str
+        Shown above the table, after its number.
+    head : tuple of str, shape (n_columns,)
+        Column titles.
+    rows : tuple of tuple of str, shape (n_rows, n_columns)
+        Formatted cells. A cell that is exactly ``"identified"``, ``"weakly identified"`` or
+        ``"not identified"`` becomes a badge with colour and symbol.
+    align : str, optional
+        One letter per column, ``"l"`` or ``"r"``. By default a column of numbers is set to the right.
+    note : str, optional
+        Small print under the table.
+    row_kinds : tuple of str, optional
+        One of ``""``, ``"good"``, ``"caution"``, ``"bad"`` per row: a tint. Colour must only repeat what a
+        cell already says, since not every reader sees it.
+
+    Raises
+    ------
+    ValueError
+        If the head is empty, a row, `align` or `row_kinds` has the wrong length, or a letter or kind is
+        unknown.
+    """
+
+    tag: ClassVar[str] = "table"
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    align: str | None = None
+    note: str = ""
+    row_kinds: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        where, width = f"table {self.caption!r}", len(self.head)
+        if width == 0:
+            raise ValueError(f"{where}: expected at least one column")
+        for number, row in enumerate(self.rows, start=1):
+            if len(row) != width:
+                raise ValueError(f"{where}, row {number}: {len(row)} cells, expected {width}")
+        if self.align is not None and (len(self.align) != width or set(self.align) - set("lr")):
+            raise ValueError(f"{where}: align {self.align!r}, expected {width} letters, each 'l' or 'r'")
+        if self.row_kinds and len(self.row_kinds) != len(self.rows):
+            raise ValueError(f"{where}: {len(self.row_kinds)} row kinds for {len(self.rows)} rows")
+        if unknown := set(self.row_kinds) - {"", *get_args(Kind)}:
+            raise ValueError(f"{where}: unknown row kinds {sorted(unknown)}")
+
+    @property
+    def alignment(self) -> str:
+        """One letter per column: `align`, or "r" for columns in which every filled cell is a number."""
+        return self.align or "".join(map(self._natural_alignment, range(len(self.head))))
+
+    def _natural_alignment(self, column: int) -> str:
+        filled = [row[column] for row in self.rows if row[column].strip() not in _ABSENT_CELL]
+        return "r" if filled and all(map(_NUMERIC_CELL.fullmatch, filled)) else "l"
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One curve, set of points or band of an interactive plot.
+
+    Parameters
+    ----------
+    name : str
+        Legend entry.
+    x : tuple of float, shape (n,)
+        Strictly increasing abscissae; series of one plot need not share them.
+    y : tuple of float, shape (n,), optional
+        Ordinates. A band may leave it empty, or give the centre line.
+    kind : {"line", "points", "band"}
+        How to draw it.
+    y_low, y_high : tuple of float, shape (n,), optional
+        Edges of a band, and only of a band.
+    dashed : bool
+        Draw the line dashed.
+
+    Raises
+    ------
+    ValueError
+        If lengths disagree, `x` does not increase, or a value is NaN or infinite (JSON has neither).
+    """
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...] = ()
+    kind: SeriesKind = "line"
+    y_low: tuple[float, ...] = ()
+    y_high: tuple[float, ...] = ()
+    dashed: bool = False
+
+    def __post_init__(self) -> None:
+        where = f"series {self.name!r}"
+        if self.kind not in get_args(SeriesKind):
+            known = ", ".join(get_args(SeriesKind))
+            raise ValueError(f"{where}: kind {self.kind!r}, expected one of {known}")
+        for field in ("x", "y", "y_low", "y_high"):
+            # NumPy scalars would not survive json.dumps, so anything iterable becomes plain floats here.
+            values = tuple(float(value) for value in getattr(self, field))
+            if not all(map(math.isfinite, values)):
+                raise ValueError(f"{where}: {field} has NaN or infinite values; leave those points out")
+            object.__setattr__(self, field, values)
+        self._check_shapes(where)
+
+    def _check_shapes(self, where: str) -> None:
+        size = len(self.x)
+        if size == 0:
+            raise ValueError(f"{where}: no points")
+        if any(right <= left for left, right in pairwise(self.x)):
+            raise ValueError(f"{where}: x must increase strictly")
+        edges = size if self.kind == "band" else 0
+        if len(self.y_low) != edges or len(self.y_high) != edges:
+            raise ValueError(f"{where}: expected {edges} values in y_low and in y_high")
+        if len(self.y) != size and not (self.kind == "band" and not self.y):
+            raise ValueError(f"{where}: {len(self.y)} values in y, expected {size}")
+
+
+@dataclass(frozen=True, slots=True)
+class LinePlot:
+    """The interactive twin of a figure: the same numbers, to zoom and read off.
+
+    Parameters
+    ----------
+    x_label, y_label : str
+        Axis titles with units, plain text.
+    series : tuple of Series
+        Drawn bands first, then lines, then points; colours follow :data:`SERIES_COLOURS` in this order.
+    log_x, log_y : bool
+        Logarithmic axes.
+
+    Raises
+    ------
+    ValueError
+        If there is no series, or a logarithmic axis would have to show a value that is not positive.
+    """
+
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...]
+    log_x: bool = False
+    log_y: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.series:
+            raise ValueError(f"plot of {self.y_label!r}: no series")
+        for one in self.series:
+            if self.log_x and one.x[0] <= 0:
+                raise ValueError(f"series {one.name!r}: x must be positive on a logarithmic axis")
+            if self.log_y and min(chain(one.y, one.y_low, one.y_high)) <= 0:
+                raise ValueError(f"series {one.name!r}: y must be positive on a logarithmic axis")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure: static everywhere, interactive where a browser runs scripts.
+
+    Parameters
+    ----------
+    identifier : str
+        Unique in the report; the HTML anchor.
+    caption : str
+        Shown below the figure, after its number.
+    alt : str
+        What the figure shows, for those who cannot see it; plain text, never empty.
+    svg : str
+        The drawing, text as paths (matplotlib: ``svg.fonttype = "path"``).
+    plot : LinePlot, optional
+        The same data as an interactive plot.
+
+    Raises
+    ------
+    ValueError
+        If the alternative text is empty, the identifier is malformed or `svg` is not an SVG document.
+    """
+
+    tag: ClassVar[str] = "figure"
+    identifier: str
+    caption: str
+    alt: str
+    svg: str
+    plot: LinePlot | None = None
+
+    def __post_init__(self) -> None:
+        _check_identifier(self.identifier)
+        if not self.alt.strip():
+            raise ValueError(f"figure {self.identifier!r}: alternative text is empty")
+        if "<svg" not in self.svg:
+            raise ValueError(f"figure {self.identifier!r}: svg is not an SVG document")
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """A listing, printed as it is.
+
+    Parameters
+    ----------
+    text : str
+        The listing; line breaks and spaces are kept.
+    language : str
+        Name of the language, such as ``"toml"``.
+    """
+
+    tag: ClassVar[str] = "code"
+    text: str
+    language: str
+
+
+Block: TypeAlias = Paragraph | Callout | Table | Figure | Code
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A titled run of blocks, numbered by its place in the report.
+
+    Parameters
+    ----------
+    identifier : str
+        Unique in the report; the HTML anchor.
+    title : str
+        Heading.
+    blocks : tuple of Block
+        Content in reading order.
+
+    Raises
+    ------
+    ValueError
+        If the identifier is malformed.
+    """
+
+    identifier: str
+    title: str
+    blocks: tuple[Block, ...]
+
+    def __post_init__(self) -> None:
+        _check_identifier(self.identifier)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A whole report.
+
+    Parameters
+    ----------
+    title, subtitle : str
+        Head of the report; the subtitle may be empty.
+    lead : tuple of Block
+        Shown before the first section: the verdict comes first.
+    sections : tuple of Section
+        The body.
+    date : datetime.date
+        Printed on the report; also the time stamp inside the PDF, so that reruns are byte-identical.
+    version : str
+        Version of jointbayes that wrote the report.
+
+    Raises
+    ------
+    ValueError
+        If the title is empty, or two sections or figures share an identifier.
+    """
+
+    title: str
+    subtitle: str
+    lead: tuple[Block, ...]
+    sections: tuple[Section, ...]
+    date: datetime.date
+    version: str
+
+    def __post_init__(self) -> None:
+        if not self.title.strip():
+            raise ValueError("report: the title is empty")
+        seen: set[str] = set()
+        figures = [block.identifier for block in self.blocks() if isinstance(block, Figure)]
+        for identifier in (*(section.identifier for section in self.sections), *figures):
+            if identifier in seen:
+                raise ValueError(f"identifier {identifier!r} is used twice in the report")
+            seen.add(identifier)
+
+    def blocks(self) -> tuple[Block, ...]:
+        """All blocks in reading order, the lead first."""
+        return (*self.lead, *chain.from_iterable(section.blocks for section in self.sections))

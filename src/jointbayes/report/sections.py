@@ -1,0 +1,376 @@
+"""The sections of a report: words and tables from the numbers of a run."""
+
+from typing import Any
+
+import numpy as np
+
+from jointbayes.frf import Ports, receptance_model
+from jointbayes.identification import IterationHistory
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.posterior import Posterior
+from jointbayes.report import figures
+from jointbayes.report.format import interval, number
+from jointbayes.report.model import Block, Callout, Code, Figure, LinePlot, Paragraph, Section, Series, Table
+
+__all__ = [
+    "fit_section",
+    "frequency_section",
+    "lead",
+    "posterior_section",
+    "sampling_section",
+    "settings_section",
+    "starts_section",
+]
+
+Summary = dict[str, Any]
+Triple = tuple[float, float, float]
+
+_RESPONSE_UNIT = {"receptance": "m/N", "mobility": "m/(s N)", "accelerance": "m/(s² N)"}
+
+
+def lead(posterior: Posterior, reference: Triple | None, source: str, summary: Summary) -> tuple[Block, ...]:
+    """Banner, verdict table and the sentence on the coupling stiffness."""
+    return (
+        *_banners(posterior, summary),
+        _verdict_table(reference, source, summary),
+        Paragraph(coupling_sentence(summary)),
+    )
+
+
+def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
+    banners: list[Block] = []
+    if posterior.converged:
+        banners.append(Callout("good", f"**The sampler converged.** {posterior.reason}"))
+    else:
+        banners.append(
+            Callout("bad", f"**The sampler has NOT converged: do not use these numbers.** {posterior.reason}")
+        )
+    if not posterior.mode_agrees:
+        banners.append(
+            Callout(
+                "bad",
+                f"**The best draw leads to another mode than the MAP**, {number(posterior.mode_distance)} Laplace "
+                "standard deviations away: the MAP search missed it.",
+            )
+        )
+    if summary["fit"]["synthetic_data"]:
+        banners.append(
+            Callout(
+                "caution",
+                "**The FRF data are synthetic**: computed from a joint stated in the case, with the noise stated there.",
+            )
+        )
+    return banners
+
+
+def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> Table:
+    head = ["Stiffness", "Mode", "Median", "95 % interval", "Unit", "Verdict"]
+    rows = []
+    for i, (name, p) in enumerate(summary["parameters"].items()):
+        row = [name, number(p["mode"]), number(p["median"]), interval(p["interval95"]), p["unit"], p["verdict"]]
+        if reference is not None:
+            row.insert(1, number(reference[i]))
+        rows.append(tuple(row))
+    if reference is not None:
+        head.insert(1, "Published")
+    kinds = {"identified": "good", "weakly identified": "caution", "not identified": "bad"}
+    note = (
+        "Equal-tailed interval. Identified: upper/lower end at most 1.25; weakly identified: at most 3; not identified: "
+        "beyond that, or if the variance of ln k shrank by less than half from prior to posterior."
+    )
+    if reference is not None:
+        note += f" Published: {source}."
+    return Table(
+        "Stiffness of the joint",
+        tuple(head),
+        tuple(rows),
+        note=note,
+        row_kinds=tuple(kinds[p["verdict"]] for p in summary["parameters"].values()),
+    )
+
+
+def coupling_sentence(summary: Summary) -> str:
+    """What the data say of k12 against k22, in words with its numbers."""
+    k12, k22 = summary["parameters"]["k12"], summary["parameters"]["k22"]
+    low, high = k12["interval95"]
+    if low <= 0 <= high:
+        return (
+            f"**The coupling stiffness k12 is {k12['verdict']}**: its 95 % interval, {interval([low, high])} N, includes "
+            "zero, so that not even its sign is known."
+        )
+    text = (
+        f"**The coupling stiffness k12 is {k12['verdict']}**: its 95 % interval spans a factor of "
+        f"{number(max(high / low, low / high))} ({interval([low, high])} N)"
+    )
+    if k12["sd_log"] and k22["sd_log"]:
+        ratio = k12["sd_log"] / k22["sd_log"]
+        compared = f"{number(ratio, 2)} times" if ratio >= 1 else f"only {number(ratio, 2)} times"
+        text += (
+            f"; the relative standard deviation is {number(100 * k12['sd_log'], 2)} %, {compared} that of k22 "
+            f"({number(100 * k22['sd_log'], 2)} %)"
+        )
+    return text + "."
+
+
+def fit_section(posterior: Posterior, initial: Triple, summary: Summary) -> Section:
+    """Measured against predicted."""
+    fit = summary["fit"]
+    text = (
+        f"At the MAP the squared residual is {number(fit['chi2_per_line'], 4)} times what the noise predicts, over "
+        f"{fit['n_data']} values (1 is expected)."
+    )
+    blocks: list[Block] = [Paragraph(text)]
+    measurement = posterior.problem.measurement
+    if isinstance(measurement, FrfMeasurement):
+        for i, output in enumerate(measurement.frf.outputs):
+            for j, input_ in enumerate(measurement.frf.inputs):
+                blocks.extend(_frf_figures(posterior, measurement, initial, (i, j), f"{output}/{input_}"))
+    return Section("fit", "Measured and predicted", tuple(blocks))
+
+
+def _frf_figures(
+    posterior: Posterior, measurement: FrfMeasurement, initial: Triple, at: tuple[int, int], pair: str
+) -> list[Block]:
+    frf = measurement.frf
+    band = posterior.predict_frf()
+    problem = posterior.problem
+    model = receptance_model(problem.structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    stiffness = np.array([initial, posterior.estimate.stiffness])
+    in_quantity = model.receptance(joint_matrix(stiffness)) / frf.converted("receptance").values * frf.values
+    guess, best = in_quantity[:, :, *at]
+    measured = frf.values[:, *at]
+    low, high = band.magnitude_low[:, *at], band.magnitude_high[:, *at]
+    centre = band.phase_deg[:, *at]
+    phase_map = centre + np.angle(best * np.exp(-1j * np.radians(centre)), deg=True)
+    label = "synthetic" if measurement.synthetic else "measured"
+    unit = _RESPONSE_UNIT[frf.quantity]
+    svg = figures.frf_overlay(
+        frf.frequency_hz,
+        measured,
+        guess,
+        (np.abs(best), low, high),
+        (phase_map, band.phase_deg_low[:, *at], band.phase_deg_high[:, *at]),
+        label,
+        unit,
+    )
+    x = tuple(frf.frequency_hz.tolist())
+    plot = LinePlot(
+        "Frequency (Hz)",
+        f"|H| ({unit})",
+        (
+            Series("95 % band", x, kind="band", y_low=_short(low), y_high=_short(high)),
+            Series(label, x, _short(np.abs(measured))),
+            Series("first guess", x, _short(np.abs(guess)), dashed=True),
+            Series("MAP", x, _short(np.abs(best))),
+        ),
+        log_y=True,
+    )
+    caption = (
+        f"{frf.quantity.capitalize()} {pair}: {label}, first guess, and MAP with the 95 % band of the posterior "
+        "(magnitude above, phase below)."
+    )
+    alt = (
+        f"Magnitude and phase of the {frf.quantity} {pair} from {x[0]:g} to {x[-1]:g} Hz; the MAP curve runs through "
+        f"the {label} one, the first guess has other resonances."
+    )
+    return [Figure(f"frf-{at[0]}-{at[1]}", caption, alt, svg, plot)]
+
+
+def _short(values: Any) -> tuple[float, ...]:  # noqa: ANN401 (any array)
+    return tuple(float(f"{v:.5g}") for v in values)
+
+
+def frequency_section(posterior: Posterior, summary: Summary) -> Section:
+    """Natural frequencies: measured, first guess, MAP, interval."""
+    frequencies = summary["natural_frequencies_hz"]
+    measured = frequencies["measured"]
+    rows = []
+    for i, (guess, best, ends) in enumerate(
+        zip(frequencies["initial"], frequencies["map"], frequencies["interval95"], strict=True)
+    ):
+        row = [str(i + 1), f"{guess:.2f}", f"{best:.2f}", f"{ends[0]:.2f} … {ends[1]:.2f}"]
+        if measured:
+            row.insert(1, f"{measured[i]:.1f}")
+        rows.append(tuple(row))
+    head = ["Mode", "First guess (Hz)", "MAP (Hz)", "95 % interval (Hz)"]
+    if measured:
+        head.insert(1, "Measured (Hz)")
+    blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
+    measurement = posterior.problem.measurement
+    if measured:
+        sd = measurement.sd_hz if isinstance(measurement, FrequencyMeasurement) else None
+        low, high = np.array(frequencies["interval95"]).T
+        series = {"MAP": np.array(frequencies["map"]), "95 % interval": (low, high)}
+        svg = figures.frequency_errors(np.array(measured), sd, series)
+        caption = "Predicted natural frequencies against the measured ones."
+        if summary["fit"]["synthetic_data"]:
+            caption += " The FRF data are synthetic, so that these measured frequencies were not fitted."
+        worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies["map"], measured, strict=True))
+        alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."
+        blocks.append(Figure("frequencies-plot", caption, alt, svg))
+    return Section("frequencies", "Natural frequencies", tuple(blocks))
+
+
+def posterior_section(posterior: Posterior, reference: Triple | None, source: str, summary: Summary) -> Section:
+    """Marginals, pairs, prior and the full table."""
+    head = ("Stiffness", "MAP", "Mean", "sd of ln k", "Prior 95 %", "Contraction", "R̂", "ESS bulk", "ESS tail")
+    rows = tuple(
+        (
+            name,
+            number(p["map"], 4),
+            number(p["mean"], 4),
+            number(p["sd_log"]),
+            interval(p["prior_interval95"], 2),
+            number(p["contraction"], 4),
+            f"{p['r_hat']:.4f}",
+            f"{p['ess_bulk']:.0f}",
+            f"{p['ess_tail']:.0f}",
+        )
+        for name, p in summary["parameters"].items()
+    )
+    blocks: list[Block] = [Table("Posterior in numbers", head, rows, note="Mean in the stiffness's unit, see above.")]
+    positive = (posterior.stiffness > 0).all(axis=0)
+    if positive.all():
+        draws = np.log10(posterior.stiffness)
+        prior = np.log10(np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1))
+        point = None if reference is None else np.log10(reference)
+        mode = np.log10(list(posterior.mode.values()))
+        names: tuple[str, ...] = STIFFNESS_NAMES
+    else:
+        parametrisation = posterior.problem.parametrisation
+        scale = np.array([1 / np.log(10), 1 / np.log(10), 1.0])
+        draws = parametrisation.coordinates(posterior.stiffness) * scale
+        stiffness = np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1)
+        prior = parametrisation.coordinates(stiffness) * scale
+        point = None if reference is None else parametrisation.coordinates(reference) * scale
+        mode = posterior.mode_theta * scale
+        names = ("k11", "k22", "ρ (not a logarithm)")
+    svg = figures.corner_plot(names, draws, prior, point, mode)
+    marks = "mode (orange, solid)" + ("" if reference is None else f", published values (green, dashed; {source})")
+    blocks.append(
+        Figure(
+            "corner",
+            f"Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
+            f"prior (grey, dotted), {marks}.",
+            "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values.",
+            svg,
+        )
+    )
+    if reference is not None:
+        level = posterior.region_level(reference)
+        blocks.append(
+            Paragraph(f"The published point lies on the edge of the {100 * level:.1f} % highest-density region.")
+        )
+    return Section("posterior", "Posterior", tuple(blocks))
+
+
+def sampling_section(posterior: Posterior, summary: Summary) -> Section:
+    """How the draws were made and how well they mixed."""
+    s = summary["sampler"]
+    rows = (
+        ("Ensembles × walkers", f"{s['ensembles']} × {s['walkers']}"),
+        ("Steps (limit)", f"{s['steps']} ({s['max_steps']})"),
+        ("Burn-in, thinning", f"{s['burn_in']} steps, every {s['thin']} steps"),
+        ("Autocorrelation time τ", ", ".join(f"{n} {number(t)}" for n, t in s["tau"].items()) + " steps"),
+        ("Acceptance", f"{100 * s['acceptance']:.0f} %"),
+        ("Evaluations", f"{s['evaluations']}"),
+        ("Effective draws", ", ".join(f"{n} {e:.0f}" for n, e in s["ess"].items())),
+        ("Time", f"{s['seconds']:.1f} s, {s['ess_per_second']:.0f} effective draws per second"),
+        ("Seed", f"{summary['seed']}"),
+    )
+    draws = posterior.draws
+    theta = posterior.problem.parametrisation.coordinates(
+        np.stack([posterior.values(name) for name in STIFFNESS_NAMES], axis=-1)
+    )
+    names = [n if n == "rho" else f"ln {n}" for n in posterior.problem.parametrisation.names]
+    trace = figures.traces(names, theta, draws["ensemble"].values)
+    correlation = figures.autocorrelation(names, theta, s["thin"])
+    return Section(
+        "sampling",
+        "Sampling",
+        (
+            Table("Sampler", ("Figure", "Value"), rows, align="ll"),
+            Figure(
+                "traces",
+                "Traces after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles lie on "
+                "top of each other and show no trend.",
+                "Traces of the coordinates for each ensemble over the kept draws.",
+                trace,
+            ),
+            Figure(
+                "autocorrelation",
+                "Autocorrelation of the kept draws, averaged over walkers.",
+                "Autocorrelation of each coordinate against lag in steps, falling to zero.",
+                correlation,
+            ),
+        ),
+    )
+
+
+def starts_section(posterior: Posterior, history: IterationHistory | None, reference: Triple | None) -> Section:
+    """Where the mode came from: the starts, and the paper's iteration."""
+    estimate = posterior.estimate
+    rows = tuple(
+        (
+            start.name,
+            *(number(k) for k in start.start),
+            *(number(k) for k in start.stiffness),
+            number(start.log_posterior, 7),
+            "yes" if start.reached_mode else "no",
+        )
+        for start in estimate.starts
+    )
+    head = ("Start", "k11", "k12", "k22", "→ k11", "k12", "k22", "ln p", "Mode reached")
+    reached = len(rows) - len(estimate.failed_starts)
+    text = f"{reached} of {len(rows)} starts reach the mode"
+    text += f"; not: {', '.join(estimate.failed_starts)}." if estimate.failed_starts else "."
+    text += (
+        f" The joint mode found from the best draw lies {number(posterior.mode_distance, 2)} Laplace standard deviations "
+        "from the MAP."
+    )
+    blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
+    if history is not None:
+        blocks += _iteration_blocks(history, reference)
+    return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
+
+
+def _iteration_blocks(history: IterationHistory, reference: Triple | None) -> list[Block]:
+    norm = history.residual_norm
+    published = None if reference is None else np.array(reference)
+    settled = ", ".join(
+        f"{n} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
+        for i, n in enumerate(STIFFNESS_NAMES)
+        if history.stiffness[i] != 0
+    )
+    return [
+        Paragraph(
+            f"**The paper's iteration (Eqs. 3–9) {history.reason}.** Distance of step 5 from the last step: {settled}."
+        ),
+        Figure(
+            "iteration-norm",
+            "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
+            f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
+            figures.residual_norm(norm),
+        ),
+        Figure(
+            "iteration-stiffness",
+            "Stiffnesses over the iteration, as in the paper's Fig. 8.",
+            "History of k11, k12 and k22 over the iteration steps with the published values.",
+            figures.histories(STIFFNESS_NAMES, STIFFNESS_UNITS, history.stiffness_history, published),
+        ),
+    ]
+
+
+def settings_section(posterior: Posterior, summary: Summary) -> Section:
+    """Everything needed to repeat the run."""
+    versions = tuple(summary["versions"].items())
+    return Section(
+        "settings",
+        "Settings and versions",
+        (
+            Paragraph(f"Fingerprint of the data (SHA-256): `{summary['data_sha256']}`."),
+            Table("Versions", ("Package", "Version"), versions, align="ll"),
+            Code(posterior.record.case_text, "toml"),
+        ),
+    )

@@ -1,0 +1,117 @@
+"""The run directory: report, draws, summary, case and figures, whole or absent."""
+
+import datetime
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.case import case_from_text
+from jointbayes.errors import CaseError
+from jointbayes.posterior import Posterior, summarise
+from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.workflow import identify
+
+__all__ = ["require_writable", "write_report"]
+
+_MARK = "summary.json"  # by which a run directory is known
+
+
+def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
+    """Write a run directory.
+
+    Parameters
+    ----------
+    posterior
+        The posterior; its case is rebuilt from the text it carries.
+    directory
+        Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
+        the same name is replaced, any other directory is refused.
+
+    Returns
+    -------
+    Path
+        The directory: ``report.html``, ``report.pdf``, ``posterior.nc``, ``summary.json``, ``case.toml``,
+        ``figures/*.svg``.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and is no run directory.
+    """
+    target = Path(directory)
+    require_writable(target)
+    record = posterior.record
+    case = case_from_text(record.case_name, record.case_text)
+    reference = case.spec.reference
+    inputs = ReportInputs(
+        posterior=posterior,
+        title=case.title,
+        initial=_triple(case.initial),
+        history=None if case.joint_frf is None else identify(case),
+        reference=None if case.reference is None else _triple(case.reference),
+        reference_source=reference.source if reference else "",
+        measured_frequencies_hz=case.measured_frequencies_hz,
+        paper_tables=bool(reference and reference.paper_audit),
+    )
+    report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
+    summary = summarise(posterior, inputs.initial, inputs.measured_frequencies_hz)
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    try:
+        (scratch / "report.html").write_text(render_html(report), encoding="utf-8", newline="\n")
+        (scratch / "report.pdf").write_bytes(render_pdf(report))
+        (scratch / "summary.json").write_text(
+            json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        )
+        (scratch / "case.toml").write_text(record.case_text, encoding="utf-8")
+        posterior.save(scratch / "posterior.nc")
+        (scratch / "figures").mkdir()
+        for block in report.blocks():
+            if isinstance(block, Figure):
+                (scratch / "figures" / f"{block.identifier}.svg").write_text(block.svg, encoding="utf-8")
+        scratch.chmod(0o755)  # mkdtemp makes it private
+        _swap(scratch, target)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return target
+
+
+def require_writable(target: Path) -> None:
+    """Refuse a place where a run directory cannot or must not be written; before the work, not after it.
+
+    Raises
+    ------
+    CaseError
+        If it is a file, or a directory that holds something else.
+    """
+    remedy = "expected a new directory or an earlier run directory; choose another --out"
+    if target.is_dir():
+        if any(target.iterdir()) and not (target / _MARK).is_file():
+            raise CaseError(f"{target}: found a directory that holds other files; {remedy}")
+    elif target.exists():
+        raise CaseError(f"{target}: found a file; {remedy}")
+    parent = next(p for p in target.absolute().parents if p.exists())
+    if not os.access(parent, os.W_OK):
+        raise CaseError(f"{target}: found that {parent} cannot be written to; {remedy}")
+
+
+def _swap(scratch: Path, target: Path) -> None:
+    """Put `scratch` in the place of `target`; an older run directory goes only when the new one is there."""
+    if not target.exists():
+        scratch.replace(target)
+        return
+    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+    target.replace(old / "run")
+    scratch.replace(target)
+    shutil.rmtree(old)
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    k11, k12, k22 = (float(v) for v in values)
+    return k11, k12, k22

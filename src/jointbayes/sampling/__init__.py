@@ -1,0 +1,23 @@
+"""Draws from a posterior of which nothing but the log-density is known."""
+
+from jointbayes.sampling.chains import Chains, Draws, Progress
+from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
+from jointbayes.sampling.ensemble import LogDensity, run_ensembles
+from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.stopping import Check
+
+__all__ = [  # noqa: RUF022 (in sections)
+    # Run
+    "LogDensity",
+    "SamplerSettings",
+    "run_ensembles",
+    # Results
+    "Chains",
+    "Check",
+    "Draws",
+    "Progress",
+    # Diagnostics
+    "autocorrelation_time",
+    "effective_sample_size",
+    "split_r_hat",
+]

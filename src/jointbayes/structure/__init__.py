@@ -1,0 +1,23 @@
+"""Structures as matrices: beams, their damping and their DOF labels."""
+
+from jointbayes.structure.assembled import Modes, Structure, mode_shift
+from jointbayes.structure.beam import BeamMaterial, beam, bending_element
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.section import Section
+
+__all__ = [
+    # structures
+    "Modes",
+    "Structure",
+    "mode_shift",
+    # beams
+    "BeamMaterial",
+    "Section",
+    "beam",
+    "bending_element",
+    # damping
+    "DampingLaw",
+    "LossFactor",
+    "ModalDamping",
+    "Rayleigh",
+]

@@ -1,0 +1,126 @@
+"""Cross-sections of beams: area, second moments of area and Cowper's shear coefficient.
+
+References
+----------
+Cowper, G. R. (1966). The shear coefficient in Timoshenko's beam theory. Journal of Applied
+Mechanics 33(2), 335-340. DOI 10.1115/1.3625046
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+from jointbayes.errors import ModelError
+
+__all__ = ["Section"]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Cross-section in the (y, z) plane of a beam along x.
+
+    Use the constructors `circle`, `tube`, `rectangle` and `box`.
+
+    Parameters
+    ----------
+    area
+        Cross-sectional area A, m².
+    inertia_y, inertia_z
+        Second moments of area about y and z, m⁴; `inertia_z` governs bending in the x-y plane.
+    cowper
+        Coefficients (a_y, b_y, a_z, b_z) of Cowper's κ = (1 + ν)/(a + bν) for shear along y and z.
+    """
+
+    area: float
+    inertia_y: float
+    inertia_z: float
+    cowper: tuple[float, float, float, float]
+
+    @classmethod
+    def circle(cls, diameter: float) -> Self:
+        """Solid circle of the given diameter, m."""
+        return cls.tube(diameter, 0.0)
+
+    @classmethod
+    def tube(cls, outer_diameter: float, inner_diameter: float) -> Self:
+        """Hollow circle; both diameters in m.
+
+        Raises
+        ------
+        ModelError
+            If not 0 ≤ inner < outer.
+        """
+        if not 0.0 <= inner_diameter < outer_diameter:
+            raise ModelError(
+                f"section: found outer diameter {outer_diameter:g} m and inner diameter {inner_diameter:g} m; "
+                "expected 0 <= inner < outer; correct the diameters"
+            )
+        inertia = math.pi / 64 * (outer_diameter**4 - inner_diameter**4)
+        m2 = (inner_diameter / outer_diameter) ** 2
+        # Cowper (1966), hollow circle; m = 0 gives 6(1+ν)/(7+6ν)
+        a = (7 * (1 + m2) ** 2 + 20 * m2) / (6 * (1 + m2) ** 2)
+        b = (6 * (1 + m2) ** 2 + 12 * m2) / (6 * (1 + m2) ** 2)
+        area = math.pi / 4 * (outer_diameter**2 - inner_diameter**2)
+        return cls(area, inertia, inertia, (a, b, a, b))
+
+    @classmethod
+    def rectangle(cls, width: float, height: float) -> Self:
+        """Solid rectangle, `width` along z and `height` along y, m.
+
+        Raises
+        ------
+        ModelError
+            If a side is not positive.
+        """
+        if min(width, height) <= 0.0:
+            raise ModelError(
+                f"section: found width {width:g} m and height {height:g} m; expected both above zero; "
+                "correct the sides"
+            )
+        a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), whatever the aspect ratio
+        return cls(width * height, height * width**3 / 12, width * height**3 / 12, (a, b, a, b))
+
+    @classmethod
+    def box(cls, width: float, height: float, wall: float) -> Self:
+        """Hollow rectangle with walls of one thickness, outer sides in m; κ for thin walls.
+
+        Raises
+        ------
+        ModelError
+            If the walls do not fit: 0 < 2 wall < min(width, height) is needed.
+        """
+        if not 0.0 < 2 * wall < min(width, height):
+            raise ModelError(
+                f"section: found a wall of {wall:g} m in a {width:g} m x {height:g} m box; "
+                "expected 0 < 2 wall < the smaller side; correct the wall or use a solid rectangle"
+            )
+        outer, inner = cls.rectangle(width, height), cls.rectangle(width - 2 * wall, height - 2 * wall)
+        a_y, b_y = _cowper_thin_box(width - wall, height - wall)
+        a_z, b_z = _cowper_thin_box(height - wall, width - wall)
+        return cls(
+            outer.area - inner.area,
+            outer.inertia_y - inner.inertia_y,
+            outer.inertia_z - inner.inertia_z,
+            (a_y, b_y, a_z, b_z),
+        )
+
+    def shear_coefficient(self, poissons_ratio: float) -> tuple[float, float]:
+        """Cowper's κ for shear along y and along z.
+
+        Examples
+        --------
+        >>> round(Section.circle(0.025).shear_coefficient(0.3)[0], 6)
+        0.886364
+        """
+        a_y, b_y, a_z, b_z = self.cowper
+        nu = poissons_ratio
+        return (1 + nu) / (a_y + b_y * nu), (1 + nu) / (a_z + b_z * nu)
+
+
+def _cowper_thin_box(flange: float, web: float) -> tuple[float, float]:
+    """Coefficients (a, b) for a thin-walled box of one wall thickness, sides at mid-wall."""
+    m = n = flange / web
+    scale = 10 * (1 + 3 * m) ** 2
+    a = 12 + 72 * m + 150 * m**2 + 90 * m**3 + 10 * n**2 * (3 * m + 3 * m**2)
+    b = 11 + 66 * m + 135 * m**2 + 90 * m**3 + 10 * n**2 * m
+    return a / scale, b / scale

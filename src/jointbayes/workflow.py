@@ -1,0 +1,223 @@
+"""The steps of a run: identify, find the MAP, sample, load. One function each, from a case to a result."""
+
+import os
+import platform
+from collections.abc import Callable
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.case import Case, case_from_text
+from jointbayes.errors import ModelError, SamplingError
+from jointbayes.identification import (
+    IterationHistory,
+    MapEstimate,
+    compliance_start,
+    maximise_posterior,
+    refine,
+    sensitivity_iteration,
+)
+from jointbayes.joint import check_positive_semidefinite
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior import Posterior, RunRecord
+from jointbayes.posterior.storage import draws_tree, read_record, restore
+from jointbayes.sampling import Chains, Progress, SamplerSettings, run_ensembles
+
+__all__ = ["find_map", "identify", "load_posterior", "sample"]
+
+Array = NDArray[np.float64]
+
+_PRIOR_DRAWS = 8000
+_PRIOR_STARTS = 6
+
+
+def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
+    """Identify the joint by the paper's sensitivity iteration.
+
+    Parameters
+    ----------
+    case
+        Case with FRF data.
+    initial
+        First guess of (k11, k12, k22), shape (3,); by default the case's.
+
+    Returns
+    -------
+    IterationHistory
+        ``.stiffness``, ``.stiffness_history``, ``.residual_norm``, ``.converged``, ``.reason``.
+
+    Raises
+    ------
+    ModelError
+        If the case's data are natural frequencies, or the first guess is not positive semidefinite.
+
+    References
+    ----------
+    Cao, H., Li, B., He, Z. A joint stiffness identification method based on finite element modeling and frequency
+    response functions, Eqs. (3)-(9).
+    """
+    if case.joint_frf is None:
+        raise ModelError(
+            f"{case.name}: found natural frequencies as data; the paper's iteration expects FRFs; use find_map instead"
+        )
+    start = case.initial if initial is None else np.asarray(initial, dtype=float)
+    check_positive_semidefinite(start)
+    assert isinstance(case.problem.measurement, FrfMeasurement)
+    settings = case.spec.identification
+    return sensitivity_iteration(
+        case.problem.structure,
+        case.problem.joint,
+        case.joint_frf,
+        case.problem.measurement.frf.outputs,
+        start,
+        threshold=settings.threshold,
+        max_steps=settings.max_steps,
+        sensitivity=settings.sensitivity,
+        line_weight=getattr(settings, "line_weight", 0.5),
+    )
+
+
+def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = None) -> MapEstimate:
+    """Find the posterior mode from several starts and its Laplace covariance.
+
+    The starts are the first guess, the end of the paper's iteration from it, the compliance fit that needs no guess,
+    and draws from the prior. Each is refined; `MapEstimate.starts` says which of them reached the mode.
+
+    Parameters
+    ----------
+    case
+        The case.
+    initial
+        First guess of (k11, k12, k22), shape (3,); by default the case's.
+    seed
+        Seed for the starts drawn from the prior; by default the case's.
+
+    Raises
+    ------
+    ModelError
+        If no start lies inside the prior's support.
+    """
+    problem = case.problem
+    guess = case.initial if initial is None else np.asarray(initial, dtype=float)
+    check_positive_semidefinite(guess)
+    starts: dict[str, Array] = {"first guess": guess}
+    measurement = problem.measurement
+    if isinstance(measurement, FrfMeasurement):
+        starts["compliance fit without a guess"] = compliance_start(problem.structure, problem.joint, measurement)
+        starts["paper's iteration"] = identify(case, guess).stiffness
+    rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
+    drawn = problem.parametrisation.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
+    starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
+    return maximise_posterior(problem.log_posterior, starts)
+
+
+def sample(
+    case: Case,
+    seed: int | None = None,
+    *,
+    settings: SamplerSettings | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Posterior:
+    """Draw from the posterior.
+
+    Parameters
+    ----------
+    case
+        The case.
+    seed
+        Seed of the run's one random generator; by default the case's. The same seed gives the same draws bit for bit.
+    settings
+        Sampler settings; by default the case's.
+    progress
+        Called after each block of steps.
+
+    Returns
+    -------
+    Posterior
+        ``.draws``, ``.mode``, ``.interval("k12", 0.95)``, ``.converged``, ``.reason``.
+
+    Raises
+    ------
+    SamplingError
+        If no starting ball with finite density is found.
+    """
+    seed = case.spec.sampling.seed if seed is None else seed
+    settings = settings or case.sampler
+    rng = np.random.default_rng(seed)
+    estimate = find_map(case, seed=seed)
+    start = laplace_ball(case, estimate, settings, rng)
+    chains = run_ensembles(case.problem.log_posterior, start, rng, settings, progress)
+    return _posterior(case, seed, settings, estimate, chains, rng)
+
+
+def laplace_ball(
+    case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator
+) -> Array:
+    """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density."""
+    log_posterior = case.problem.log_posterior
+    wanted = settings.ensembles * settings.walkers
+    found: list[Array] = []
+    for _ in range(200):
+        theta = rng.multivariate_normal(estimate.theta, estimate.covariance, size=wanted)
+        found.extend(theta[np.isfinite(log_posterior.prior.log_density(theta))])
+        if len(found) >= wanted:
+            return np.array(found[:wanted]).reshape(settings.ensembles, settings.walkers, -1)
+    raise SamplingError(
+        f"{case.name}: found only {len(found)} of {wanted} starting points where the prior is above zero; "
+        "expected a mode inside the prior's support; widen the priors"
+    )
+
+
+def _posterior(
+    case: Case, seed: int, settings: SamplerSettings, estimate: MapEstimate, chains: Chains, rng: np.random.Generator
+) -> Posterior:
+    problem = case.problem
+    best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
+    mode_theta, mode_density = refine(problem.log_posterior, chains.theta[best])
+    names = problem.parametrisation.names
+    ess = chains.ess
+    sampler = {
+        "ensembles": settings.ensembles,
+        "walkers": settings.walkers,
+        "steps": chains.steps,
+        "max_steps": settings.max_steps,
+        "burn_in": chains.burn_in,
+        "thin": chains.thin,
+        "acceptance": float(chains.acceptance.mean()),
+        "tau": dict(zip(names, chains.tau.tolist(), strict=True)),
+        "ess": dict(zip(names, ess.tolist(), strict=True)),
+        "evaluations": chains.evaluations,
+        "seconds": chains.seconds,
+        "ess_per_second": float(ess.min() / chains.seconds),
+    }
+    record = RunRecord(
+        case.name,
+        case.text,
+        seed,
+        chains.converged,
+        chains.reason,
+        sampler,
+        dict(zip(names, chains.r_hat.tolist(), strict=True)),
+        _versions(),
+    )
+    tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
+    return Posterior(problem, tree, estimate, mode_theta, mode_density, record)
+
+
+def load_posterior(path: str | os.PathLike[str]) -> Posterior:
+    """Read a posterior written by `Posterior.save`; its case is rebuilt from the text stored with it.
+
+    Raises
+    ------
+    MeasurementError
+        If the file is missing or holds no posterior.
+    """
+    tree, record = read_record(path)
+    case = case_from_text(record["record"]["case_name"], record["record"]["case_text"])
+    return restore(case.problem, tree, record)
+
+
+def _versions() -> dict[str, str]:
+    packages = ("jointbayes", "numpy", "scipy", "emcee", "arviz", "xarray", "matplotlib", "corner", "typst")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}

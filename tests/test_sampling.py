@@ -1,0 +1,489 @@
+"""The sampling room: settings, diagnostics, stop rule, reproducibility and what it refuses."""
+
+import dataclasses
+import pickle
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emcee.autocorr import integrated_time
+
+import jointbayes.sampling
+from jointbayes.errors import SamplingError
+from jointbayes.sampling import (
+    SamplerSettings,
+    autocorrelation_time,
+    effective_sample_size,
+    run_ensembles,
+    split_r_hat,
+)
+from jointbayes.sampling.ensemble import EnsembleState, advance
+from jointbayes.sampling.stopping import Check, diagnose, expected_steps, judge, next_check
+
+SHORT = SamplerSettings(walkers=8, max_steps=300)
+
+
+def gaussian(theta):
+    return -0.5 * np.sum(theta**2, axis=1)
+
+
+def run(seed, settings=SHORT, log_density=gaussian, dimension=2, progress=None):
+    start = np.random.default_rng(0).normal(size=(settings.ensembles, settings.walkers, dimension))
+    return run_ensembles(log_density, start, np.random.default_rng(seed), settings, progress)
+
+
+def autoregressive(phi, shape, rng):
+    """AR(1) along axis 1, started in equilibrium, unit variance."""
+    x = np.empty(shape)
+    x[:, 0] = rng.normal(size=x[:, 0].shape)
+    for t in range(1, shape[1]):
+        x[:, t] = phi * x[:, t - 1] + np.sqrt(1 - phi**2) * rng.normal(size=x[:, 0].shape)
+    return x
+
+
+class TestSettings:
+    @pytest.mark.parametrize(
+        ("name", "value"),
+        [
+            ("ensembles", 3),
+            ("walkers", 2),
+            ("walkers", 7),
+            ("walkers", 24.0),
+            ("check_every", 9),
+            ("max_steps", 199),
+            ("tau_factor", 4.9),
+            ("tau_factor", float("inf")),
+            ("tau_factor", float("nan")),
+            ("tau_tolerance", 0.0),
+            ("tau_tolerance", 1.0),
+            ("r_hat_max", 1.0),
+            ("r_hat_max", float("nan")),
+        ],
+    )
+    def test_value_out_of_range_is_refused_with_its_name_and_value(self, name, value):
+        with pytest.raises(SamplingError, match=rf"{name}: found {value!r}.*, expected"):
+            SamplerSettings(**{name: value})
+
+    def test_limits_themselves_are_allowed(self):
+        SamplerSettings(ensembles=4, walkers=4, check_every=10, max_steps=20, tau_factor=5.0)
+
+    def test_settings_are_frozen(self):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            SHORT.walkers = 10
+
+    def test_too_few_walkers_for_the_dimension_are_refused(self):
+        with pytest.raises(SamplingError, match=r"found 8 for 5 parameters, expected at least 10"):
+            run(1, dimension=5)
+
+    def test_settings_import_neither_emcee_nor_scipy(self):
+        code = (
+            "import sys, jointbayes.sampling.settings as s; s.SamplerSettings(); "
+            "print(sorted({'emcee', 'scipy'} & set(sys.modules)))"
+        )
+        found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        assert found.stdout.strip() == "[]"
+
+
+class TestAutocorrelationTime:
+    @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9, 0.95])
+    def test_matches_an_ar1_process(self, phi):
+        draws = autoregressive(phi, (4, 6000, 24, 1), np.random.default_rng(3))
+        assert autocorrelation_time(draws)[0] == pytest.approx((1 + phi) / (1 - phi), rel=0.05)
+
+    def test_agrees_with_emcee_on_long_chains(self):
+        draws = autoregressive(0.8, (4, 20_000, 4, 2), np.random.default_rng(4))
+        reference = integrated_time(np.concatenate(list(draws), axis=1), c=5, tol=0)
+        np.testing.assert_allclose(autocorrelation_time(draws), reference, rtol=0.01)
+
+    def test_does_not_depend_on_location_and_scale(self):
+        draws = autoregressive(0.8, (4, 500, 8, 1), np.random.default_rng(5))
+        np.testing.assert_allclose(
+            autocorrelation_time(draws), autocorrelation_time(1e3 * draws - 1e4), rtol=1e-8
+        )
+
+    def test_walkers_that_never_move_have_a_tau_as_long_as_the_run(self):
+        places = np.random.default_rng(6).normal(size=(4, 1, 8, 1))
+        # emcee's own window gives 1 here, the best τ there is.
+        assert autocorrelation_time(np.repeat(places, 200, axis=1))[0] == pytest.approx(200.0, rel=0.02)
+
+    def test_a_constant_parameter_has_infinite_tau(self):
+        assert autocorrelation_time(np.ones((4, 50, 8, 1)))[0] == np.inf
+
+    @pytest.mark.parametrize("shape", [(100, 8, 1), (4, 1, 8, 1)])
+    def test_other_shapes_are_refused(self, shape):
+        with pytest.raises(SamplingError, match=r"found draws of shape \("):
+            autocorrelation_time(np.zeros(shape))
+        with pytest.raises(SamplingError, match=r"found draws of shape \("):
+            split_r_hat(np.zeros(shape))
+
+
+class TestSplitRHat:
+    rng_shape = (4, 400, 8, 1)
+
+    def test_is_one_for_equal_ensembles(self):
+        assert 0.999 < split_r_hat(np.random.default_rng(7).normal(size=self.rng_shape))[0] < 1.005
+
+    def test_detects_an_ensemble_in_another_mode(self):
+        draws = np.random.default_rng(7).normal(size=self.rng_shape)
+        draws[2] += 5.0
+        assert split_r_hat(draws)[0] > 1.3
+
+    def test_detects_a_drift_in_time_that_all_ensembles_share(self):
+        draws = np.random.default_rng(7).normal(size=self.rng_shape)
+        draws += np.linspace(-1.0, 1.0, 400)[:, None, None]
+        assert split_r_hat(draws)[0] > 1.05
+
+    def test_detects_an_ensemble_of_another_width(self):
+        draws = np.random.default_rng(7).normal(size=self.rng_shape)
+        draws[0] *= 4.0
+        assert split_r_hat(draws)[0] > 1.1
+
+    def test_walkers_of_one_ensemble_are_one_chain(self):
+        # Walkers that disagree with each other, but equally in every ensemble, are no sign of trouble.
+        draws = np.random.default_rng(7).normal(size=self.rng_shape) + 5.0 * np.arange(8)[:, None]
+        assert split_r_hat(draws)[0] < 1.005
+
+    def test_each_parameter_has_its_own(self):
+        draws = np.random.default_rng(7).normal(size=(4, 400, 8, 3))
+        draws[3, :, :, 1] += 3.0
+        r_hat = split_r_hat(draws)
+        assert r_hat[1] > 1.2
+        assert max(r_hat[0], r_hat[2]) < 1.01
+
+    def test_matches_the_published_formula_on_plain_chains(self):
+        # One walker: Vehtari et al. (2021), Eqs. (1)-(4), written out for four half chains of five draws.
+        from scipy.stats import norm, rankdata
+
+        x = np.random.default_rng(8).exponential(size=(2, 10, 1, 1))
+        halves = x.reshape(4, 5)
+
+        def plain(y):
+            z = norm.ppf((rankdata(y).reshape(4, 5) - 3 / 8) / (20 + 1 / 4))
+            between = 5 / 3 * np.sum((z.mean(axis=1) - z.mean()) ** 2)
+            within = np.sum((z - z.mean(axis=1, keepdims=True)) ** 2) / 4 / 4
+            return np.sqrt((4 / 5 * within + between / 5) / within)
+
+        expected = max(plain(halves), plain(np.abs(halves - np.median(halves))))
+        assert split_r_hat(x)[0] == pytest.approx(expected, rel=1e-12)
+
+    def test_draws_that_never_vary_give_infinity(self):
+        assert split_r_hat(np.ones((4, 10, 8, 1)))[0] == np.inf
+
+
+class TestStopRule:
+    settings = SamplerSettings(max_steps=10_000)
+
+    @staticmethod
+    def check(step=6000, burn_in=500, tau=100.0, r_hat=1.002):
+        return Check(step, burn_in, np.array([1.0, tau]), np.array([r_hat, 1.0]))
+
+    def test_is_met_when_all_three_conditions_hold(self):
+        verdict = judge(self.settings, [self.check(tau=101.9), self.check()])
+        assert verdict.converged
+        assert verdict.reason == (
+            "converged at 6000 of 10000 steps: τ = 100.0 < 5500/50 (steps after burn-in / 50), "
+            "stable within 2.0%, R̂ ≤ 1.0020 over 4 ensembles"
+        )
+
+    @pytest.mark.parametrize(
+        ("change", "figure"),
+        [
+            ({"burn_in": 1000}, "τ = 100.0 exceeds 5000/50"),
+            ({"r_hat": 1.01}, "R̂ = 1.0100 over 4 ensembles, below 1.01 is needed"),
+            ({"r_hat": np.nan}, "R̂ = nan"),
+            ({"tau": np.nan}, "τ = nan"),
+            ({"tau": 98.0}, "τ changed by 2.0% since the check before"),
+        ],
+    )
+    def test_each_condition_alone_prevents_the_stop(self, change, figure):
+        verdict = judge(self.settings, [self.check(), self.check(**change)])
+        assert not verdict.converged
+        assert verdict.reason.startswith("not converged at 6000 of 10000 steps: ")
+        assert figure in verdict.reason
+
+    def test_one_check_cannot_show_that_tau_is_stable(self):
+        assert not judge(self.settings, [self.check()]).converged
+
+    def test_an_infinite_tau_is_not_stable(self):
+        verdict = judge(self.settings, [self.check(tau=np.inf), self.check(tau=np.inf)])
+        assert not verdict.converged
+        assert "τ changed by" in verdict.reason
+
+    @pytest.mark.parametrize("limit", [200, 250, 3000, 20_000, 200_000, 199_999])
+    def test_checks_are_five_percent_apart_end_at_the_limit_and_stay_cheap(self, limit):
+        settings = SamplerSettings(max_steps=limit)
+        steps = [next_check(0, settings)]
+        while steps[-1] < limit:
+            steps.append(next_check(steps[-1], settings))
+        assert steps[-1] == limit
+        assert all(step % settings.check_every == 0 for step in steps[:-1])
+        assert len(steps) >= 2
+        assert all(b - a >= max(100, 0.05 * a) for a, b in pairwise(steps))
+        assert sum(steps) <= 22 * limit
+
+    def test_expected_steps_is_the_first_block_past_burn_in_and_fifty_tau(self):
+        assert expected_steps(self.settings, self.check(step=100, tau=31.0)) == 1800
+
+    def test_expected_steps_is_the_next_check_when_the_run_is_long_enough(self):
+        assert expected_steps(self.settings, self.check(step=4000, tau=31.0)) == 4200
+
+    @pytest.mark.parametrize("tau", [1e4, np.inf, np.nan])
+    def test_expected_steps_is_at_most_the_limit(self, tau):
+        assert expected_steps(self.settings, self.check(tau=tau)) == 10_000
+
+    def test_burn_in_is_five_tau_of_the_check_before_and_at_most_half(self):
+        draws = np.random.default_rng(9).normal(size=(4, 400, 8, 2))
+        assert diagnose(draws, None).burn_in == 200
+        assert diagnose(draws, self.check(tau=20.1)).burn_in == 101
+        assert diagnose(draws, self.check(tau=80.0)).burn_in == 200
+        assert diagnose(draws, self.check(tau=np.inf)).burn_in == 200
+
+    def test_what_burn_in_leaves_out_does_not_count(self):
+        draws = np.random.default_rng(9).normal(size=(4, 400, 8, 1))
+        spoilt = draws.copy()
+        spoilt[:, :100] += 100.0
+        np.testing.assert_array_equal(
+            diagnose(draws, self.check(tau=20.0)).tau, diagnose(spoilt, self.check(tau=20.0)).tau
+        )
+        np.testing.assert_array_equal(
+            diagnose(draws, self.check(tau=20.0)).r_hat, diagnose(spoilt, self.check(tau=20.0)).r_hat
+        )
+
+
+class TestReproducibility:
+    def test_same_seed_gives_the_same_bits(self):
+        first, second = run(1), run(1)
+        np.testing.assert_array_equal(first.theta, second.theta)
+        np.testing.assert_array_equal(first.log_density, second.log_density)
+        np.testing.assert_array_equal(first.tau, second.tau)
+
+    def test_other_seed_gives_other_draws(self):
+        assert not np.any(run(1).theta[:, -1] == run(2).theta[:, -1])
+
+    def test_global_generator_is_neither_used_nor_touched(self):
+        np.random.seed(1)  # noqa: NPY002 (the global generator is what this test is about)
+        first = run(1)
+        np.random.seed(2)  # noqa: NPY002
+        before = np.random.get_state()  # noqa: NPY002
+        second = run(1)
+        after = np.random.get_state()  # noqa: NPY002
+        np.testing.assert_array_equal(first.theta, second.theta)
+        np.testing.assert_array_equal(before[1], after[1])
+        assert before[2:] == after[2:]
+
+    def test_ensembles_draw_from_different_streams(self):
+        start = np.broadcast_to(np.random.default_rng(0).normal(size=(8, 2)), (4, 8, 2))
+        theta = run_ensembles(gaussian, start, np.random.default_rng(1), SHORT).theta
+        for other in range(1, 4):
+            assert not np.any(theta[0, -1] == theta[other, -1])
+
+    def test_length_of_the_blocks_does_not_change_the_draws(self):
+        other = dataclasses.replace(SHORT, check_every=37)
+        np.testing.assert_array_equal(run(1).theta, run(1, other).theta)
+
+    def test_adding_an_ensemble_leaves_the_others_as_they_are(self):
+        more = dataclasses.replace(SHORT, ensembles=5)
+        start = np.random.default_rng(0).normal(size=(5, 8, 2))
+        five = run_ensembles(gaussian, start, np.random.default_rng(1), more)
+        four = run_ensembles(gaussian, start[:4], np.random.default_rng(1), SHORT)
+        np.testing.assert_array_equal(five.theta[:4], four.theta)
+
+    def test_an_ensemble_goes_on_from_a_pickled_state_as_if_never_interrupted(self):
+        theta = np.random.default_rng(0).normal(size=(8, 2))
+        state = EnsembleState(theta, gaussian(theta), tuple(np.random.RandomState(5).get_state()))
+        whole = advance(gaussian, state, 60)
+        half = advance(gaussian, state, 30)
+        rest = advance(gaussian, pickle.loads(pickle.dumps(half.end)), 30)
+        np.testing.assert_array_equal(whole.theta, np.concatenate([half.theta, rest.theta]))
+
+    def test_the_callers_own_stream_is_spawned_from_and_not_drawn_from(self):
+        start = np.random.default_rng(0).normal(size=(4, 8, 2))
+        rng = np.random.default_rng(1)
+        run_ensembles(gaussian, start, rng, SHORT)
+        assert rng.random() == np.random.default_rng(1).random()
+
+    def test_start_is_not_changed(self):
+        start = np.random.default_rng(0).normal(size=(4, 8, 2))
+        before = start.copy()
+        run_ensembles(gaussian, start, np.random.default_rng(1), SHORT)
+        np.testing.assert_array_equal(start, before)
+        assert start.flags.writeable
+
+
+class TestRun:
+    def test_stops_by_the_rule(self):
+        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000))
+        assert chains.converged
+        assert chains.steps < 20_000
+        assert chains.steps - chains.burn_in > 50.0 * chains.tau.max()
+        assert chains.r_hat.max() < 1.01
+        assert chains.reason.startswith(f"converged at {chains.steps} of 20000 steps: τ = ")
+        assert abs(chains.history[-2].tau_max / chains.tau.max() - 1.0) < 0.02
+
+    def test_step_limit_leaves_the_run_unconverged_and_says_so(self):
+        chains = run(1)
+        assert not chains.converged
+        assert chains.steps == 300
+        assert chains.reason.startswith("not converged at 300 of 300 steps: τ = ")
+
+    def test_a_limit_that_is_no_whole_number_of_blocks_is_kept(self):
+        chains = run(1, dataclasses.replace(SHORT, max_steps=333))
+        assert chains.theta.shape == (4, 333, 8, 2)
+        assert chains.history[-1].step == 333
+
+    def test_ensemble_stuck_in_another_mode_is_not_converged(self):
+        def two_modes(theta):
+            return np.logaddexp(-0.5 * np.sum((theta - 50.0) ** 2, axis=1), gaussian(theta))
+
+        start = np.random.default_rng(0).normal(size=(4, 8, 2))
+        start[3] += 50.0
+        settings = SamplerSettings(walkers=8, max_steps=2000)
+        chains = run_ensembles(two_modes, start, np.random.default_rng(1), settings)
+        assert not chains.converged
+        assert chains.r_hat.max() > 1.3
+        assert "R̂ = " in chains.reason
+
+    def test_walkers_that_cannot_move_are_not_converged(self):
+        places = np.random.default_rng(0).normal(size=(4, 8, 2))
+        allowed = {tuple(place) for place in places.reshape(-1, 2)}
+
+        def only_there(theta):
+            return np.array([0.0 if tuple(point) in allowed else -np.inf for point in theta])
+
+        chains = run_ensembles(only_there, places, np.random.default_rng(1), SHORT)
+        np.testing.assert_array_equal(chains.acceptance, 0.0)
+        assert not chains.converged
+        assert "τ = " in chains.reason
+
+    def test_figures_describe_the_arrays(self):
+        calls = []
+
+        def counted(theta):
+            calls.append(len(theta))
+            return gaussian(theta)
+
+        chains = run(1, log_density=counted)
+        moved = np.any(np.diff(chains.theta, axis=1) != 0.0, axis=-1)
+        assert chains.theta.shape == (4, 300, 8, 2)
+        np.testing.assert_allclose(chains.log_density, -0.5 * np.sum(chains.theta**2, axis=-1))
+        np.testing.assert_allclose(chains.acceptance, moved.mean(axis=(1, 2)), atol=1 / 300)
+        assert chains.evaluations == sum(calls)
+        assert chains.thin == max(1, int(chains.tau.min() / 2))
+        np.testing.assert_allclose(chains.ess, 4 * 8 * (300 - chains.burn_in) / chains.tau)
+        assert 0.0 < chains.seconds < 60.0
+        assert [check.step for check in chains.history] == [100, 200, 300]
+
+    def test_last_check_is_of_the_kept_draws(self):
+        chains = run(1)
+        kept = chains.theta[:, chains.burn_in :]
+        np.testing.assert_array_equal(chains.tau, autocorrelation_time(kept))
+        np.testing.assert_array_equal(chains.r_hat, split_r_hat(kept[:, :: chains.thin]))
+
+    @pytest.mark.parametrize("thinned", [True, False])
+    def test_draws_are_the_kept_steps_one_chain_per_walker(self, thinned):
+        chains = run(1)
+        draws = chains.draws(thinned=thinned)
+        every = chains.thin if thinned else 1
+        assert chains.thin > 1
+        np.testing.assert_array_equal(draws.ensemble, np.repeat(np.arange(4), 8))
+        for chain in (0, 13, 31):
+            ensemble, walker = divmod(chain, 8)
+            np.testing.assert_array_equal(
+                draws.theta[chain], chains.theta[ensemble, chains.burn_in :: every, walker]
+            )
+            np.testing.assert_array_equal(
+                draws.log_density[chain], chains.log_density[ensemble, chains.burn_in :: every, walker]
+            )
+
+    def test_arrays_are_read_only(self):
+        chains = run(1)
+        draws = chains.draws()
+        arrays = [chains.theta, chains.log_density, chains.acceptance, chains.tau, chains.r_hat]
+        arrays += [draws.theta, draws.log_density, draws.ensemble]
+        assert not any(array.flags.writeable for array in arrays)
+
+    def test_effective_sample_size_is_draws_over_tau(self):
+        np.testing.assert_array_equal(effective_sample_size(600, np.array([2.0, 30.0])), [300.0, 20.0])
+
+    def test_progress_is_reported_after_each_block(self, capsys):
+        seen = []
+        chains = run(1, SamplerSettings(walkers=8, max_steps=20_000), progress=seen.append)
+        assert [report.steps for report in seen] == list(range(100, chains.steps + 1, 100))
+        assert all(report.steps <= report.expected_steps <= report.max_steps == 20_000 for report in seen)
+        assert seen[-1].expected_steps == seen[-1].steps
+        assert seen[-1].tau == chains.tau.max()
+        assert seen[-1].r_hat == chains.r_hat.max()
+        elapsed = [report.elapsed_seconds for report in seen]
+        assert elapsed == sorted(elapsed)
+        assert capsys.readouterr() == ("", "")
+
+
+class TestRefusals:
+    def start(self):
+        return np.random.default_rng(0).normal(size=(4, 8, 2))
+
+    def refuse(self, match, start=None, log_density=gaussian):
+        with pytest.raises(SamplingError, match=match):
+            run_ensembles(
+                log_density, self.start() if start is None else start, np.random.default_rng(1), SHORT
+            )
+
+    @pytest.mark.parametrize("shape", [(8, 2), (3, 8, 2), (4, 10, 2), (4, 8, 0)])
+    def test_start_of_another_shape(self, shape):
+        self.refuse("sampler start: found", start=np.zeros(shape))
+
+    def test_start_outside_the_support_names_the_walkers(self):
+        start = self.start()
+        start[2, [1, 5], 0] = 7.0
+        self.refuse(
+            r"zero at walkers \[1, 5\] of ensemble 2",
+            start=start,
+            log_density=lambda theta: np.where(theta[:, 0] > 6.0, -np.inf, gaussian(theta)),
+        )
+
+    @pytest.mark.parametrize("value", [np.nan, np.inf])
+    def test_start_that_is_not_finite(self, value):
+        start = self.start()
+        start[1, 4, 1] = value
+        self.refuse(r"position of walkers \[4\] of ensemble 1 is not finite", start=start)
+
+    def test_start_that_does_not_span_the_space(self):
+        start = self.start()
+        start[3, :, 1] = 2.0 * start[3, :, 0]
+        self.refuse("walkers of ensemble 3 do not span the 2 parameters", start=start)
+
+    @pytest.mark.parametrize("value", [np.nan, np.inf])
+    def test_log_density_that_is_nan_or_positive_infinity_at_the_start(self, value):
+        self.refuse(rf"log-density: found {value} at θ = \[", log_density=lambda t: np.full(len(t), value))
+
+    @pytest.mark.parametrize("value", [np.nan, np.inf])
+    def test_log_density_that_becomes_nan_or_positive_infinity_on_the_way(self, value, capsys):
+        self.refuse(
+            rf"log-density: found {value} at θ = \[",
+            start=0.1 * self.start(),
+            log_density=lambda t: np.where(np.abs(t[:, 0]) > 1.0, value, gaussian(t)),
+        )
+        assert capsys.readouterr() == ("", "")
+
+    def test_log_density_of_another_shape(self):
+        self.refuse(
+            r"found values of shape \(8, 1\) for 8 points", log_density=lambda t: gaussian(t)[:, None]
+        )
+
+    def test_an_error_of_the_log_density_itself_comes_through_unprinted(self, capsys):
+        def broken(theta):
+            raise ZeroDivisionError("in the model")
+
+        with pytest.raises(ZeroDivisionError, match="in the model"):
+            run(1, log_density=broken)
+        assert capsys.readouterr() == ("", "")
+
+
+def test_the_biased_snooker_move_is_used_nowhere():
+    # emcee 3.1.6: wrong in every dimension above one (see tests/science/test_known_posteriors.py).
+    sources = list(Path(jointbayes.__file__).parent.rglob("*.py"))
+    assert len(sources) > 5
+    assert [str(path) for path in sources if "snooker" in path.read_text(encoding="utf-8").lower()] == []

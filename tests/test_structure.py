@@ -1,0 +1,133 @@
+"""Structures: sections, matrices, supports, modes, damping laws and what they refuse."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointbayes.errors import ModelError
+from jointbayes.structure import BeamMaterial, LossFactor, ModalDamping, Rayleigh, Section, Structure, beam
+from tests.conftest import STEEL, rod
+
+
+def test_sections_have_textbook_area_and_second_moments():
+    tube = Section.tube(0.04, 0.03)
+    assert tube.area == pytest.approx(math.pi / 4 * (0.04**2 - 0.03**2))
+    assert tube.inertia_z == pytest.approx(math.pi / 64 * (0.04**4 - 0.03**4))
+    bar = Section.rectangle(width=0.02, height=0.05)
+    assert (bar.inertia_z, bar.inertia_y) == pytest.approx((0.02 * 0.05**3 / 12, 0.05 * 0.02**3 / 12))
+    box = Section.box(0.02, 0.05, 0.002)
+    assert box.area == pytest.approx(0.02 * 0.05 - 0.016 * 0.046)
+    assert box.inertia_z == pytest.approx((0.02 * 0.05**3 - 0.016 * 0.046**3) / 12)
+
+
+def test_cowper_shear_coefficients():
+    nu = 0.3
+    assert Section.circle(1.0).shear_coefficient(nu)[0] == pytest.approx(6 * (1 + nu) / (7 + 6 * nu))
+    assert Section.rectangle(1.0, 2.0).shear_coefficient(nu)[0] == pytest.approx(10 * (1 + nu) / (12 + 11 * nu))
+    # a very thin tube and a very thin square box tend to Cowper's thin-walled formulas
+    thin_tube = Section.tube(1.0, 1 - 1e-6).shear_coefficient(nu)[0]
+    assert thin_tube == pytest.approx(2 * (1 + nu) / (4 + 3 * nu), rel=1e-5)
+    thin_box = Section.box(1.0, 1.0, 1e-6).shear_coefficient(nu)
+    assert thin_box == pytest.approx((20 * (1 + nu) / (48 + 39 * nu),) * 2, rel=1e-9)
+
+
+def test_a_flat_box_shears_more_easily_across_its_flat_side():
+    # webs carry shear: a tall narrow box has more of them along y than along z
+    along_y, along_z = Section.box(width=0.02, height=0.06, wall=0.001).shear_coefficient(0.3)
+    assert along_y > along_z
+
+
+def test_rigid_body_motion_costs_no_energy_and_moves_the_whole_mass():
+    free = rod()
+    x = np.linspace(0, 0.383, 11)
+    translation = np.tile([1.0, 0.0], 11)
+    rotation = np.stack([x, np.ones(11)], axis=-1).ravel()
+    mass = 7800 * math.pi / 4 * 0.025**2 * 0.383
+    scale = np.abs(free.stiffness).max()
+    for motion in (translation, rotation):
+        assert np.abs(free.stiffness @ motion).max() < 1e-12 * scale
+    assert translation @ free.mass @ translation == pytest.approx(mass, rel=1e-12)
+    # about the centre: m L²/12 plus rotary inertia of the section, ρ I L
+    about_centre = rotation - 0.383 / 2 * translation
+    inertia = mass * 0.383**2 / 12 + 7800 * math.pi / 64 * 0.025**4 * 0.383
+    assert about_centre @ free.mass @ about_centre == pytest.approx(inertia, rel=1e-12)
+
+
+def test_five_dofs_per_node_hold_both_bending_planes_and_the_rod():
+    clamped = rod(dofs_per_node=5).fixed([f"1:{d}" for d in ("x", "y", "z", "ry", "rz")])
+    found = clamped.modes().frequency_hz[:7]
+    in_plane = rod().fixed(["1:y", "1:rz"]).modes().frequency_hz[:3]
+    np.testing.assert_allclose(found[:6], np.repeat(in_plane, 2), rtol=1e-9)
+    # first axial mode c/4L; the consistent mass puts it high by (π/2n)²/24
+    axial = math.sqrt(2.1e11 / 7800) / (4 * 0.383)
+    assert found[6] == pytest.approx(axial * (1 + (math.pi / 20) ** 2 / 24), rel=1e-5)
+
+
+def test_an_upright_section_bends_less_in_its_stiff_plane():
+    flat = beam(0.4, Section.rectangle(0.03, 0.01), STEEL, ModalDamping((0.0,)), dofs_per_node=5)
+    tip, root = flat.index(["11:y", "11:z"]), [f"1:{d}" for d in ("x", "y", "z", "ry", "rz")]
+    fixed = flat.fixed(root)
+    static = np.linalg.inv(fixed.stiffness)
+    y, z = fixed.index(["11:y"])[0], fixed.index(["11:z"])[0]
+    kappa_y, kappa_z = Section.rectangle(0.03, 0.01).shear_coefficient(0.3)
+    shear = 0.4 / (kappa_y * STEEL.shear_modulus * 0.03 * 0.01)
+    assert kappa_y == kappa_z
+    assert tip.size == 2
+    assert static[y, y] == pytest.approx(0.4**3 / (3 * 2.1e11 * 0.03 * 0.01**3 / 12) + shear, rel=1e-8)
+    assert static[z, z] == pytest.approx(0.4**3 / (3 * 2.1e11 * 0.01 * 0.03**3 / 12) + shear, rel=1e-8)
+    # a force along +z turns the section by ry = -dw/dx
+    assert static[fixed.index(["11:ry"])[0], z] < 0 < static[fixed.index(["11:rz"])[0], y]
+
+
+def test_modes_are_mass_normalised_and_satisfy_the_eigenproblem():
+    clamped = rod().fixed(["1:y", "1:rz"])
+    modes = clamped.modes()
+    np.testing.assert_allclose(modes.shapes.T @ clamped.mass @ modes.shapes, np.eye(20), atol=1e-8)
+    left = clamped.stiffness @ modes.shapes[:, :5]
+    np.testing.assert_allclose(left, clamped.mass @ modes.shapes[:, :5] * modes.eigenvalues[:5], atol=1e-7 * np.abs(left).max())
+
+
+def test_a_free_beam_has_two_modes_at_zero():
+    eigenvalues = rod().modes().eigenvalues
+    assert (eigenvalues[:2] < 1e-6 * eigenvalues[2]).all()
+
+
+def test_modal_ratios_repeat_the_last_one():
+    assert ModalDamping((0.01, 0.02)).per_mode(4).tolist() == [0.01, 0.02, 0.02, 0.02]
+    assert ModalDamping((0.01, 0.02)).per_mode(1).tolist() == [0.01]
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        lambda: Section.tube(0.02, 0.03),
+        lambda: Section.tube(0.0, 0.0),
+        lambda: Section.rectangle(-1.0, 1.0),
+        lambda: Section.box(0.02, 0.02, 0.01),
+        lambda: BeamMaterial(-1.0, 0.3, 7800.0),
+        lambda: BeamMaterial(2e11, 0.5, 7800.0),
+        lambda: ModalDamping(()),
+        lambda: ModalDamping((1.0,)),
+        lambda: LossFactor(-0.1),
+        lambda: Rayleigh(-1.0, 0.0),
+        lambda: rod(length=-0.383),
+        lambda: rod(elements=0),
+        lambda: rod(shear_coefficient=-0.5),
+        lambda: rod().fixed(["12:y"]),
+        lambda: rod().index(["1:x"]),
+        lambda: Structure(np.eye(2), np.eye(2), LossFactor(0.0), ("1:y", "1:y")),
+        lambda: Structure(np.eye(3), np.eye(2), LossFactor(0.0), ("1:y", "1:rz")),
+        lambda: Structure(np.array([[1.0, 2.0], [0.0, 1.0]]), np.eye(2), LossFactor(0.0), ("1:y", "1:rz")),
+        lambda: Structure(np.diag([np.nan, 1.0]), np.eye(2), LossFactor(0.0), ("1:y", "1:rz")),
+    ],
+)
+def test_impossible_structures_are_refused_in_one_line(broken):
+    with pytest.raises(ModelError, match="expected") as caught:
+        broken()
+    assert "\n" not in str(caught.value)
+
+
+def test_matrices_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        rod().stiffness[0, 0] = 1.0
