@@ -206,9 +206,7 @@ def test_badges_have_a_symbol_besides_colour(tmp_path):
     words = pdf_text(render_pdf(report()), tmp_path)
     for verdict, symbol in (("identified", "✓"), ("weakly identified", "~"), ("not identified", "✗")):
         assert badge(verdict).symbol == symbol
-        shown = (
-            f'<span class="badge {badge(verdict).kind}"><span aria-hidden="true">{symbol} </span>{verdict}'
-        )
+        shown = f'<span class="badge {badge(verdict).kind}"><span aria-hidden="true">{symbol} </span>{verdict}'
         assert shown in source
         assert squeezed(f"{symbol}{verdict}") in squeezed(words)
     assert badge("an identified joint") is None

@@ -100,9 +100,7 @@ class TestAutocorrelationTime:
 
     def test_does_not_depend_on_location_and_scale(self):
         draws = autoregressive(0.8, (4, 500, 8, 1), np.random.default_rng(5))
-        np.testing.assert_allclose(
-            autocorrelation_time(draws), autocorrelation_time(1e3 * draws - 1e4), rtol=1e-8
-        )
+        np.testing.assert_allclose(autocorrelation_time(draws), autocorrelation_time(1e3 * draws - 1e4), rtol=1e-8)
 
     def test_walkers_that_never_move_have_a_tau_as_long_as_the_run(self):
         places = np.random.default_rng(6).normal(size=(4, 1, 8, 1))
@@ -391,9 +389,7 @@ class TestRun:
         np.testing.assert_array_equal(draws.ensemble, np.repeat(np.arange(4), 8))
         for chain in (0, 13, 31):
             ensemble, walker = divmod(chain, 8)
-            np.testing.assert_array_equal(
-                draws.theta[chain], chains.theta[ensemble, chains.burn_in :: every, walker]
-            )
+            np.testing.assert_array_equal(draws.theta[chain], chains.theta[ensemble, chains.burn_in :: every, walker])
             np.testing.assert_array_equal(
                 draws.log_density[chain], chains.log_density[ensemble, chains.burn_in :: every, walker]
             )
@@ -427,9 +423,7 @@ class TestRefusals:
 
     def refuse(self, match, start=None, log_density=gaussian):
         with pytest.raises(SamplingError, match=match):
-            run_ensembles(
-                log_density, self.start() if start is None else start, np.random.default_rng(1), SHORT
-            )
+            run_ensembles(log_density, self.start() if start is None else start, np.random.default_rng(1), SHORT)
 
     @pytest.mark.parametrize("shape", [(8, 2), (3, 8, 2), (4, 10, 2), (4, 8, 0)])
     def test_start_of_another_shape(self, shape):
@@ -469,9 +463,7 @@ class TestRefusals:
         assert capsys.readouterr() == ("", "")
 
     def test_log_density_of_another_shape(self):
-        self.refuse(
-            r"found values of shape \(8, 1\) for 8 points", log_density=lambda t: gaussian(t)[:, None]
-        )
+        self.refuse(r"found values of shape \(8, 1\) for 8 points", log_density=lambda t: gaussian(t)[:, None])
 
     def test_an_error_of_the_log_density_itself_comes_through_unprinted(self, capsys):
         def broken(theta):

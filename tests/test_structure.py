@@ -85,7 +85,9 @@ def test_modes_are_mass_normalised_and_satisfy_the_eigenproblem():
     modes = clamped.modes()
     np.testing.assert_allclose(modes.shapes.T @ clamped.mass @ modes.shapes, np.eye(20), atol=1e-8)
     left = clamped.stiffness @ modes.shapes[:, :5]
-    np.testing.assert_allclose(left, clamped.mass @ modes.shapes[:, :5] * modes.eigenvalues[:5], atol=1e-7 * np.abs(left).max())
+    np.testing.assert_allclose(
+        left, clamped.mass @ modes.shapes[:, :5] * modes.eigenvalues[:5], atol=1e-7 * np.abs(left).max()
+    )
 
 
 def test_a_free_beam_has_two_modes_at_zero():

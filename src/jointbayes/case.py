@@ -14,9 +14,24 @@ from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.inference import JointPrior, Marginal, Normal, Problem, Uniform
 from jointbayes.joint import Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement, RelativeNoise, synthesise_frf
+from jointbayes.measurement import (
+    FrequencyMeasurement,
+    FrfMeasurement,
+    Measurement,
+    RelativeNoise,
+    synthesise_frf,
+)
 from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import BeamMaterial, DampingLaw, LossFactor, ModalDamping, Rayleigh, Section, Structure, beam
+from jointbayes.structure import (
+    BeamMaterial,
+    DampingLaw,
+    LossFactor,
+    ModalDamping,
+    Rayleigh,
+    Section,
+    Structure,
+    beam,
+)
 
 __all__ = ["Case", "case_from_text", "load_case"]
 
@@ -177,9 +192,7 @@ def _marginal(spec: "schema.PriorSpec") -> Marginal:
             return Uniform(spec.low, spec.high)
 
 
-def _data(
-    structure: Structure, joint: Joint, spec: "schema.DataSpec"
-) -> tuple[Measurement, FrfSet | None]:
+def _data(structure: Structure, joint: Joint, spec: "schema.DataSpec") -> tuple[Measurement, FrfSet | None]:
     if isinstance(spec, schema.NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
         return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz)), None
@@ -197,7 +210,9 @@ def _data(
         rng,
     )
     used = FrfMeasurement(
-        measured.frf.select(spec.outputs, spec.inputs), measured.variance[:, : len(spec.outputs)].copy(), synthetic=True
+        measured.frf.select(spec.outputs, spec.inputs),
+        measured.variance[:, : len(spec.outputs)].copy(),
+        synthetic=True,
     )
     return used, measured.frf
 

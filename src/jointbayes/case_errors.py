@@ -245,9 +245,7 @@ class _Place:
     value: object
     path: KeyPath = ()
     owner: tuple[type[BaseModel], ...] = ()  # the kinds of table the last key belongs to
-    siblings: Mapping[str, object] = field(
-        default_factory=dict
-    )  # the table of the file that holds the last key
+    siblings: Mapping[str, object] = field(default_factory=dict)  # the table of the file that holds the last key
     info: FieldInfo | None = None
 
     def enter(self, part: str | int, tagged: bool) -> _Place:
@@ -315,8 +313,15 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
         below = [str(p[-2]) for p in missing if p[:-2] == table and p[-1] in inside]
         alone = sum(f.place.path[:-1] == table for f in unknown) == 1
         known = [k for m in fault.place.owner for k in m.model_fields]
-        fault.meant = fault.meant or _similar(key, here) or (here[0] if alone and len(here) == 1 else None)
-        fault.meant = fault.meant or _similar(key, known) or (below[0] if below else None)
+        # The surest sign first: a missing key, then a table whose missing keys are inside, then likeness.
+        fault.meant = (
+            fault.meant
+            or _similar(key, here)
+            or (here[0] if alone and len(here) == 1 else None)
+            or (below[0] if below else None)
+            or _similar(key, [k for k in known if k not in fault.place.siblings])
+            or _similar(key, known)
+        )
         meant = (*table, fault.meant)
         missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
     return [f for f in faults if f.kind != "missing" or f.place.path in missing]
@@ -432,9 +437,7 @@ def parse_toml(text: str, name: str) -> dict[str, object]:
     try:
         data = tomllib.loads(text)
     except RecursionError:
-        raise CaseError(
-            _fault_line(name, 1, "file", "nested too deeply", "expected a case file", _START)
-        ) from None
+        raise CaseError(_fault_line(name, 1, "file", "nested too deeply", "expected a case file", _START)) from None
     except ValueError as error:  # also plain ones, such as an integer of more than 4300 digits
         raise CaseError(_syntax_fault(str(error), text, name)) from None
     if not data:

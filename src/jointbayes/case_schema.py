@@ -250,9 +250,7 @@ def _absent_dofs(structure: StructureSpec, labels: Iterable[str], loc: tuple[str
             yield Finding((*loc, i), f'"{label}": there is no node {node}', expected, remedy)
         elif direction not in structure.directions:
             found = f'"{label}": no direction {direction} with dofs_per_node = {structure.dofs_per_node}'
-            remedy = (
-                "set structure.dofs_per_node = 5" if direction in _DIRECTIONS[5] else "choose one of these"
-            )
+            remedy = "set structure.dofs_per_node = 5" if direction in _DIRECTIONS[5] else "choose one of these"
             yield Finding((*loc, i), found, f"one of {', '.join(structure.directions)}", remedy)
 
 
@@ -301,9 +299,7 @@ class JointSpec(_Spec):
         for i, (here, there) in enumerate(zip(self.dofs, self.against, strict=False)):
             if here.split(":")[1] != there.split(":")[1] or here == there:
                 expected = f"the direction of joint.dofs, {here.split(':')[1]}, at another node"
-                yield Finding(
-                    ("against", i), f'found "{there}" against "{here}"', expected, "correct the label"
-                )
+                yield Finding(("against", i), f'found "{there}" against "{here}"', expected, "correct the label")
 
 
 _DISTRIBUTION = _key('the kind of prior, "log_uniform", "log_normal" or "decades"', "log_uniform")
@@ -423,9 +419,7 @@ class SyntheticFrfSpec(_Spec):
         if self.frequencies_hz is not None:
             if given:
                 found = f"given together with {', '.join(given)}"
-                yield Finding(
-                    ("frequencies_hz",), found, "a list or a band, not both", "remove one of the two"
-                )
+                yield Finding(("frequencies_hz",), found, "a list or a band, not both", "remove one of the two")
             if len(self.frequencies_hz) < 2:
                 yield Finding(("frequencies_hz",), "", "at least two frequencies in Hz", "add frequencies")
         elif not given:
@@ -437,9 +431,7 @@ class SyntheticFrfSpec(_Spec):
             yield from _not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
             steps = (self.f_max_hz - self.f_min_hz) / self.f_step_hz
             if 0 < steps < 1 - 1e-9:
-                found = (
-                    f"empty band: {self.f_step_hz!r} Hz leaves only the line at f_min_hz = {self.f_min_hz!r}"
-                )
+                found = f"empty band: {self.f_step_hz!r} Hz leaves only the line at f_min_hz = {self.f_min_hz!r}"
                 yield Finding(("f_step_hz",), found, "at least two lines up to f_max_hz", "lower f_step_hz")
             elif steps >= _MOST_LINES:
                 found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines"
@@ -456,9 +448,7 @@ class NaturalFrequenciesSpec(_Spec):
 
     def _findings(self) -> Iterator[Finding]:
         if self.sd_relative + self.sd_hz == 0:
-            yield Finding(
-                ("sd_relative",), "sd_relative and sd_hz are both 0", "at least one above 0", "raise one"
-            )
+            yield Finding(("sd_relative",), "sd_relative and sd_hz are both 0", "at least one above 0", "raise one")
 
 
 DataSpec = Annotated[
@@ -470,13 +460,11 @@ DataSpec = Annotated[
 class IdentificationSpec(_Spec):
     """The paper's iteration; ``threshold`` is relative to the norm of the measured FRF."""
 
-    sensitivity: Annotated[
-        Literal["measured", "analytical"], _key('"measured" or "analytical"', "measured")
-    ] = "measured"
-    max_steps: Annotated[int, _count("the largest number of steps", 30, 1, 10000)] = 30
-    threshold: Annotated[float, _positive("the residual to stop at, relative to the measured FRF", 1e-8)] = (
-        1e-8
+    sensitivity: Annotated[Literal["measured", "analytical"], _key('"measured" or "analytical"', "measured")] = (
+        "measured"
     )
+    max_steps: Annotated[int, _count("the largest number of steps", 30, 1, 10000)] = 30
+    threshold: Annotated[float, _positive("the residual to stop at, relative to the measured FRF", 1e-8)] = 1e-8
 
 
 class SamplingSpec(_Spec):

@@ -1,4 +1,4 @@
-"""The check for continuous integration: does the posterior mode match the published stiffnesses?"""
+"""The check for continuous integration: whether the posterior mode matches the published stiffnesses."""
 
 from dataclasses import dataclass
 
@@ -71,7 +71,10 @@ def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
     lines = [
         CheckLine("sampler", posterior.reason, "converged", posterior.converged),
         CheckLine(
-            "mode against MAP", f"{posterior.mode_distance:.1e} sd apart", "the same point", posterior.mode_agrees
+            "mode against MAP",
+            f"{posterior.mode_distance:.1e} sd apart",
+            "the same point",
+            posterior.mode_agrees,
         ),
     ]
     exact = case.spec.data.kind == "synthetic_frf" and not case.spec.data.noise.added
@@ -94,7 +97,10 @@ def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
         level = posterior.region_level(reference)
         lines.append(
             CheckLine(
-                "published point", f"on the edge of the {100 * level:.1f} % region", "99 % region or inside", level <= REGION
+                "published point",
+                f"on the edge of the {100 * level:.1f} % region",
+                "99 % region or inside",
+                level <= REGION,
             )
         )
     return CheckResult(tuple(lines))

@@ -30,7 +30,7 @@ class _Commands(click.Group):
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             click.echo(f"jointbayes: {place}{error.strerror or error}", err=True)
-        ctx.exit(BAD_INPUT)
+        sys.exit(BAD_INPUT)
 
 
 _seed = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")

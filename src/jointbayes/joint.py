@@ -16,7 +16,9 @@ from jointbayes.structure import Structure
 
 __all__ = [
     "STIFFNESS_NAMES",
+    "STIFFNESS_PATTERN",
     "STIFFNESS_UNITS",
+    "ComplianceChart",
     "Joint",
     "LogStiffness",
     "Parametrisation",
@@ -124,7 +126,8 @@ class LogStiffness:
 
     def stiffness(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
-        return np.exp(np.asarray(theta, dtype=float))
+        stiffness: Array = np.exp(np.asarray(theta, dtype=float))
+        return stiffness
 
     def coordinates(self, stiffness: ArrayLike) -> Array:
         """θ, shape (..., 3), of (k11, k12, k22), shape (..., 3).
@@ -140,11 +143,13 @@ class LogStiffness:
                 f"log-stiffness coordinates: found stiffness {k.tolist()}; expected all above zero; "
                 "use the signed parametrisation for a coupling of either sign"
             )
-        return np.log(k)
+        theta: Array = np.log(k)
+        return theta
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
-        return np.exp(np.asarray(theta, dtype=float))[..., None] * np.eye(3)
+        derivative: Array = np.exp(np.asarray(theta, dtype=float))[..., None] * np.eye(3)
+        return derivative
 
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite, shape (...); θ has shape (..., 3)."""
@@ -198,3 +203,40 @@ class SignedCoupling:
 
 
 Parametrisation = LogStiffness | SignedCoupling
+
+
+@dataclass(frozen=True, slots=True)
+class ComplianceChart:
+    """Joint compliance φ = (c11, c12, c22), C = (K^J)⁻¹, as coordinates beside θ.
+
+    An FRF depends on the joint through C + A_jj and is nearly linear in C, so that a posterior which is skewed in
+    ln k is nearly Gaussian here.
+    """
+
+    parametrisation: Parametrisation
+
+    def forward(self, theta: Array) -> Array:
+        """φ, shape (n, 3), of θ, shape (n, 3)."""
+        return _inverse_2x2(self.parametrisation.stiffness(theta))
+
+    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """θ, shape (n, 3), and whether φ is a joint that θ can describe, shape (n,)."""
+        inside = (phi[:, 0] > 0) & (phi[:, 2] > 0) & (phi[:, 0] * phi[:, 2] > phi[:, 1] ** 2)
+        if "k12" in self.parametrisation.names:
+            inside &= phi[:, 1] < 0  # k12 > 0
+        possible = np.where(inside[:, None], phi, [1.0, -0.5, 1.0])
+        return self.parametrisation.coordinates(_inverse_2x2(possible)), inside
+
+    def log_volume(self, theta: Array) -> Array:
+        """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric 2 × 2 matrix is (det K)⁻³."""
+        k11, k12, k22 = np.moveaxis(self.parametrisation.stiffness(theta), -1, 0)
+        _, log_slope = np.linalg.slogdet(self.parametrisation.derivative(theta))
+        volume: Array = 3 * np.log(k11 * k22 - k12**2) - log_slope
+        return volume
+
+
+def _inverse_2x2(matrix: Array) -> Array:
+    """(m11, m12, m22) of the inverse, shape (..., 3)."""
+    m11, m12, m22 = np.moveaxis(matrix, -1, 0)
+    inverse: Array = np.stack([m22, -m12, m11], axis=-1) / (m11 * m22 - m12**2)[..., None]
+    return inverse

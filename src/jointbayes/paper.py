@@ -32,7 +32,8 @@ class FrequencyTable:
     @property
     def error(self) -> Array:
         """Relative error of the simulation recomputed from the printed frequencies, %."""
-        return 100 * (np.array(self.simulation) / np.array(self.experiment) - 1)
+        error: Array = 100 * (np.array(self.simulation) / np.array(self.experiment) - 1)
+        return error
 
 
 TABLE_2 = FrequencyTable((120.0, 762.0, 2101.0), (140.0, 862.0, 2357.0), (16.7, 13.1, 12.2))
@@ -120,9 +121,11 @@ def _two_springs() -> Finding:
         k11, k22 = np.exp(log_k)
         return np.array([k11, 0.0, k22])
 
-    fit = optimize.least_squares(
-        lambda log_k: model.frequency_hz(joint_matrix(stiffness(log_k)))[0] / measured - 1, np.log([1e9, 1e6])
-    )
+    def error(log_k: Array) -> Array:
+        relative: Array = model.frequency_hz(joint_matrix(stiffness(log_k)))[0] / measured - 1
+        return relative
+
+    fit = optimize.least_squares(error, np.log([1e9, 1e6]))
     k11, _, k22 = stiffness(fit.x)
     found = model.frequency_hz(joint_matrix(stiffness(fit.x)))[0]
     worst = 100 * np.abs(found / measured - 1).max()

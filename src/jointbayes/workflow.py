@@ -18,7 +18,7 @@ from jointbayes.identification import (
     refine,
     sensitivity_iteration,
 )
-from jointbayes.joint import check_positive_semidefinite
+from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record, restore
@@ -147,13 +147,12 @@ def sample(
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed)
     start = laplace_ball(case, estimate, settings, rng)
-    chains = run_ensembles(case.problem.log_posterior, start, rng, settings, progress)
+    chart = ComplianceChart(case.problem.parametrisation)
+    chains = run_ensembles(case.problem.log_posterior, start, rng, settings, progress, chart=chart)
     return _posterior(case, seed, settings, estimate, chains, rng)
 
 
-def laplace_ball(
-    case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator
-) -> Array:
+def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
     """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density."""
     log_posterior = case.problem.log_posterior
     wanted = settings.ensembles * settings.walkers
@@ -170,7 +169,12 @@ def laplace_ball(
 
 
 def _posterior(
-    case: Case, seed: int, settings: SamplerSettings, estimate: MapEstimate, chains: Chains, rng: np.random.Generator
+    case: Case,
+    seed: int,
+    settings: SamplerSettings,
+    estimate: MapEstimate,
+    chains: Chains,
+    rng: np.random.Generator,
 ) -> Posterior:
     problem = case.problem
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)

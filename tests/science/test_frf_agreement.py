@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledModes, DirectSolve, LowRankCoupling, NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import (
+    AssembledModes,
+    DirectSolve,
+    LowRankCoupling,
+    NaturalFrequencies,
+    Ports,
+    receptance_model,
+)
 from jointbayes.joint import STIFFNESS_PATTERN, Joint, joint_matrix
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh
 from tests.conftest import CLAMP, TABLE_3, rod

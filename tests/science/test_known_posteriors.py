@@ -77,9 +77,7 @@ def truncated_gaussian():
     """Unit Gaussian in 2-D of which only x > 1 is left: a hard wall through the bulk."""
 
     def exact(n, rng):
-        return np.column_stack(
-            [stats.truncnorm.rvs(1.0, np.inf, size=n, random_state=rng), rng.normal(size=n)]
-        )
+        return np.column_stack([stats.truncnorm.rvs(1.0, np.inf, size=n, random_state=rng), rng.normal(size=n)])
 
     wall = stats.truncnorm(1.0, np.inf)
     return Target(

@@ -52,9 +52,7 @@ def dynamic_stiffness(
         yield static - w**2 * structure.mass + 1j * w * viscous
 
 
-def _modal_damping_matrix(
-    structure: Structure, added: NDArray[np.float64], law: ModalDamping
-) -> NDArray[np.float64]:
+def _modal_damping_matrix(structure: Structure, added: NDArray[np.float64], law: ModalDamping) -> NDArray[np.float64]:
     """C = MΦ diag(2ζω) ΦᵀM of the assembled structure, shape (n, n)."""
     modes = structure.modes(added)
     rate = 2 * law.per_mode(structure.n_dofs) * np.sqrt(np.maximum(modes.eigenvalues, 0.0))

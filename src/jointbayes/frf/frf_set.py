@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,8 @@ def quantity_factor(
     power = _POWER_OF_JW[to] - _POWER_OF_JW[since]
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
-    return np.array([1, 1j, -1, -1j])[power % 4] * omega**power
+    factor: NDArray[np.complex128] = np.array([1, 1j, -1, -1j])[power % 4] * omega**power
+    return factor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +92,9 @@ class FrfSet:
         if self.coherence is not None and (
             self.coherence.shape != shape or not ((self.coherence >= 0) & (self.coherence <= 1)).all()
         ):
-            raise MeasurementError(f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it or leave it out")
+            raise MeasurementError(
+                f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it or leave it out"
+            )
         if self.averages is not None and self.averages < 1:
             raise MeasurementError(f"FRF set: found {self.averages} averages; expected 1 or more")
 
@@ -116,9 +119,7 @@ class FrfSet:
         columns = [_position(self.inputs, label) for label in inputs]
         cut = np.ix_(range(self.n_lines), rows, columns)
         coherence = None if self.coherence is None else self.coherence[cut]
-        return replace(
-            self, values=self.values[cut], outputs=tuple(outputs), inputs=tuple(inputs), coherence=coherence
-        )
+        return replace(self, values=self.values[cut], outputs=tuple(outputs), inputs=tuple(inputs), coherence=coherence)
 
     def band(self, f_min_hz: float, f_max_hz: float) -> "FrfSet":
         """Return the lines with f_min_hz ≤ f ≤ f_max_hz.
@@ -135,9 +136,7 @@ class FrfSet:
                 f"{self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz; widen the band"
             )
         coherence = None if self.coherence is None else self.coherence[inside]
-        return replace(
-            self, frequency_hz=self.frequency_hz[inside], values=self.values[inside], coherence=coherence
-        )
+        return replace(self, frequency_hz=self.frequency_hz[inside], values=self.values[inside], coherence=coherence)
 
     def converted(self, quantity: Quantity) -> "FrfSet":
         """Return the same FRFs as receptance, mobility jωH or accelerance −ω²H."""
@@ -145,8 +144,8 @@ class FrfSet:
         return replace(self, values=self.values * factor[:, None, None], quantity=quantity)
 
 
-def _frozen(array: NDArray[np.generic], dtype: type) -> NDArray[np.generic]:
-    out = np.array(array, dtype=dtype)
+def _frozen(array: NDArray[Any], dtype: type) -> NDArray[Any]:
+    out: NDArray[Any] = np.array(array, dtype=dtype)
     out.setflags(write=False)
     return out
 

@@ -70,7 +70,12 @@ class _FreeReceptance:
     """Receptance without the joint, cut into the blocks that the linear equations need."""
 
     def __init__(
-        self, structure: Structure, joint: Joint, frequency_hz: Array, outputs: tuple[str, ...], inputs: tuple[str, ...]
+        self,
+        structure: Structure,
+        joint: Joint,
+        frequency_hz: Array,
+        outputs: tuple[str, ...],
+        inputs: tuple[str, ...],
     ) -> None:
         # the joint's DOFs stand first among outputs and inputs; a relative joint is a difference of two blocks
         sides = joint.dofs + joint.against
@@ -93,9 +98,12 @@ class _FreeReceptance:
 
     def denominator(self, unknown: Array, scale: Array) -> NDArray[np.complex128]:
         """D per line, relative to its scale, shape (lines,)."""
-        return (self._factors() @ (unknown * scale) + self._determinant()) / scale[3]
+        relative: NDArray[np.complex128] = (self._factors() @ (unknown * scale) + self._determinant()) / scale[3]
+        return relative
 
-    def equations(self, measured: NDArray[np.complex128], scale: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def equations(
+        self, measured: NDArray[np.complex128], scale: Array
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Matrix (lines, outputs, inputs, 4) and right-hand side (lines, outputs, inputs) of (A − H^x) D = N."""
         difference = self.oi - measured
         a, b = self.oj[:, :, None, :], self.ji.swapaxes(1, 2)[:, None, :, :]

@@ -88,12 +88,15 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
         values = log_posterior.residuals(t)[0]
         return values if feasible(t) else np.full_like(values, np.inf)
 
+    def jacobian(t: Array) -> Array:
+        return log_posterior.residuals(t)[1]
+
     margin = 1e-9 * (high - low)
     margin[~np.isfinite(margin)] = 0.0
     found = optimize.least_squares(
         residual,
         np.clip(start, low + margin, high - margin),
-        jac=lambda t: log_posterior.residuals(t)[1],
+        jac=jacobian,
         bounds=(low, high),
         x_scale=log_posterior.prior.sd,
         xtol=1e-12,
@@ -145,7 +148,11 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
             StartOutcome(name, np.asarray(stiffness, dtype=float), parametrisation.stiffness(end), density, same)
         )
     return MapEstimate(
-        theta, parametrisation.stiffness(theta), laplace_covariance(log_posterior, theta), best, tuple(outcomes)
+        theta,
+        parametrisation.stiffness(theta),
+        laplace_covariance(log_posterior, theta),
+        best,
+        tuple(outcomes),
     )
 
 

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.joint import STIFFNESS_PATTERN, Joint, joint_matrix
 from jointbayes.structure import Structure
@@ -53,7 +52,8 @@ class IterationHistory:
     @property
     def stiffness(self) -> Array:
         """Last (k11, k12, k22), shape (3,)."""
-        return self.stiffness_history[-1]
+        last: Array = self.stiffness_history[-1]
+        return last
 
     @property
     def steps(self) -> int:
@@ -116,7 +116,11 @@ def sensitivity_iteration(
     joint_dofs = tuple(dof for side in sides for dof in side)
     target = frf.select(outputs, frf.inputs).values
     at_joint = _deformation(frf.select(joint_dofs, frf.inputs).values, len(sides))
-    ports = Ports(frf.frequency_hz, outputs + joint_dofs, frf.inputs + tuple(d for d in joint_dofs if d not in frf.inputs))
+    ports = Ports(
+        frf.frequency_hz,
+        outputs + joint_dofs,
+        frf.inputs + tuple(d for d in joint_dofs if d not in frf.inputs),
+    )
     model = receptance_model(structure, joint, ports)
 
     weight = np.abs(target) ** -line_weight
@@ -159,7 +163,8 @@ def _step(to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = 1.0
     solution, *_ = np.linalg.lstsq(matrix / scale, right, rcond=None)
-    return solution / scale
+    change: Array = solution / scale
+    return change
 
 
 def _history(stiffness: Array, norms: Array, threshold: float) -> IterationHistory:
@@ -175,5 +180,7 @@ def _history(stiffness: Array, norms: Array, threshold: float) -> IterationHisto
             f"threshold {threshold:.0e}"
         )
     if outside.size:
-        reason += f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"
+        reason += (
+            f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"
+        )
     return IterationHistory(stiffness, norms, converged, tuple(int(i) for i in outside), reason)

@@ -50,7 +50,8 @@ class FrfLikelihood:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r)."""
         difference = (self._model.receptance(stiffness) - self._measured) * self._weight
         flat = difference.reshape(len(difference), -1)
-        return self.constant - (flat.real**2 + flat.imag**2).sum(axis=-1)
+        value: Array = self.constant - (flat.real**2 + flat.imag**2).sum(axis=-1)
+        return value
 
     def residuals(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p) along changes dK^J (p, r, r) of one joint."""
@@ -81,7 +82,8 @@ class FrequencyLikelihood:
     def log_likelihood(self, stiffness: ArrayLike) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r)."""
         standardised = (self._model.frequency_hz(stiffness) - self._measured) / self._sd
-        return self.constant - 0.5 * (standardised**2).sum(axis=-1)
+        value: Array = self.constant - 0.5 * (standardised**2).sum(axis=-1)
+        return value
 
     def residuals(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p) along changes dK^J (p, r, r) of one joint."""

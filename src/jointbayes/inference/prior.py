@@ -184,4 +184,3 @@ class JointPrior:
             "prior: found almost no joint with k12² <= k11·k22 among its draws; expected priors that overlap with "
             "positive definite joints; lower the prior of k12 or raise those of k11 and k22"
         )
-

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -195,7 +196,9 @@ class Posterior:
         quantity = measured.frf.quantity if isinstance(measured, FrfMeasurement) else "receptance"
         if ports is None:
             if not isinstance(measured, FrfMeasurement):
-                raise ModelError("FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports")
+                raise ModelError(
+                    "FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports"
+                )
             ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
         return predict_frf(self.problem, self.thinned(max_draws), ports, quantity, probability)
 
@@ -206,7 +209,8 @@ class Posterior:
     def thinned(self, most: int) -> Array:
         """At most so many draws of (k11, k12, k22), evenly spaced over all chains, shape (n, 3)."""
         rows = np.linspace(0, len(self.stiffness) - 1, min(most, len(self.stiffness))).round().astype(int)
-        return self.stiffness[rows]
+        chosen: Array = self.stiffness[rows]
+        return chosen
 
     def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
@@ -217,13 +221,12 @@ class Posterior:
         from jointbayes.posterior.storage import with_record
 
         target = Path(path)
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
-        os.close(handle)
+        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
         try:
-            with_record(self).to_netcdf(temporary, engine="h5netcdf")
-            Path(temporary).replace(target)
+            with_record(self).to_netcdf(scratch / target.name, engine="h5netcdf")
+            (scratch / target.name).replace(target)
         finally:
-            Path(temporary).unlink(missing_ok=True)
+            shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _variable(dataset: xr.Dataset, name: str) -> Array:

@@ -93,9 +93,7 @@ def _map(posterior: Posterior) -> dict[str, Any]:
     }
 
 
-def _frequencies(
-    posterior: Posterior, initial: Sequence[float], measured: Sequence[float] | None
-) -> dict[str, Any]:
+def _frequencies(posterior: Posterior, initial: Sequence[float], measured: Sequence[float] | None) -> dict[str, Any]:
     count = len(measured) if measured else 3
     problem = posterior.problem
     draws = posterior.predict_natural_frequencies(count)

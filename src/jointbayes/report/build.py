@@ -7,6 +7,7 @@ from jointbayes.identification import IterationHistory
 from jointbayes.paper import audit
 from jointbayes.posterior import Posterior, summarise
 from jointbayes.report import paper_sections, sections
+from jointbayes.report.frf_section import fit_section
 from jointbayes.report.model import Report, Section
 
 __all__ = ["ReportInputs", "build_report"]
@@ -49,7 +50,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     posterior = inputs.posterior
     summary = summarise(posterior, inputs.initial, inputs.measured_frequencies_hz)
     parts: list[Section] = [
-        sections.fit_section(posterior, inputs.initial, summary),
+        fit_section(posterior, inputs.initial, summary),
         sections.frequency_section(posterior, summary),
         sections.posterior_section(posterior, inputs.reference, inputs.reference_source, summary),
         sections.sampling_section(posterior, summary),

@@ -2,7 +2,8 @@
 
 import io
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -12,11 +13,19 @@ from numpy.typing import NDArray
 
 from jointbayes.report.model import SERIES_COLOURS
 
-__all__ = ["autocorrelation", "corner_plot", "frequency_errors", "frf_overlay", "histories", "residual_norm", "traces"]
+__all__ = [
+    "autocorrelation",
+    "corner_plot",
+    "frequency_errors",
+    "frf_overlay",
+    "histories",
+    "residual_norm",
+    "traces",
+]
 
 Array = NDArray[np.float64]
-_BLUE, _ORANGE, _GREEN, _PURPLE = SERIES_COLOURS[:4]
-_STYLE = {
+_BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
+_STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "jointbayes",
     "font.size": 9,
@@ -30,54 +39,46 @@ _STYLE = {
 }
 
 
-def _svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
+def _svg(
+    draw: Callable[[Canvas], None], width: float, height: float, layout: Literal["constrained"] | None = "constrained"
+) -> str:
     with rc_context(_STYLE):
-        canvas = Canvas(figsize=(width, height), layout="constrained")
+        canvas = Canvas(figsize=(width, height), layout=layout)
         draw(canvas)
         buffer = io.StringIO()
         canvas.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
 
 
-def frf_overlay(
-    frequency_hz: Array,
-    measured: NDArray[np.complex128],
-    initial: NDArray[np.complex128],
-    magnitude: tuple[Array, Array, Array],
-    phase_deg: tuple[Array, Array, Array],
-    label: str,
-    unit: str,
-) -> str:
-    """Magnitude over phase: measured, first guess, MAP with 95 % band.
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """One quantity over frequency, each array of shape (lines,): measured, first guess, MAP and its band."""
 
-    `magnitude` and `phase_deg` are (MAP, lower, upper), each shape (lines,).
-    """
+    frequency_hz: Array
+    measured: Array
+    guess: Array
+    best: Array
+    low: Array
+    high: Array
+
+
+def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) -> str:
+    """Measured, first guess, and MAP with its 95 % band; colours in the order of the interactive twin."""
 
     def draw(canvas: Canvas) -> None:
-        top, bottom = canvas.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-        phase_measured = _near(np.angle(measured, deg=True), phase_deg[0])
-        phase_initial = _near(np.angle(initial, deg=True), phase_deg[0])
-        rows = (
-            (top, np.abs(measured), np.abs(initial), magnitude),
-            (bottom, phase_measured, phase_initial, phase_deg),
-        )
-        for axes, data, guess, (best, low, high) in rows:
-            axes.plot(frequency_hz, data, color="0.55", lw=0.8, label=label)
-            axes.plot(frequency_hz, guess, color=_PURPLE, lw=0.9, ls="--", label="first guess")
-            axes.fill_between(frequency_hz, low, high, color=_ORANGE, alpha=0.35, lw=0, label="95 % band")
-            axes.plot(frequency_hz, best, color=_BLUE, lw=1.0, label="MAP")
-        top.set_yscale("log")
-        top.set_ylabel(f"|H| ({unit})")
-        bottom.set_ylabel("Phase (°)")
-        bottom.set_xlabel("Frequency (Hz)")
-        top.legend(ncols=4, loc="upper right")
+        axes = canvas.subplots()
+        band, measured, guess, best = SERIES_COLOURS[:4]
+        axes.fill_between(data.frequency_hz, data.low, data.high, color=band, alpha=0.35, lw=0, label="95 % band")
+        axes.plot(data.frequency_hz, data.measured, color=measured, lw=0.8, label=measured_label)
+        axes.plot(data.frequency_hz, data.guess, color=guess, lw=0.9, ls="--", label="first guess")
+        axes.plot(data.frequency_hz, data.best, color=best, lw=0.9, label="MAP")
+        if log:
+            axes.set_yscale("log")
+        axes.set_xlabel("Frequency (Hz)")
+        axes.set_ylabel(y_label)
+        axes.legend(ncols=4, loc="upper right")
 
-    return _svg(draw, 7.2, 4.8)
-
-
-def _near(angle: Array, centre: Array) -> Array:
-    """Angles in degrees moved by full turns to lie within half a turn of `centre`."""
-    return centre + (angle - centre + 180) % 360 - 180
+    return _svg(draw, 7.2, 3.4 if log else 2.4)
 
 
 def residual_norm(norm: Array) -> str:
@@ -109,14 +110,11 @@ def histories(names: Sequence[str], units: Sequence[str], history: Array, publis
     return _svg(draw, 7.4, 2.5)
 
 
-def corner_plot(
-    names: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array
-) -> str:
+def corner_plot(names: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
     """Marginals and pairs of log10 stiffness, shape (n, parameters) each, with prior, mode and published values."""
     import corner  # late: it brings ArviZ along, a second of import
 
     def draw(canvas: Canvas) -> None:
-        canvas.set_layout_engine("none")
         span = [_range(posterior[:, i], None if published is None else published[i]) for i in range(posterior.shape[1])]
         labels = [f"log₁₀ {name}" for name in names]
         corner.corner(
@@ -127,6 +125,8 @@ def corner_plot(
             bins=40,
             color=_BLUE,
             plot_datapoints=False,
+            plot_density=False,
+            smooth=1.0,
             levels=(0.393, 0.675, 0.95),
             hist_kwargs={"density": True},
             max_n_ticks=4,
@@ -140,11 +140,11 @@ def corner_plot(
                 if published is not None:
                     _mark(axes[i, j], j, i, published, _GREEN, "--", "s")
 
-    return _svg(draw, 6.2, 6.2)
+    return _svg(draw, 6.2, 6.2, layout=None)
 
 
 def _range(values: Array, reference: float | None) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.001, 0.999])
+    low, high = np.quantile(values, [0.004, 0.996])
     if reference is not None:
         low, high = min(low, reference), max(high, reference)
     margin = 0.08 * (high - low)

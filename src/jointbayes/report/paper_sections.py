@@ -27,7 +27,15 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
     table_4 = tuple(
         (str(i), f"{e:.0f}", f"{s:.0f}", f"{err:+.1f}", f"{m:.1f}", f"{ends[0]:.1f} … {ends[1]:.1f}")
         for i, (e, s, err, m, ends) in enumerate(
-            zip(TABLE_4.experiment, TABLE_4.simulation, TABLE_4.error, ours["map"], ours["interval95"], strict=True), 1
+            zip(
+                TABLE_4.experiment,
+                TABLE_4.simulation,
+                TABLE_4.error,
+                ours["map"],
+                ours["interval95"],
+                strict=True,
+            ),
+            1,
         )
     )
     return Section(
@@ -36,7 +44,13 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
         (
             Table(
                 "Paper's Table 2: rigid clamp",
-                ("Mode", "Experiment (Hz)", "Paper's simulation (Hz)", "Ours, Table 1's beam (Hz)", "Ours, error (%)"),
+                (
+                    "Mode",
+                    "Experiment (Hz)",
+                    "Paper's simulation (Hz)",
+                    "Ours, Table 1's beam (Hz)",
+                    "Ours, error (%)",
+                ),
                 table_2,
             ),
             Table(
@@ -47,7 +61,14 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
             ),
             Table(
                 "Paper's Table 4: flexible clamp",
-                ("Mode", "Experiment (Hz)", "Paper (Hz)", "Paper's error (%)", "Our MAP (Hz)", "Our 95 % interval (Hz)"),
+                (
+                    "Mode",
+                    "Experiment (Hz)",
+                    "Paper (Hz)",
+                    "Paper's error (%)",
+                    "Our MAP (Hz)",
+                    "Our 95 % interval (Hz)",
+                ),
                 table_4,
                 note="Errors recomputed from the printed frequencies.",
             ),

@@ -123,9 +123,7 @@ def _cell(text: str) -> dict[str, Any]:
 
 
 def _runs(text: str) -> list[dict[str, Any]]:
-    return [
-        {"text": _breakable(run.text), "style": {"bold": run.bold, "code": run.code}} for run in parse(text)
-    ]
+    return [{"text": _breakable(run.text), "style": {"bold": run.bold, "code": run.code}} for run in parse(text)]
 
 
 def _breakable(text: str) -> str:

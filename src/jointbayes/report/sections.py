@@ -4,17 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from jointbayes.frf import Ports, receptance_model
 from jointbayes.identification import IterationHistory
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.posterior import Posterior
 from jointbayes.report import figures
 from jointbayes.report.format import interval, number
-from jointbayes.report.model import Block, Callout, Code, Figure, LinePlot, Paragraph, Section, Series, Table
+from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Section, Table
 
 __all__ = [
-    "fit_section",
     "frequency_section",
     "lead",
     "posterior_section",
@@ -25,8 +23,6 @@ __all__ = [
 
 Summary = dict[str, Any]
 Triple = tuple[float, float, float]
-
-_RESPONSE_UNIT = {"receptance": "m/N", "mobility": "m/(s N)", "accelerance": "m/(s² N)"}
 
 
 def lead(posterior: Posterior, reference: Triple | None, source: str, summary: Summary) -> tuple[Block, ...]:
@@ -58,7 +54,7 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
         banners.append(
             Callout(
                 "caution",
-                "**The FRF data are synthetic**: computed from a joint stated in the case, with the noise stated there.",
+                "**The FRF data are synthetic**: computed from a joint and with noise that the case states.",
             )
         )
     return banners
@@ -68,7 +64,14 @@ def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> T
     head = ["Stiffness", "Mode", "Median", "95 % interval", "Unit", "Verdict"]
     rows = []
     for i, (name, p) in enumerate(summary["parameters"].items()):
-        row = [name, number(p["mode"]), number(p["median"]), interval(p["interval95"]), p["unit"], p["verdict"]]
+        row = [
+            name,
+            number(p["mode"]),
+            number(p["median"]),
+            interval(p["interval95"]),
+            p["unit"],
+            p["verdict"],
+        ]
         if reference is not None:
             row.insert(1, number(reference[i]))
         rows.append(tuple(row))
@@ -76,7 +79,7 @@ def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> T
         head.insert(1, "Published")
     kinds = {"identified": "good", "weakly identified": "caution", "not identified": "bad"}
     note = (
-        "Equal-tailed interval. Identified: upper/lower end at most 1.25; weakly identified: at most 3; not identified: "
+        "Equal-tailed interval. Identified: upper/lower end at most 1.25; weakly: at most 3; not identified: "
         "beyond that, or if the variance of ln k shrank by less than half from prior to posterior."
     )
     if reference is not None:
@@ -96,7 +99,7 @@ def coupling_sentence(summary: Summary) -> str:
     low, high = k12["interval95"]
     if low <= 0 <= high:
         return (
-            f"**The coupling stiffness k12 is {k12['verdict']}**: its 95 % interval, {interval([low, high])} N, includes "
+            f"**The coupling stiffness k12 is {k12['verdict']}**: its 95 % interval, {interval([low, high])} N, holds "
             "zero, so that not even its sign is known."
         )
     text = (
@@ -111,74 +114,6 @@ def coupling_sentence(summary: Summary) -> str:
             f"({number(100 * k22['sd_log'], 2)} %)"
         )
     return text + "."
-
-
-def fit_section(posterior: Posterior, initial: Triple, summary: Summary) -> Section:
-    """Measured against predicted."""
-    fit = summary["fit"]
-    text = (
-        f"At the MAP the squared residual is {number(fit['chi2_per_line'], 4)} times what the noise predicts, over "
-        f"{fit['n_data']} values (1 is expected)."
-    )
-    blocks: list[Block] = [Paragraph(text)]
-    measurement = posterior.problem.measurement
-    if isinstance(measurement, FrfMeasurement):
-        for i, output in enumerate(measurement.frf.outputs):
-            for j, input_ in enumerate(measurement.frf.inputs):
-                blocks.extend(_frf_figures(posterior, measurement, initial, (i, j), f"{output}/{input_}"))
-    return Section("fit", "Measured and predicted", tuple(blocks))
-
-
-def _frf_figures(
-    posterior: Posterior, measurement: FrfMeasurement, initial: Triple, at: tuple[int, int], pair: str
-) -> list[Block]:
-    frf = measurement.frf
-    band = posterior.predict_frf()
-    problem = posterior.problem
-    model = receptance_model(problem.structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    stiffness = np.array([initial, posterior.estimate.stiffness])
-    in_quantity = model.receptance(joint_matrix(stiffness)) / frf.converted("receptance").values * frf.values
-    guess, best = in_quantity[:, :, *at]
-    measured = frf.values[:, *at]
-    low, high = band.magnitude_low[:, *at], band.magnitude_high[:, *at]
-    centre = band.phase_deg[:, *at]
-    phase_map = centre + np.angle(best * np.exp(-1j * np.radians(centre)), deg=True)
-    label = "synthetic" if measurement.synthetic else "measured"
-    unit = _RESPONSE_UNIT[frf.quantity]
-    svg = figures.frf_overlay(
-        frf.frequency_hz,
-        measured,
-        guess,
-        (np.abs(best), low, high),
-        (phase_map, band.phase_deg_low[:, *at], band.phase_deg_high[:, *at]),
-        label,
-        unit,
-    )
-    x = tuple(frf.frequency_hz.tolist())
-    plot = LinePlot(
-        "Frequency (Hz)",
-        f"|H| ({unit})",
-        (
-            Series("95 % band", x, kind="band", y_low=_short(low), y_high=_short(high)),
-            Series(label, x, _short(np.abs(measured))),
-            Series("first guess", x, _short(np.abs(guess)), dashed=True),
-            Series("MAP", x, _short(np.abs(best))),
-        ),
-        log_y=True,
-    )
-    caption = (
-        f"{frf.quantity.capitalize()} {pair}: {label}, first guess, and MAP with the 95 % band of the posterior "
-        "(magnitude above, phase below)."
-    )
-    alt = (
-        f"Magnitude and phase of the {frf.quantity} {pair} from {x[0]:g} to {x[-1]:g} Hz; the MAP curve runs through "
-        f"the {label} one, the first guess has other resonances."
-    )
-    return [Figure(f"frf-{at[0]}-{at[1]}", caption, alt, svg, plot)]
-
-
-def _short(values: Any) -> tuple[float, ...]:  # noqa: ANN401 (any array)
-    return tuple(float(f"{v:.5g}") for v in values)
 
 
 def frequency_section(posterior: Posterior, summary: Summary) -> Section:
@@ -214,7 +149,17 @@ def frequency_section(posterior: Posterior, summary: Summary) -> Section:
 
 def posterior_section(posterior: Posterior, reference: Triple | None, source: str, summary: Summary) -> Section:
     """Marginals, pairs, prior and the full table."""
-    head = ("Stiffness", "MAP", "Mean", "sd of ln k", "Prior 95 %", "Contraction", "R̂", "ESS bulk", "ESS tail")
+    head = (
+        "Stiffness",
+        "MAP",
+        "Mean",
+        "sd of ln k",
+        "Prior 95 %",
+        "Contraction",
+        "R̂",
+        "ESS bulk",
+        "ESS tail",
+    )
     rows = tuple(
         (
             name,
@@ -222,7 +167,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
             number(p["mean"], 4),
             number(p["sd_log"]),
             interval(p["prior_interval95"], 2),
-            number(p["contraction"], 4),
+            f"{p['contraction']:.4f}",
             f"{p['r_hat']:.4f}",
             f"{p['ess_bulk']:.0f}",
             f"{p['ess_tail']:.0f}",
@@ -314,20 +259,19 @@ def starts_section(posterior: Posterior, history: IterationHistory | None, refer
     rows = tuple(
         (
             start.name,
-            *(number(k) for k in start.start),
-            *(number(k) for k in start.stiffness),
+            ", ".join(number(k) for k in start.start),
+            ", ".join(number(k) for k in start.stiffness),
             number(start.log_posterior, 7),
             "yes" if start.reached_mode else "no",
         )
         for start in estimate.starts
     )
-    head = ("Start", "k11", "k12", "k22", "→ k11", "k12", "k22", "ln p", "Mode reached")
+    head = ("Start", "k11, k12, k22 from", "to", "ln p", "Mode reached")
     reached = len(rows) - len(estimate.failed_starts)
     text = f"{reached} of {len(rows)} starts reach the mode"
     text += f"; not: {', '.join(estimate.failed_starts)}." if estimate.failed_starts else "."
     text += (
-        f" The joint mode found from the best draw lies {number(posterior.mode_distance, 2)} Laplace standard deviations "
-        "from the MAP."
+        f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
     )
     blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
     if history is not None:
@@ -345,7 +289,7 @@ def _iteration_blocks(history: IterationHistory, reference: Triple | None) -> li
     )
     return [
         Paragraph(
-            f"**The paper's iteration (Eqs. 3–9) {history.reason}.** Distance of step 5 from the last step: {settled}."
+            f"**The paper's iteration (Eqs. 3–9)** {history.reason}. Step 5 differs from the last step by: {settled}."
         ),
         Figure(
             "iteration-norm",

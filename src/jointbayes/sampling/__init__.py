@@ -6,7 +6,7 @@ from jointbayes.sampling.ensemble import LogDensity, run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Check
 
-__all__ = [  # noqa: RUF022 (in sections)
+__all__ = [
     # Run
     "LogDensity",
     "SamplerSettings",

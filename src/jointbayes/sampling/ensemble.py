@@ -3,7 +3,8 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,12 @@ from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Check, Verdict, diagnose, expected_steps, judge, next_check, thinning
 
+if TYPE_CHECKING:
+    from jointbayes.sampling.chart import Chart
+
 __all__ = ["Block", "EnsembleState", "LogDensity", "advance", "run_ensembles"]
+
+CHARTED_SHARE = 0.8  # of the moves; the plain rest explores where the chart does not help
 
 LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Log of an unnormalised density: (n, d) points to (n,) values, −inf where the density is zero."""
@@ -66,6 +72,8 @@ def run_ensembles(
     rng: np.random.Generator,
     settings: SamplerSettings,
     progress: Callable[[Progress], None] | None = None,
+    *,
+    chart: "Chart | None" = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
@@ -83,6 +91,8 @@ def run_ensembles(
         Size, length and stop rule.
     progress : callable, optional
         Called with a :class:`Progress` after each block.
+    chart : Chart, optional
+        Coordinates in which the density is closer to a Gaussian: most moves are then made in these.
 
     Returns
     -------
@@ -113,7 +123,7 @@ def run_ensembles(
     run = _Run(blocks=[], checks=[], step=0)
     verdict = Verdict(converged=False, reason="")
     while not verdict.converged and run.step < settings.max_steps:
-        states = run.extend(log_density, states, settings)
+        states = run.extend(partial(advance, log_density, chart=chart), states, settings)
         if run.step == run.due(settings):
             run.check()
             verdict = judge(settings, run.checks)
@@ -122,7 +132,7 @@ def run_ensembles(
     return run.chains(settings, verdict, time.perf_counter() - began)
 
 
-def advance(log_density: LogDensity, state: EnsembleState, steps: int) -> Block:
+def advance(log_density: LogDensity, state: EnsembleState, steps: int, chart: "Chart | None" = None) -> Block:
     """Move one ensemble on by some steps.
 
     A pure function of its arguments: the same state gives the same block in any process and in any order.
@@ -135,6 +145,8 @@ def advance(log_density: LogDensity, state: EnsembleState, steps: int) -> Block:
         Where the ensemble stands.
     steps : int
         Number of steps.
+    chart : Chart, optional
+        Coordinates for most of the moves.
 
     Returns
     -------
@@ -147,15 +159,9 @@ def advance(log_density: LogDensity, state: EnsembleState, steps: int) -> Block:
         If the log-density returns NaN, +inf or an array of the wrong shape.
     """
     import emcee
-    from emcee.moves import DEMove, StretchMove
 
     walkers, dimension = state.theta.shape
-    # Steps along a difference of two walkers had the shortest τ on Gaussian, curved and skewed densities (a
-    # sixth to a half of that of stretch moves alone). The whole difference (gamma0 = 1) carries walkers from
-    # one mode to another. A tenth of stretch moves costs less than a tenth in τ and varies the step length,
-    # which is fixed in the other two, for densities whose width changes from place to place.
-    moves = [(DEMove(), 0.8), (DEMove(gamma0=1.0), 0.1), (StretchMove(), 0.1)]
-    sampler = emcee.EnsembleSampler(walkers, dimension, None, moves=moves, vectorize=True)
+    sampler = emcee.EnsembleSampler(walkers, dimension, None, moves=_moves(chart), vectorize=True)
     # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
     sampler.log_prob_fn = _Checked(log_density)
     # The generator's state must travel with the positions: emcee otherwise copies NumPy's global one.
@@ -167,6 +173,27 @@ def advance(log_density: LogDensity, state: EnsembleState, steps: int) -> Block:
         accepted=int(np.sum(sampler.backend.accepted)),
         end=EnsembleState(after.coords, after.log_prob, after.random_state),
     )
+
+
+def _moves(chart: "Chart | None") -> list[tuple[Any, float]]:
+    """Weighted moves of an ensemble.
+
+    Steps along a difference of two walkers had the shortest τ on Gaussian, curved and skewed densities (a sixth to
+    a half of that of stretch moves alone). The whole difference (gamma0 = 1) carries walkers from one mode to
+    another. A tenth of stretch moves varies the step length, which is fixed in the other two, for densities whose
+    width changes from place to place, and costs little. With a chart most of these moves are made in it, and
+    the others remain for densities that are no closer to a Gaussian there.
+    """
+    from emcee.moves import DEMove, StretchMove
+
+    plain = [(DEMove(), 0.8), (DEMove(gamma0=1.0), 0.1), (StretchMove(), 0.1)]
+    if chart is None:
+        return plain
+    from jointbayes.sampling.chart import ChartedDEMove
+
+    charted = [(ChartedDEMove(chart), 0.9), (ChartedDEMove(chart, gamma0=1.0), 0.1)]
+    share = CHARTED_SHARE
+    return [(m, share * w) for m, w in charted] + [(m, (1 - share) * w) for m, w in plain]
 
 
 @dataclass(slots=True)
@@ -185,11 +212,14 @@ class _Run:
         return next_check(self.checks[-1].step if self.checks else 0, settings)
 
     def extend(
-        self, log_density: LogDensity, states: list[EnsembleState], settings: SamplerSettings
+        self,
+        move_on: Callable[[EnsembleState, int], Block],
+        states: list[EnsembleState],
+        settings: SamplerSettings,
     ) -> list[EnsembleState]:
         """Move every ensemble on by one block and return where they stand."""
         size = min(settings.check_every, settings.max_steps - self.step)
-        self.blocks.append([advance(log_density, state, size) for state in states])
+        self.blocks.append([move_on(state, size) for state in states])
         self.step += size
         return [block.end for block in self.blocks[-1]]
 
@@ -222,9 +252,7 @@ class _Run:
         accepted = np.array([sum(block.accepted for block in one) for one in self.by_ensemble()])
         return Chains(
             theta=self.theta(),
-            log_density=np.stack(
-                [np.concatenate([b.log_density for b in one]) for one in self.by_ensemble()]
-            ),
+            log_density=np.stack([np.concatenate([b.log_density for b in one]) for one in self.by_ensemble()]),
             acceptance=accepted / (self.step * settings.walkers),
             thin=thinning(self.checks[-1].tau),
             converged=verdict.converged,
@@ -245,8 +273,7 @@ class _Checked:
         values = np.asarray(self.log_density(theta), dtype=np.float64)
         if values.shape != theta.shape[:1]:
             raise SamplingError(
-                f"log-density: found values of shape {values.shape} for {len(theta)} points, "
-                f"expected ({len(theta)},)"
+                f"log-density: found values of shape {values.shape} for {len(theta)} points, expected ({len(theta)},)"
             )
         wrong = np.isnan(values) | np.isposinf(values)
         if wrong.any():

@@ -57,9 +57,7 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         self._require_integer("ensembles", 4, "R̂ compares independent ensembles with each other")
-        self._require_integer(
-            "walkers", 4, "each half of the walkers moves along differences within the other"
-        )
+        self._require_integer("walkers", 4, "each half of the walkers moves along differences within the other")
         self._require_integer("check_every", 10, "fewer steps say nothing about the autocorrelation")
         self._require_integer("max_steps", 2 * self.check_every, "the stop rule compares two checks")
         if self.walkers % 2:

@@ -160,9 +160,7 @@ def beam(
         )
     if shear_coefficient is not None and not shear_coefficient > 0:
         raise ModelError(f"beam: found shear coefficient {shear_coefficient:g}; expected a number above 0")
-    element_stiffness, element_mass = _element(
-        length / elements, section, material, dofs_per_node, shear_coefficient
-    )
+    element_stiffness, element_mass = _element(length / elements, section, material, dofs_per_node, shear_coefficient)
     n = dofs_per_node * (elements + 1)
     stiffness, mass = np.zeros((n, n)), np.zeros((n, n))
     for e in range(elements):

@@ -74,8 +74,7 @@ class Section:
         """
         if min(width, height) <= 0.0:
             raise ModelError(
-                f"section: found width {width:g} m and height {height:g} m; expected both above zero; "
-                "correct the sides"
+                f"section: found width {width:g} m and height {height:g} m; expected both above zero; correct the sides"
             )
         a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), whatever the aspect ratio
         return cls(width * height, height * width**3 / 12, width * height**3 / 12, (a, b, a, b))

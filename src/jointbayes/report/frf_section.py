@@ -1,0 +1,96 @@
+"""The section that sets measured FRFs beside predicted ones."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.frf import Ports, receptance_model
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior import FrfPrediction, Posterior
+from jointbayes.report import figures
+from jointbayes.report.format import number
+from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series
+
+__all__ = ["fit_section"]
+
+Summary = dict[str, Any]
+Triple = tuple[float, float, float]
+
+_RESPONSE_UNIT = {"receptance": "m/N", "mobility": "m/(s N)", "accelerance": "m/(s² N)"}
+
+
+def fit_section(posterior: Posterior, initial: Triple, summary: Summary) -> Section:
+    """Measured against predicted."""
+    fit = summary["fit"]
+    text = (
+        f"At the MAP the squared residual is {number(fit['chi2_per_line'], 4)} times what the noise predicts, over "
+        f"{fit['n_data']} values (1 is expected)."
+    )
+    blocks: list[Block] = [Paragraph(text)]
+    measurement = posterior.problem.measurement
+    if isinstance(measurement, FrfMeasurement):
+        blocks += _frf_figures(posterior, measurement, initial)
+    return Section("fit", "Measured and predicted", tuple(blocks))
+
+
+def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Triple) -> list[Block]:
+    frf, problem = measurement.frf, posterior.problem
+    band = posterior.predict_frf()
+    model = receptance_model(problem.structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    receptance = model.receptance(joint_matrix(np.array([initial, posterior.estimate.stiffness])))
+    guess, best = receptance * (frf.values / frf.converted("receptance").values)
+    label = "synthetic" if measurement.synthetic else "measured"
+    blocks: list[Block] = []
+    for i, output in enumerate(frf.outputs):
+        for j, input_ in enumerate(frf.inputs):
+            at = (slice(None), i, j)
+            curves = (frf.values[at], guess[at], best[at])
+            magnitude, phase = _magnitude(band, at, curves), _phase(band, at, curves)
+            title = f"{frf.quantity} {output}/{input_}"
+            unit = _RESPONSE_UNIT[frf.quantity]
+            blocks.append(
+                _figure(f"frf-{i}-{j}", magnitude, label, f"Magnitude of the {title}", f"|H| ({unit})", log=True)
+            )
+            blocks.append(_figure(f"phase-{i}-{j}", phase, label, f"Phase of the {title}", "Phase (°)", log=False))
+    return blocks
+
+
+def _magnitude(band: FrfPrediction, at: Any, curves: tuple[NDArray[np.complex128], ...]) -> figures.Overlay:  # noqa: ANN401
+    measured, guess, best = (np.abs(curve) for curve in curves)
+    low, high = band.magnitude_low[at], band.magnitude_high[at]
+    return figures.Overlay(band.frequency_hz, measured, guess, best, low, high)
+
+
+def _phase(band: FrfPrediction, at: Any, curves: tuple[NDArray[np.complex128], ...]) -> figures.Overlay:  # noqa: ANN401
+    # whole turns are chosen so that every curve stays within half a turn of the median prediction
+    centre = band.phase_deg[at]
+    measured, guess, best = (centre + np.angle(c * np.exp(-1j * np.radians(centre)), deg=True) for c in curves)
+    return figures.Overlay(band.frequency_hz, measured, guess, best, band.phase_deg_low[at], band.phase_deg_high[at])
+
+
+def _figure(identifier: str, data: figures.Overlay, label: str, title: str, y_label: str, *, log: bool) -> Figure:
+    x = tuple(data.frequency_hz.tolist())
+    plot = LinePlot(
+        "Frequency (Hz)",
+        y_label,
+        (
+            Series("95 % band", x, kind="band", y_low=_short(data.low), y_high=_short(data.high)),
+            Series(label, x, _short(data.measured)),
+            Series("first guess", x, _short(data.guess), dashed=True),
+            Series("MAP", x, _short(data.best)),
+        ),
+        log_y=log,
+    )
+    return Figure(
+        identifier,
+        f"{title}: {label}, first guess, and MAP with the 95 % band of the posterior.",
+        f"{title} from {x[0]:g} to {x[-1]:g} Hz: {label}, first guess, MAP and 95 % band.",
+        figures.frf_overlay(data, label, y_label, log=log),
+        plot,
+    )
+
+
+def _short(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(float(f"{v:.5g}") for v in values)
