@@ -5,8 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jointbayes.case import Case, case_from_text
 from jointbayes.joint import Joint
+from jointbayes.posterior import Posterior
+from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
+from jointbayes.workflow import sample
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)  # Table 1
@@ -36,3 +40,49 @@ def rod(
 @pytest.fixture(scope="session")
 def configs() -> Path:
     return CONFIGS
+
+
+def edited(text: str, *changes: tuple[str, str]) -> str:
+    """The text with the first occurrence of each old string, which must be there, replaced by the new one."""
+    for old, new in changes:
+        assert old in text, f"{old!r} is not in the text"
+        text = text.replace(old, new, 1)
+    return text
+
+
+def cheap_text() -> str:
+    """The repository's FRF case made small: five nodes, 249 lines, less noise; one verdict of each kind."""
+    return edited(
+        (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"),
+        ("elements = 10", "elements = 4"),
+        ('outputs = ["11:y"]', 'outputs = ["5:y"]'),
+        ('inputs = ["11:y"]', 'inputs = ["5:y"]'),
+        ("f_step_hz = 1.0", "f_step_hz = 10.0"),
+        ("relative = 0.03", "relative = 0.01"),
+        ("floor = 0.01", "floor = 0.002"),
+        ("walkers = 24", "walkers = 8"),
+    )
+
+
+def cheap_frequencies_text() -> str:
+    """The repository's natural-frequency case at 360 mm made small."""
+    text = (CONFIGS / "clamped_beam_frequencies_360mm.toml").read_text(encoding="utf-8")
+    return edited(text, ("elements = 10", "elements = 4"), ("walkers = 24", "walkers = 8"))
+
+
+@pytest.fixture(scope="session")
+def cheap_case() -> Case:
+    return case_from_text("cheap", cheap_text())
+
+
+@pytest.fixture(scope="session")
+def cheap_posterior(cheap_case: Case) -> Posterior:
+    """A converged FRF posterior of a few seconds; nobody may change it."""
+    return sample(cheap_case, seed=1, settings=SamplerSettings(walkers=16, max_steps=1500, tau_factor=20))
+
+
+@pytest.fixture(scope="session")
+def frequency_posterior() -> Posterior:
+    """A natural-frequency posterior in which k12 has both signs; nobody may change it."""
+    settings = SamplerSettings(walkers=8, max_steps=1500, tau_factor=10, r_hat_max=1.1)
+    return sample(case_from_text("frequencies", cheap_frequencies_text()), seed=1, settings=settings)

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointbayes import case_schema
-from jointbayes.case_errors import key_lines
 from jointbayes.case_schema import CaseSpec, CircleSpec, parse_case, read_case_file
 from jointbayes.errors import CaseError
+from jointbayes.toml_text import key_lines
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
@@ -119,7 +119,7 @@ seed = 20150787=>seed = -1 ;; data.noise.seed ;; a whole number from 0
 added = true=>added = "yes" ;; data.noise.added ;; true
 "measured"  =>"mesured"   ;; identification.sensitivity ;; did you mean "measured"?
 max_steps = 30=>max_steps = 10001 ;; identification.max_steps ;; from 1 to 10000
-threshold = 1.0e-8=>threshold = 0.0 ;; identification.threshold ;; greater than 0
+threshold = 1.0e-10=>threshold = 0.0 ;; identification.threshold ;; greater than 0
 seed = 1\n=>seed = 1.5\n ;; sampling.seed ;; a whole number
 ensembles = 4=>ensembles = 3 ;; sampling.ensembles ;; from 4
 walkers = 24=>walkers = 25 ;; sampling.walkers ;; an even number from 8

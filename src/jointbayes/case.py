@@ -32,6 +32,7 @@ from jointbayes.structure import (
     Structure,
     beam,
 )
+from jointbayes.toml_text import read_text
 
 __all__ = ["Case", "case_from_text", "load_case"]
 
@@ -114,8 +115,8 @@ def load_case(path: str | os.PathLike[str]) -> Case:
     'clamped_beam'
     """
     file = Path(path)
-    spec = schema.read_case_file(file)
-    return _build(file.stem, file.read_text(encoding="utf-8"), spec, str(file))
+    text = read_text(file)
+    return _build(file.stem, text, schema.parse_case(text, str(file)), str(file))
 
 
 def case_from_text(name: str, text: str) -> Case:

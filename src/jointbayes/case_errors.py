@@ -6,146 +6,21 @@ remedy uses its first ``examples`` entry, so a new field brings its own error me
 
 from __future__ import annotations
 
-import bisect
-import difflib
 import json
-import os
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from jointbayes.errors import CaseError
+from jointbayes.toml_text import KeyPath, fault_line, key_lines, similar
 
-__all__ = ["Finding", "fault_lines", "key_lines", "parse_toml", "raise_findings", "read_text"]
+__all__ = ["Finding", "fault_lines", "raise_findings"]
 
-_MOST_BYTES = 1_000_000
-_START = "start from configs/clamped_beam.toml"
-_SYNTAX = {  # what tomllib says: what was found, what to do
-    "Cannot overwrite a value": ("this key is given twice", "remove one of the two"),
-    "Duplicate inline table key": ("a key is given twice in one inline table", "remove one of the two"),
-    "Cannot declare": ("this table is given twice", "put all its keys under one header"),
-    "Expected newline or end": (
-        "something follows the value",
-        "write one key on each line, decimals with a point, comments after #",
-    ),
-    "Expected '='": ("a key without an equals sign", "write key = value, or [table] for a table"),
-    "Invalid value": ("no value that TOML knows", 'write a number, true, false, "a text" or [a, list]'),
-    "Invalid statement": ("neither a key nor a table", "write key = value, or [table] for a table"),
-    "Illegal character '\\n'": ("a text without its closing quote", "close the quote"),
-    "Unterminated string": ("a text without its closing quote", "close the quote"),
-    "Unclosed array": ("a list without its closing bracket", "close the list with ]"),
-}
-
-KeyPath = tuple[str | int, ...]
-
-_KEY_PART = re.compile(r'"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|[A-Za-z0-9_-]+')
-_KEY = re.compile(rf"(?:{_KEY_PART.pattern})(?:[ \t]*\.[ \t]*(?:{_KEY_PART.pattern}))*")
-_STRING = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'', re.DOTALL)
-_SCALAR = re.compile(r"[^,\]}#\n]+")
-_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_COMMA = re.compile(rf"{_BLANK.pattern},?{_BLANK.pattern}")
-_EQUALS, _OPEN, _CLOSE = (re.compile(rf"[ \t]*{sign}[ \t]*") for sign in ("=", r"\[{1,2}", r"\]{1,2}"))
 _LONGEST = 40  # characters of a user's own text repeated in a message
-
-
-class _Scanner:
-    """Reads the line numbers of all keys, tables and array entries of a text that ``tomllib`` has accepted.
-
-    Only positions are read: the grammar has been checked, so anything that is no string, array or inline
-    table is skipped as a scalar.
-    """
-
-    def __init__(self, text: str) -> None:
-        self.text, self.pos = text, 0
-        self.lines: dict[KeyPath, int] = {}
-        self._newlines = [m.start() for m in re.finditer("\n", text)]
-        self._last_entry: dict[KeyPath, int] = {}  # arrays of tables: index of the entry now open
-
-    def scan(self) -> dict[KeyPath, int]:
-        table: KeyPath = ()
-        self._take(_BLANK)
-        while self.pos < len(self.text):
-            if self._at("["):
-                table = self._header()
-            else:
-                self._pair(table)
-            self._take(_BLANK)
-        return self.lines
-
-    def _line(self) -> int:
-        return bisect.bisect_left(self._newlines, self.pos) + 1
-
-    def _at(self, *tokens: str) -> bool:
-        return self.text.startswith(tokens, self.pos)
-
-    def _take(self, pattern: re.Pattern[str]) -> str:
-        match = pattern.match(self.text, self.pos)
-        if match is None:
-            raise ValueError(f"no {pattern.pattern} at offset {self.pos}")
-        self.pos = match.end()
-        return match[0]
-
-    def _key(self) -> list[str]:
-        """Read a possibly dotted, possibly quoted key."""
-        raw = _KEY_PART.findall(self._take(_KEY))
-        return [tomllib.loads(f"key = {part}")["key"] if part[0] in "\"'" else part for part in raw]
-
-    def _header(self) -> KeyPath:
-        line, path = self._line(), KeyPath()
-        brackets = len(self._take(_OPEN).strip())
-        parts = self._key()
-        for number, part in enumerate(parts, 1):
-            path = (*path, part)
-            self.lines.setdefault(path, line)
-            if number < len(parts) and path in self._last_entry:
-                path = (*path, self._last_entry[path])
-        self._take(_CLOSE)
-        if brackets == 2:
-            self._last_entry[path] = self._last_entry.get(path, -1) + 1
-            path = (*path, self._last_entry[path])
-        self.lines[path] = line  # a table's own header counts, not an earlier [table.child]
-        return path
-
-    def _pair(self, table: KeyPath) -> None:
-        line, path = self._line(), table
-        for part in self._key():
-            path = (*path, part)
-            self.lines.setdefault(path, line)
-        self._take(_EQUALS)
-        self._value(path)
-
-    def _value(self, path: KeyPath) -> None:
-        if self._at("[", "{"):
-            self._entries(path)
-        else:
-            self._take(_STRING if self._at('"', "'") else _SCALAR)
-
-    def _entries(self, path: KeyPath) -> None:
-        """Read the entries of an array or the pairs of an inline table, up to its closing bracket."""
-        is_array, index = self._at("["), 0
-        self.pos += 1
-        self._take(_BLANK)
-        while not self._at("]", "}"):
-            if is_array:
-                self.lines[(*path, index)] = self._line()
-                self._value((*path, index))
-            else:
-                self._pair(path)
-            index += 1
-            self._take(_COMMA)
-        self.pos += 1
-
-
-def key_lines(text: str) -> dict[KeyPath, int]:
-    """Give the line of each key, table and array entry (index as last part) of a valid TOML text."""
-    return _Scanner(text).scan()
 
 
 @dataclass(frozen=True)
@@ -169,13 +44,6 @@ def raise_findings(findings: Iterable[Finding]) -> None:
     if found:
         text = " | ".join(f"{_show_key(f.loc)}: {f.found or 'missing'}; {f.expected}" for f in found)
         raise PydanticCustomError("case_findings", "{text}", {"text": text, "findings": found})
-
-
-def _similar(word: str, choices: Iterable[str]) -> str | None:
-    """Return the choice a misspelt word was probably meant to be, or None."""
-    by_lower = {choice.lower(): choice for choice in choices}
-    close = difflib.get_close_matches(word.lower(), by_lower, 1, 0.6)
-    return by_lower[close[0]] if close else None
 
 
 def _show(value: object) -> str:
@@ -204,13 +72,6 @@ def _show_key(path: Sequence[str | int]) -> str:
 def _quoted(text: str) -> str:
     shown = text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
     return f'"{shown}"' if shown.isprintable() else json.dumps(shown)
-
-
-def _fault_line(name: str, line: int, key: str, *parts: str) -> str:
-    """Compose one line of a `CaseError`: file, line, key, then found; expected; what to do."""
-    # The name is the only part a user may fill with line breaks.
-    safe_name = name if name.isprintable() else json.dumps(name)
-    return f"{safe_name}:{line}: {key}: " + "; ".join(part for part in parts if part)
 
 
 def _is_literal(annotation: object) -> bool:
@@ -290,7 +151,7 @@ def _faults(error: ErrorDetails, root: _Place) -> Iterator[_Fault]:
     elif error["type"].startswith("union_tag_"):
         spot = place.enter(context["discriminator"].strip("'"), tagged=False)
         known = {key for m in spot.owner for key in m.model_fields}
-        misspelt = _similar(str(spot.path[-1]), set(spot.siblings) - known)
+        misspelt = similar(str(spot.path[-1]), set(spot.siblings) - known)
         if error["type"] == "union_tag_invalid":
             yield _Fault("value", spot)
         elif misspelt:
@@ -316,11 +177,11 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
         # The surest sign first: a missing key, then a table whose missing keys are inside, then likeness.
         fault.meant = (
             fault.meant
-            or _similar(key, here)
+            or similar(key, here)
             or (here[0] if alone and len(here) == 1 else None)
             or (below[0] if below else None)
-            or _similar(key, [k for k in known if k not in fault.place.siblings])
-            or _similar(key, known)
+            or similar(key, [k for k in known if k not in fault.place.siblings])
+            or similar(key, known)
         )
         meant = (*table, fault.meant)
         missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
@@ -382,7 +243,7 @@ def _value_remedy(place: _Place) -> str:
         is_array = isinstance(value, list) and value and isinstance(value[0], dict)
         return f"write {'single brackets' if is_array else 'a table'}: [{_show_key(place.path)}]"
     if isinstance(value, str):
-        choice = _similar(value, [c for f in fields for c in _choices(f.annotation)])
+        choice = similar(value, [c for f in fields for c in _choices(f.annotation)])
         if choice:
             return f'did you mean "{choice}"?'
         if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", value) and example[0] not in '"[':
@@ -428,59 +289,5 @@ def fault_lines(
         else:
             words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
         # A union of plain values reports once for each of its types: the first says it all.
-        shown.setdefault(path, (line, _fault_line(name, line, _show_key(path), *words)))
+        shown.setdefault(path, (line, fault_line(name, line, _show_key(path), *words)))
     return [text for _, text in sorted(shown.values(), key=lambda pair: pair[0])]
-
-
-def parse_toml(text: str, name: str) -> dict[str, object]:
-    """Parse TOML text; a syntax error or a text without any key is a `CaseError` of one line."""
-    try:
-        data = tomllib.loads(text)
-    except RecursionError:
-        raise CaseError(_fault_line(name, 1, "file", "nested too deeply", "expected a case file", _START)) from None
-    except ValueError as error:  # also plain ones, such as an integer of more than 4300 digits
-        raise CaseError(_syntax_fault(str(error), text, name)) from None
-    if not data:
-        raise CaseError(_fault_line(name, 1, "file", "holds no key", "expected a case file in TOML", _START))
-    return data
-
-
-def _syntax_fault(message: str, text: str, name: str) -> str:
-    rows = text.splitlines() or [""]
-    at = re.search(r"\(at line (\d+), column \d+\)", message)
-    line = int(at[1]) if at else len(rows)
-    digits = re.search(r"\d{4300}", text)
-    if digits and "int_max_str_digits" in message:
-        message, line = "an integer of more than 4300 digits", text.count("\n", 0, digits.start()) + 1
-    key = re.match(r"\s*([\w.\"'-]+)\s*=", rows[line - 1] if line <= len(rows) else "")
-    cause = re.sub(r"\s*\(at .*", "", message)
-    plain = next((words for start, words in _SYNTAX.items() if cause.startswith(start)), None)
-    found, remedy = plain or (f"no valid TOML ({cause})", "correct the line")
-    return _fault_line(name, line, key[1] if key else "syntax", found, "expected TOML: key = value", remedy)
-
-
-def read_text(path: str | os.PathLike[str]) -> str:
-    """Read a case file as text; whatever prevents that is a `CaseError` of one line."""
-    name, line = os.fspath(path), 1
-    try:
-        place = Path(path)
-        if place.is_file():
-            with place.open("rb") as stream:
-                content = stream.read(_MOST_BYTES + 1)
-            if len(content) <= _MOST_BYTES:
-                return content.decode("utf-8-sig").replace("\r\n", "\n")
-            found, remedy = "larger than 1 MB", "keep measurements in files of their own"
-        elif place.is_dir():
-            found, remedy = "this is a directory", "name the .toml file in it"
-        elif place.exists():
-            found, remedy = "this is no regular file", "save the case to a file first"
-        else:
-            near = _similar(place.name, (p.name for p in place.parent.glob("*.toml")))
-            found, remedy = "no such file", f'did you mean "{near}"?' if near else "check the path"
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        found, remedy = "not UTF-8 text", "save the file as UTF-8"
-    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        found, remedy = f"cannot be read ({reason})", "check the path and its permissions"
-    raise CaseError(_fault_line(name, line, "file", found, "expected a case file in TOML, UTF-8", remedy))

@@ -6,18 +6,40 @@ Units are in the keys; nothing is converted here. Importing this module loads py
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
-import re
-from collections.abc import Iterable, Iterator
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 import pydantic
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
+from pydantic import Field
 
-from jointbayes.case_errors import Finding, fault_lines, parse_toml, raise_findings, read_text
+from jointbayes.case_errors import Finding, fault_lines
+from jointbayes.case_fields import (
+    Frequencies,
+    Labels,
+    Positive,
+    Spec,
+    count_field,
+    key_field,
+    not_negative,
+    positive,
+)
+from jointbayes.case_structure import (
+    BoxSpec,
+    CircleSpec,
+    DampingSpec,
+    LossFactorDampingSpec,
+    ModalDampingSpec,
+    RayleighDampingSpec,
+    RectangleSpec,
+    SectionSpec,
+    StructureSpec,
+    TubeSpec,
+    absent_dofs,
+)
 from jointbayes.errors import CaseError
+from jointbayes.toml_text import parse_toml, read_text
 
 __all__ = [
     "BoxSpec",
@@ -51,215 +73,14 @@ __all__ = [
 ]
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
-_DIRECTIONS = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
 
 
-def _key(description: str, example: object) -> object:
-    return Field(description=description, examples=[example])
-
-
-def _positive(what: str, example: float) -> object:
-    return Field(gt=0, description=f"{what}, a number greater than 0", examples=[example])
-
-
-def _not_negative(what: str, example: float) -> object:
-    return Field(ge=0, description=f"{what}, a number of at least 0", examples=[example])
-
-
-def _count(what: str, example: int, least: int, most: int = 2**32 - 1, step: int = 1) -> object:
-    text = f"{what}, {'a whole' if step == 1 else 'an even'} number from {least} to {most}"
-    return Field(ge=least, le=most, multiple_of=step, description=text, examples=[example])
-
-
-def _label(text: str) -> str:
-    if not re.fullmatch(r"[1-9][0-9]{0,6}:(x|y|z|rx|ry|rz)", text):
-        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*([xyz]|r[xyz])\s*", text.lower())
-        remedy = f'did you mean "{guess[1]}:{guess[2]}"?' if guess else 'write for example "1:y"'
-        expected = "a DOF label node:direction, nodes counted from 1, direction x, y, z, rx, ry or rz"
-        raise_findings([Finding((), "", expected, remedy)])
-    return text
-
-
-def _distinct(labels: tuple[str, ...]) -> tuple[str, ...]:
-    raise_findings(
-        Finding((i,), f'"{label}" is listed twice', "each DOF once", "remove the repeated label")
-        for i, label in enumerate(labels)
-        if label in labels[:i]
-    )
-    return labels
-
-
-def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
-    raise_findings(
-        Finding((i,), f"found entry {i + 1} = {b!r} after {a!r}", "", "sort the list, each value once")
-        for i, (a, b) in enumerate(itertools.pairwise(values), 1)
-        if b <= a
-    )
-    return values
-
-
-def _as_list(value: object) -> object:
-    return value if isinstance(value, list | tuple) else [value]
-
-
-# A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
-Label = Annotated[str, AfterValidator(_label)]
-Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct)]
-Positive = Annotated[float, Field(gt=0)]
-Fraction = Annotated[float, Field(gt=0, le=1)]
-Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
-Ratio = Annotated[float, Field(ge=0, lt=1)]
-Ratios = Annotated[tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(_as_list)]
-
-
-class _Spec(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
-
-    @pydantic.model_validator(mode="after")
-    def _check(self) -> Self:
-        raise_findings(self._findings())
-        return self
-
-    def _findings(self) -> Iterator[Finding]:
-        """Yield what is wrong between keys that are each right by themselves."""
-        yield from ()
-
-
-_SHAPE = _key('the shape of the section, "circle", "tube", "rectangle" or "box"', "circle")
-
-
-class CircleSpec(_Spec):
-    """Solid circular cross-section."""
-
-    shape: Annotated[Literal["circle"], _SHAPE]
-    diameter_mm: Annotated[float, _positive("the diameter in mm", 25.0)]
-
-
-class TubeSpec(_Spec):
-    """Circular tube."""
-
-    shape: Annotated[Literal["tube"], _SHAPE]
-    outer_diameter_mm: Annotated[float, _positive("the outer diameter in mm", 40.0)]
-    inner_diameter_mm: Annotated[float, _positive("the inner diameter in mm", 30.0)]
-
-    def _findings(self) -> Iterator[Finding]:
-        if self.inner_diameter_mm >= self.outer_diameter_mm:
-            found = f"found {self.inner_diameter_mm!r}, which leaves no wall"
-            expected = f"an inner diameter in mm below the outer one, {self.outer_diameter_mm!r}"
-            yield Finding(("inner_diameter_mm",), found, expected, "correct one of the two diameters")
-
-
-class RectangleSpec(_Spec):
-    """Solid rectangle; the height lies along y, the width along z."""
-
-    shape: Annotated[Literal["rectangle"], _SHAPE]
-    width_mm: Annotated[float, _positive("the width (along z) in mm", 40.0)]
-    height_mm: Annotated[float, _positive("the height (along y) in mm", 20.0)]
-
-
-class BoxSpec(_Spec):
-    """Rectangular tube of constant wall."""
-
-    shape: Annotated[Literal["box"], _SHAPE]
-    width_mm: Annotated[float, _positive("the outer width (along z) in mm", 40.0)]
-    height_mm: Annotated[float, _positive("the outer height (along y) in mm", 20.0)]
-    wall_mm: Annotated[float, _positive("the thickness of the wall in mm", 2.0)]
-
-    def _findings(self) -> Iterator[Finding]:
-        half = min(self.width_mm, self.height_mm) / 2
-        if self.wall_mm >= half:
-            found, expected = f"found {self.wall_mm!r}, which leaves no hollow", f"a wall below {half!r} mm"
-            yield Finding(("wall_mm",), found, f"{expected} (half the smaller side)", "make the wall thinner")
-
-
-_KIND = _key('the kind of data, "synthetic_frf" or "natural_frequencies"', "synthetic_frf")
-_LAW = _key('the damping law, "modal", "loss_factor" or "rayleigh"', "modal")
-_RATIO = _key("the damping ratio, a number from 0 to below 1 (0.01 is 1 %), or a list of them", 0.01)
-
-
-class ModalDampingSpec(_Spec):
-    """Damping ratios of the modes of structure with joint; the last one holds for all further modes."""
-
-    law: Annotated[Literal["modal"], _LAW]
-    ratio: Annotated[Ratios, _RATIO]
-
-
-class LossFactorDampingSpec(_Spec):
-    """Structural (hysteretic) damping, K(1 + jη)."""
-
-    law: Annotated[Literal["loss_factor"], _LAW]
-    loss_factor: Annotated[float, _not_negative("the structural loss factor", 0.01)]
-
-
-class RayleighDampingSpec(_Spec):
-    """Viscous damping, C = alpha M + beta K."""
-
-    law: Annotated[Literal["rayleigh"], _LAW]
-    alpha_per_s: Annotated[float, _not_negative("the factor of the mass matrix in 1/s", 1.0)]
-    beta_s: Annotated[float, _not_negative("the factor of the stiffness matrix in s", 1e-6)]
-
-
-SectionSpec = Annotated[
-    CircleSpec | TubeSpec | RectangleSpec | BoxSpec,
-    Field(discriminator="shape", description="the cross-section: its shape and dimensions"),
-]
-DampingSpec = Annotated[
-    ModalDampingSpec | LossFactorDampingSpec | RayleighDampingSpec,
-    Field(discriminator="law", description="the damping: its law and constants"),
-]
-_POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
-_SHEAR = _key('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")
-
-
-class StructureSpec(_Spec):
-    """The structure without its joint: a uniform Timoshenko beam along x, nodes counted from 1 at x = 0."""
-
-    kind: Annotated[Literal["beam"], _key('the kind of structure, "beam"', "beam")]
-    length_mm: Annotated[float, _positive("the length of the beam in mm", 383.0)]
-    elements: Annotated[int, _count("the number of elements", 10, 1, 2000)]
-    dofs_per_node: Annotated[Literal[2, 5], _key("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
-    youngs_modulus_gpa: Annotated[float, _positive("Young's modulus in GPa", 210.0)]
-    poissons_ratio: Annotated[float, _POISSON]
-    density_kg_m3: Annotated[float, _positive("the density in kg/m³", 7800.0)]
-    shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
-    supports: Annotated[Labels, _key("a list of the DOFs held fixed", ["1:y"])] = ()
-    section: SectionSpec
-    damping: DampingSpec
-
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        return self.elements + 1
-
-    @property
-    def directions(self) -> tuple[str, ...]:
-        """Directions of the DOFs of each node."""
-        return _DIRECTIONS[self.dofs_per_node]
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from _absent_dofs(self, self.supports, ("supports",))
-
-
-def _absent_dofs(structure: StructureSpec, labels: Iterable[str], loc: tuple[str, ...]) -> Iterator[Finding]:
-    """Yield the DOF labels that the structure does not have."""
-    for i, label in enumerate(labels):
-        node, direction = label.split(":")
-        if int(node) > structure.nodes:
-            expected = f"a node from 1 to {structure.nodes} (elements + 1)"
-            remedy = f'write for example "{structure.nodes}:{direction}"'
-            yield Finding((*loc, i), f'"{label}": there is no node {node}', expected, remedy)
-        elif direction not in structure.directions:
-            found = f'"{label}": no direction {direction} with dofs_per_node = {structure.dofs_per_node}'
-            remedy = "set structure.dofs_per_node = 5" if direction in _DIRECTIONS[5] else "choose one of these"
-            yield Finding((*loc, i), found, f"one of {', '.join(structure.directions)}", remedy)
-
-
-class StiffnessSpec(_Spec):
+class StiffnessSpec(Spec):
     """A positive semidefinite joint matrix [[k11, k12], [k12, k22]]."""
 
-    k11: Annotated[float, _not_negative("the translational stiffness in N/m", 1e8)]
-    k12: Annotated[float, _key("the coupling stiffness in N, a number with k12² ≤ k11·k22", 0.0)]
-    k22: Annotated[float, _not_negative("the rotational stiffness in N m/rad", 1e6)]
+    k11: Annotated[float, not_negative("the translational stiffness in N/m", 1e8)]
+    k12: Annotated[float, key_field("the coupling stiffness in N, a number with k12² ≤ k11·k22", 0.0)]
+    k22: Annotated[float, not_negative("the rotational stiffness in N m/rad", 1e6)]
 
     def _findings(self) -> Iterator[Finding]:
         bound = math.sqrt(self.k11) * math.sqrt(self.k22)  # not sqrt(k11 k22), which may overflow
@@ -269,12 +90,12 @@ class StiffnessSpec(_Spec):
             yield Finding(("k12",), found, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
 
 
-_DOFS = _key("the translation and then the rotation, two DOF labels", ["1:y", "1:rz"])
-_AGAINST = _key("no DOF (joint to ground) or two, the other side's translation and rotation", ["9:y", "9:rz"])
-_PARAMETRISATION = _key('"log" (ln k11, ln k12, ln k22) or "signed" (ln k11, ln k22, rho)', "log")
+_DOFS = key_field("the translation and then the rotation, two DOF labels", ["1:y", "1:rz"])
+_AGAINST = key_field("no DOF (joint to ground) or two, the other side's translation and rotation", ["9:y", "9:rz"])
+_PARAMETRISATION = key_field('"log" (ln k11, ln k12, ln k22) or "signed" (ln k11, ln k22, rho)', "log")
 
 
-class JointSpec(_Spec):
+class JointSpec(Spec):
     """The joint: where it acts, how it is parametrised, and the first guess of the paper's iteration."""
 
     dofs: Annotated[Labels, Field(min_length=2, max_length=2), _DOFS]
@@ -302,46 +123,46 @@ class JointSpec(_Spec):
                 yield Finding(("against", i), f'found "{there}" against "{here}"', expected, "correct the label")
 
 
-_DISTRIBUTION = _key('the kind of prior, "log_uniform", "log_normal" or "decades"', "log_uniform")
+_DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal" or "decades"', "log_uniform")
 _UNIT = "in the unit of the parameter (k11: N/m, k12: N, k22: N m/rad)"
 
 
-class LogUniformPriorSpec(_Spec):
+class LogUniformPriorSpec(Spec):
     """Every order of magnitude between two bounds is equally probable."""
 
     distribution: Annotated[Literal["log_uniform"], _DISTRIBUTION]
-    low: Annotated[float, _positive(f"the lower bound {_UNIT}", 1e6)]
-    high: Annotated[float, _positive(f"the upper bound {_UNIT}", 1e11)]
+    low: Annotated[float, positive(f"the lower bound {_UNIT}", 1e6)]
+    high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e11)]
 
     def _findings(self) -> Iterator[Finding]:
         yield from _not_above(self.low, self.high, "low", "high", _UNIT)
 
 
-class LogNormalPriorSpec(_Spec):
+class LogNormalPriorSpec(Spec):
     """The logarithm of the stiffness is normal about the logarithm of the median."""
 
     distribution: Annotated[Literal["log_normal"], _DISTRIBUTION]
-    median: Annotated[float, _positive(f"the median {_UNIT}", 1e9)]
-    sd_log: Annotated[float, _positive("the standard deviation of the natural logarithm", 1.0)]
+    median: Annotated[float, positive(f"the median {_UNIT}", 1e9)]
+    sd_log: Annotated[float, positive("the standard deviation of the natural logarithm", 1.0)]
 
 
-class DecadesPriorSpec(_Spec):
+class DecadesPriorSpec(Spec):
     """A guess that is good to so many decades either way with 95 % probability."""
 
     distribution: Annotated[Literal["decades"], _DISTRIBUTION]
-    guess: Annotated[float, _positive(f"the guess {_UNIT}", 1e9)]
-    decades: Annotated[float, _positive("the decades the guess may be off, 95 % inside", 1.0)]
+    guess: Annotated[float, positive(f"the guess {_UNIT}", 1e9)]
+    decades: Annotated[float, positive("the decades the guess may be off, 95 % inside", 1.0)]
 
 
 Correlation = Annotated[float, Field(ge=-1, le=1)]
 
 
-class UniformPriorSpec(_Spec):
+class UniformPriorSpec(Spec):
     """Every coupling coefficient rho = k12/√(k11 k22) between two bounds is equally probable."""
 
-    distribution: Annotated[Literal["uniform"], _key('"uniform", the only kind of prior for rho', "uniform")]
-    low: Annotated[Correlation, _key("the lower bound, a number from -1 to 1", -1.0)]
-    high: Annotated[Correlation, _key("the upper bound, a number from -1 to 1", 1.0)]
+    distribution: Annotated[Literal["uniform"], key_field('"uniform", the only kind of prior for rho', "uniform")]
+    low: Annotated[Correlation, key_field("the lower bound, a number from -1 to 1", -1.0)]
+    high: Annotated[Correlation, key_field("the upper bound, a number from -1 to 1", 1.0)]
 
     def _findings(self) -> Iterator[Finding]:
         yield from _not_above(self.low, self.high, "low", "high", "(from -1 to 1)")
@@ -361,7 +182,7 @@ def _prior(parameter: str, unit: str) -> object:
     return Field(description=f"the prior of {parameter} ({unit}): its distribution and constants")
 
 
-class PriorsSpec(_Spec):
+class PriorsSpec(Spec):
     """The priors, one for each of `JointSpec.parameters`."""
 
     k11: Annotated[PriorSpec | None, _prior("k11", "N/m")] = None
@@ -370,13 +191,13 @@ class PriorsSpec(_Spec):
     rho: Annotated[UniformPriorSpec | None, _prior("rho", "no unit")] = None
 
 
-class NoiseSpec(_Spec):
+class NoiseSpec(Spec):
     """Noise of synthetic data: standard deviation of the real and of the imaginary part at each line."""
 
-    relative: Annotated[float, _not_negative("the standard deviation as a fraction of |H|", 0.03)]
-    floor: Annotated[float, _not_negative("the standard deviation as a fraction of the median |H|", 0.01)]
-    seed: Annotated[int, _count("the seed", 1, 0)]
-    added: Annotated[bool, _key("true (noise in the data) or false (in the likelihood only)", True)] = True
+    relative: Annotated[float, not_negative("the standard deviation as a fraction of |H|", 0.03)]
+    floor: Annotated[float, not_negative("the standard deviation as a fraction of the median |H|", 0.01)]
+    seed: Annotated[int, count_field("the seed", 1, 0)]
+    added: Annotated[bool, key_field("true (noise in the data) or false (in the likelihood only)", True)] = True
 
     def _findings(self) -> Iterator[Finding]:
         if self.relative + self.floor == 0:
@@ -387,16 +208,17 @@ def _band(what: str, example: float) -> object:
     return Field(description=f"{what} in Hz, a number greater than 0", examples=[example])
 
 
-_FREQUENCIES = _key("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
-_QUANTITY = _key('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
+_KIND = key_field('the kind of data, "synthetic_frf" or "natural_frequencies"', "synthetic_frf")
+_FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
+_QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
 
 
-class SyntheticFrfSpec(_Spec):
+class SyntheticFrfSpec(Spec):
     """FRFs computed from a stated truth, with noise; the frequencies are a band or a list."""
 
     kind: Annotated[Literal["synthetic_frf"], _KIND]
-    outputs: Annotated[Labels, Field(min_length=1), _key("a list of at least one measured DOF", ["11:y"])]
-    inputs: Annotated[Labels, Field(min_length=1), _key("a list of at least one excited DOF", ["11:y"])]
+    outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
+    inputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one excited DOF", ["11:y"])]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY]
     f_min_hz: Annotated[Positive | None, _band("the lowest frequency", 20.0)] = None
     f_max_hz: Annotated[Positive | None, _band("the highest frequency", 2500.0)] = None
@@ -438,13 +260,13 @@ class SyntheticFrfSpec(_Spec):
                 yield Finding(("f_step_hz",), found, f"at most {_MOST_LINES} lines", "raise f_step_hz")
 
 
-class NaturalFrequenciesSpec(_Spec):
+class NaturalFrequenciesSpec(Spec):
     """Measured natural frequencies, the lowest ones in order; the two deviations add in quadrature."""
 
     kind: Annotated[Literal["natural_frequencies"], _KIND]
     frequencies_hz: Annotated[Frequencies, Field(min_length=1), _FREQUENCIES]
-    sd_relative: Annotated[float, _not_negative("the standard deviation as a fraction", 0.005)]
-    sd_hz: Annotated[float, _not_negative("the standard deviation in Hz", 0.5)]
+    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)]
+    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)]
 
     def _findings(self) -> Iterator[Finding]:
         if self.sd_relative + self.sd_hz == 0:
@@ -457,31 +279,34 @@ DataSpec = Annotated[
 ]
 
 
-class IdentificationSpec(_Spec):
+class IdentificationSpec(Spec):
     """The paper's iteration; ``threshold`` is relative to the norm of the measured FRF."""
 
-    sensitivity: Annotated[Literal["measured", "analytical"], _key('"measured" or "analytical"', "measured")] = (
+    sensitivity: Annotated[Literal["measured", "analytical"], key_field('"measured" or "analytical"', "measured")] = (
         "measured"
     )
-    max_steps: Annotated[int, _count("the largest number of steps", 30, 1, 10000)] = 30
-    threshold: Annotated[float, _positive("the residual to stop at, relative to the measured FRF", 1e-8)] = 1e-8
+    max_steps: Annotated[int, count_field("the largest number of steps", 30, 1, 10000)] = 30
+    threshold: Annotated[float, positive("the residual to stop at, relative to the measured FRF", 1e-10)] = 1e-10
+    line_weight: Annotated[
+        float, not_negative("the exponent p of the weights |H|^-p of the lines, 0 as in the paper", 0.5)
+    ] = 0.0
 
 
-class SamplingSpec(_Spec):
+class SamplingSpec(Spec):
     """The sampler: independent ensembles of walkers, and the most steps of each."""
 
-    seed: Annotated[int, _count("the seed", 1, 0)] = 1
-    ensembles: Annotated[int, _count("the number of ensembles", 4, 4)] = 4
-    walkers: Annotated[int, _count("the number of walkers", 24, 8, step=2)] = 24
-    max_steps: Annotated[int, _count("the largest number of steps", 20000, 100)] = 20000
+    seed: Annotated[int, count_field("the seed", 1, 0)] = 1
+    ensembles: Annotated[int, count_field("the number of ensembles", 4, 4)] = 4
+    walkers: Annotated[int, count_field("the number of walkers", 24, 8, step=2)] = 24
+    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 100)] = 20000
 
 
 class ReferenceSpec(StiffnessSpec):
     """Published values to compare with; ``paper_audit`` appends the audit of the paper's tables."""
 
-    source: Annotated[str, Field(min_length=1), _key("a text: where the values are published", "Table 3")]
+    source: Annotated[str, Field(min_length=1), key_field("a text: where the values are published", "Table 3")]
     natural_frequencies_hz: Annotated[Frequencies, _FREQUENCIES] = ()
-    paper_audit: Annotated[bool, _key("true (append the audit of the paper's tables) or false", True)] = False
+    paper_audit: Annotated[bool, key_field("true (append the audit of the paper's tables) or false", True)] = False
 
 
 _TITLE = Field(
@@ -493,7 +318,7 @@ _TITLE = Field(
 )
 
 
-class CaseSpec(_Spec):
+class CaseSpec(Spec):
     """A whole case file."""
 
     title: Annotated[str, _TITLE]
@@ -523,7 +348,7 @@ class CaseSpec(_Spec):
                     "raise structure.elements",
                 )
         for loc, labels in labelled.items():
-            yield from _absent_dofs(structure, labels, loc)
+            yield from absent_dofs(structure, labels, loc)
             for i, label in enumerate(labels):
                 if label in structure.supports:
                     found = f'"{label}" is held fixed by structure.supports'

@@ -103,6 +103,8 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
     target = out or Path(f"{case.name}.nc")
     if not target.absolute().parent.is_dir():
         raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
+    if target.is_dir():
+        raise CaseError(f"{target}: found a directory; expected a file; choose another --out")
     posterior = _sample(case, seed)
     posterior.save(target)
     _print_summary(posterior)

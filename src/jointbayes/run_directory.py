@@ -97,6 +97,8 @@ def require_writable(target: Path) -> None:
     elif target.exists():
         raise CaseError(f"{target}: found a file; {remedy}")
     parent = next(p for p in target.absolute().parents if p.exists())
+    if not parent.is_dir():
+        raise CaseError(f"{target}: found that {parent} is a file; {remedy}")
     if not os.access(parent, os.W_OK):
         raise CaseError(f"{target}: found that {parent} cannot be written to; {remedy}")
 

@@ -74,7 +74,7 @@ def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
         threshold=settings.threshold,
         max_steps=settings.max_steps,
         sensitivity=settings.sensitivity,
-        line_weight=getattr(settings, "line_weight", 0.5),
+        line_weight=settings.line_weight,
     )
 
 

@@ -83,13 +83,24 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     low, high = log_posterior.prior.support
     feasible = log_posterior.prior.parametrisation.feasible
 
+    # the solver asks for residual and Jacobian of one point in turn: they come from one evaluation
+    last: dict[bytes, tuple[Array, Array]] = {}
+
+    def both(t: Array) -> tuple[Array, Array]:
+        key = t.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = log_posterior.residuals(t)
+        return last[key]
+
+    size = both(start)[0].size
+
     def residual(t: Array) -> Array:
         # an infinite residual makes the solver shorten its step: the cone is no box that it could be told of
-        values = log_posterior.residuals(t)[0]
-        return values if feasible(t) else np.full_like(values, np.inf)
+        return both(t)[0] if feasible(t) else np.full(size, np.inf)
 
     def jacobian(t: Array) -> Array:
-        return log_posterior.residuals(t)[1]
+        return both(t)[1]
 
     margin = 1e-9 * (high - low)
     margin[~np.isfinite(margin)] = 0.0

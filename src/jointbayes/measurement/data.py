@@ -60,7 +60,7 @@ class FrequencyMeasurement:
     def __post_init__(self) -> None:
         if self.frequency_hz.ndim != 1 or self.frequency_hz.shape != self.sd_hz.shape:
             raise MeasurementError("natural frequencies: expected as many standard deviations as frequencies")
-        if not (np.diff(self.frequency_hz, prepend=0.0) > 0).all():
+        if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
             raise MeasurementError(
                 f"natural frequencies: found {self.frequency_hz.tolist()} Hz; "
                 "expected positive, strictly increasing values; sort them"

@@ -167,9 +167,11 @@ class Posterior:
 
         0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible.
         """
-        if np.min(np.asarray(stiffness, dtype=float)[[0, 2]]) <= 0:
+        parametrisation = self.problem.parametrisation
+        positive = [0, 1, 2] if "k12" in parametrisation.names else [0, 2]
+        if np.min(np.asarray(stiffness, dtype=float)[positive]) <= 0:
             return 1.0
-        theta = self.problem.parametrisation.coordinates(stiffness)
+        theta = parametrisation.coordinates(stiffness)
         density = self.problem.log_posterior(theta)[0]
         return float((self.log_density > density).mean())
 

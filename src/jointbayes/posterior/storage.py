@@ -114,11 +114,12 @@ def read_record(path: str | os.PathLike[str]) -> StoredPosterior:
         with xr.open_datatree(file, engine="h5netcdf") as tree:
             loaded = tree.load().copy(deep=True)
             record = json.loads(loaded.attrs["jointbayes"])
-    except (OSError, ValueError, KeyError) as error:
+            file_version, *_ = [record[key] for key in ("file_version", "record", "mode", "map")]
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
         raise MeasurementError(f"{file}: found no posterior in it ({type(error).__name__}); {remedy}") from error
-    if record["file_version"] > FILE_VERSION:
+    if file_version > FILE_VERSION:
         raise MeasurementError(
-            f"{file}: found file version {record['file_version']}; expected {FILE_VERSION} or less; "
+            f"{file}: found file version {file_version}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
     loaded.attrs = {}

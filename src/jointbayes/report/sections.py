@@ -175,24 +175,23 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
         for name, p in summary["parameters"].items()
     )
     blocks: list[Block] = [Table("Posterior in numbers", head, rows, note="Mean in the stiffness's unit, see above.")]
-    positive = (posterior.stiffness > 0).all(axis=0)
-    if positive.all():
-        draws = np.log10(posterior.stiffness)
-        prior = np.log10(np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1))
-        point = None if reference is None else np.log10(reference)
+    prior_stiffness = np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1)
+    if "k12" in posterior.problem.parametrisation.names:
+        draws, prior = np.log10(posterior.stiffness), np.log10(prior_stiffness)
+        point = None if reference is None or min(reference) <= 0 else np.log10(reference)
         mode = np.log10(list(posterior.mode.values()))
         names: tuple[str, ...] = STIFFNESS_NAMES
     else:
         parametrisation = posterior.problem.parametrisation
         scale = np.array([1 / np.log(10), 1 / np.log(10), 1.0])
         draws = parametrisation.coordinates(posterior.stiffness) * scale
-        stiffness = np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1)
-        prior = parametrisation.coordinates(stiffness) * scale
-        point = None if reference is None else parametrisation.coordinates(reference) * scale
+        prior = parametrisation.coordinates(prior_stiffness) * scale
+        inside = reference is not None and min(reference[0], reference[2]) > 0
+        point = parametrisation.coordinates(np.array(reference)) * scale if inside else None
         mode = posterior.mode_theta * scale
         names = ("k11", "k22", "ρ (not a logarithm)")
     svg = figures.corner_plot(names, draws, prior, point, mode)
-    marks = "mode (orange, solid)" + ("" if reference is None else f", published values (green, dashed; {source})")
+    marks = "mode (orange, solid)" + ("" if point is None else f", published values (green, dashed; {source})")
     blocks.append(
         Figure(
             "corner",

@@ -1,0 +1,65 @@
+# Every target sets up what it needs in $(VENV), on a machine that has only Python >= 3.11 with pip, and make.
+# Another Python: make PYTHON=/path/to/python ...     Another environment: make VENV=.venv-second ...
+
+VENV ?= .venv
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+	if $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$p; break; fi; done)
+BIN := $(VENV)/bin
+PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+CASE := clamped_beam
+
+# The linear algebra is small: more BLAS threads only get in each other's way, and in xdist's.
+export OPENBLAS_NUM_THREADS = 1
+export OMP_NUM_THREADS = 1
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:  # two pip runs in one environment break it
+.PHONY: help report test lint docs bench science clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/clamped_beam/
+	$(BIN)/jointbayes run configs/$(CASE).toml
+	@echo "Written:"
+	@find reports/$(CASE) -type f | LC_ALL=C sort | sed 's/^/  /'
+
+test: $(VENV)/.stamp-test  ## run the tests
+	$(BIN)/python -m pytest -n auto --dist worksteal
+
+lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+docs: $(VENV)/.stamp-docs  ## build the documentation into site/, warnings are errors
+	$(BIN)/mkdocs build --strict
+
+bench: $(VENV)/.stamp-test  ## time the likelihood
+	$(BIN)/python -m benchmarks.likelihood
+
+science: $(VENV)/.stamp-test  ## the long calibration of the posterior against known truths
+	$(BIN)/python -m benchmarks.calibration
+
+clean:  ## remove environments, caches and builds; reports/ stays
+	rm -rf .venv .venv-* site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find src tests benchmarks -type d -name __pycache__ -exec rm -rf {} +
+
+# One stamp for each set of dependencies, so that a report does not install test tools.
+$(VENV)/.stamp-run: pyproject.toml | $(BIN)/python
+	@echo "Installing jointbayes into $(VENV) ..."
+	$(PIP) --editable .
+	@touch $@
+
+$(VENV)/.stamp-%: pyproject.toml | $(BIN)/python
+	@echo "Installing jointbayes with the extra '$*' into $(VENV) ..."
+	$(PIP) --editable '.[$*]'
+	@touch $@ $(VENV)/.stamp-run
+
+$(BIN)/python:
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "make: no Python >= 3.11 found (PYTHON='$(PYTHON)'); install one, or name it: make PYTHON=/path/to/python" >&2; exit 1; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "make: $(PYTHON) has no ensurepip, so no environment can be made; on Debian or Ubuntu: apt-get install python3-venv" >&2; exit 1; }
+	"$(PYTHON)" -m venv $(VENV)

@@ -1,0 +1,1 @@
+"""Measurements of speed and calibration; run by `make bench` and `make science`."""

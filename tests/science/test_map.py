@@ -1,0 +1,101 @@
+"""The MAP is one point whatever the start; a start that ends elsewhere is named."""
+
+import re
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.identification import compliance_start, refine
+from jointbayes.joint import STIFFNESS_PATTERN, joint_matrix
+from jointbayes.measurement import FrfMeasurement
+from tests.conftest import CONFIGS, TABLE_3
+
+
+@pytest.fixture(scope="module")
+def noisy() -> jb.Case:
+    return jb.load_case(CONFIGS / "clamped_beam.toml")
+
+
+@pytest.fixture(scope="module")
+def estimate(noisy) -> jb.MapEstimate:
+    return jb.find_map(noisy)
+
+
+def _with_noise_seed(case: jb.Case, seed: int) -> jb.Case:
+    text, changed = re.subn(r"(?m)^seed = \d+(?=.*\n.*added)", f"seed = {seed}", case.text)
+    assert changed == 1
+    return jb.case_from_text(case.name, text)
+
+
+@pytest.mark.parametrize("chunk", range(4))
+def test_find_map_reaches_the_same_mode_from_100_starts_over_two_decades(noisy, estimate, chunk):
+    rng = np.random.default_rng(100 + chunk)
+    starts: list[np.ndarray] = []
+    while len(starts) < 25:
+        k = TABLE_3 * 10 ** rng.uniform(-2, 2, 3)
+        if k[1] ** 2 <= k[0] * k[2]:
+            starts.append(k)
+    sd = np.sqrt(np.diag(estimate.covariance))
+    found = [jb.find_map(noisy, initial=k, seed=chunk).theta for k in starts]
+    assert all(np.abs((theta - estimate.theta) / sd).max() < 1e-3 for theta in found)
+
+
+def test_most_starts_reach_the_mode_by_themselves_and_the_rest_are_named(noisy, estimate):
+    names = [s.name for s in estimate.starts]
+    assert {"first guess", "paper's iteration", "compliance fit without a guess"} <= set(names)
+    by_density = {s.name for s in estimate.starts if estimate.log_posterior - s.log_posterior > 1}
+    assert set(estimate.failed_starts) == by_density
+    assert "first guess" in by_density  # Levenberg-Marquardt from (1e8, 0, 0) sticks in a local minimum
+
+
+def test_the_mode_is_stationary_and_a_maximum(noisy, estimate):
+    log_posterior = noisy.problem.log_posterior
+    sd = np.sqrt(np.diag(estimate.covariance))
+    assert np.abs(log_posterior.gradient(estimate.theta) * sd).max() < 1e-4
+    rng = np.random.default_rng(0)
+    around = estimate.theta + rng.multivariate_normal(np.zeros(3), estimate.covariance, 200)
+    assert (log_posterior(around) <= estimate.log_posterior).all()
+
+
+def test_exact_data_have_their_mode_at_the_truth():
+    estimate = jb.find_map(jb.load_case(CONFIGS / "clamped_beam_noise_free.toml"))
+    np.testing.assert_allclose(estimate.stiffness, TABLE_3, rtol=1e-6)
+
+
+def test_the_laplace_covariance_is_the_inverse_fisher_matrix_for_exact_data():
+    case = jb.load_case(CONFIGS / "clamped_beam_noise_free.toml")
+    estimate = jb.find_map(case)
+    # the residuals vanish, so that the Hessian is JᵀJ, here in the stiffnesses and turned to logarithms by hand
+    likelihood = case.problem.log_posterior.likelihood
+    _, jacobian = likelihood.residuals(joint_matrix(TABLE_3), STIFFNESS_PATTERN)
+    fisher = (jacobian * TABLE_3).T @ (jacobian * TABLE_3)
+    np.testing.assert_allclose(estimate.covariance, np.linalg.inv(fisher), rtol=1e-3)
+
+
+def test_fisher_information_of_the_tip_is_the_checked_one():
+    # 10 to 2500 Hz in 2 Hz lines, 3 % + 1 % of the median: sd of (ln k11, ln k12, ln k22) = 0.35, 0.14, 0.006
+    text = (CONFIGS / "clamped_beam_noise_free.toml").read_text()
+    text = text.replace("f_min_hz = 20.0", "f_min_hz = 10.0").replace("f_step_hz = 1.0", "f_step_hz = 2.0")
+    sd = np.sqrt(np.diag(jb.find_map(jb.case_from_text("fisher", text)).covariance))
+    np.testing.assert_allclose(sd, [0.35, 0.14, 0.006], rtol=0.08)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_start_without_a_guess_leads_to_the_mode_on_other_noise(noisy, seed):
+    case = _with_noise_seed(noisy, seed)
+    problem = case.problem
+    assert isinstance(problem.measurement, FrfMeasurement)
+    alone = compliance_start(problem.structure, problem.joint, problem.measurement)
+    _, from_truth = refine(problem.log_posterior, np.log(TABLE_3))
+    assert jb.find_map(case).log_posterior >= from_truth - 1e-6
+    np.linalg.cholesky(joint_matrix(alone))  # raises where it is not positive definite
+
+
+def test_without_noise_the_start_without_a_guess_is_exact_where_damping_allows_it():
+    text = (CONFIGS / "clamped_beam_noise_free.toml").read_text()
+    text = text.replace('law = "modal"', 'law = "loss_factor"')
+    text = re.sub(r"(?m)^ratio = .*$", "loss_factor = 0.02", text)
+    problem = jb.case_from_text("loss", text).problem
+    start = compliance_start(problem.structure, problem.joint, problem.measurement)
+    np.testing.assert_allclose(start, TABLE_3, rtol=1e-5)

@@ -1,0 +1,391 @@
+"""The command line: what it leaves behind, its exit status, one line for each bad input, a quick start."""
+
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from jointbayes.cli import main
+from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.posterior import Posterior
+from jointbayes.workflow import load_posterior
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
+
+HEAVY = ("numpy", "scipy", "pydantic", "matplotlib", "xarray", "arviz", "emcee", "jinja2")
+SHORT = ("max_steps = 20000", "max_steps = 200")  # the least: ends unconverged, in half a second
+
+
+def cli(*arguments):
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    assert "Traceback" not in result.output
+    return result
+
+
+def listing(directory):
+    return {
+        str(p.relative_to(directory)): p.read_bytes() if p.is_file() else None for p in sorted(directory.rglob("*"))
+    }
+
+
+def python(code, cwd=None):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=cwd)
+
+
+# ---- start
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import jointbayes",
+        "import jointbayes.cli",
+        "from jointbayes.cli import main; main(['--help'], standalone_mode=False)",
+        "from jointbayes.cli import main; main(['run', '--help'], standalone_mode=False)",
+        "from jointbayes.cli import main; main(['--version'], standalone_mode=False)",
+    ],
+)
+def test_nothing_heavy_is_loaded_before_it_is_needed(code):
+    done = python(f"{code}\nimport sys\nprint('loaded:', *sorted(set(sys.modules) & {set(HEAVY)}))")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_every_public_name_can_be_had():
+    code = """
+import jointbayes as jb
+assert set(dir(jb)) == set(jb.__all__)
+assert len(set(jb.__all__)) == len(jb.__all__) > 20
+for name in jb.__all__:
+    assert getattr(jb, name).__name__ == name, name
+assert jb.__version__
+try:
+    jb.sampel
+except AttributeError as error:
+    print(error)
+"""
+    done = python(code)
+    assert (done.returncode, done.stdout) == (0, "module 'jointbayes' has no attribute 'sampel'\n"), done.stderr
+
+
+def test_help_names_every_command_and_the_exit_status():
+    shown = cli("--help").output
+    for command in ("run", "identify", "sample", "report", "check"):
+        assert f"\n  {command} " in shown
+        assert cli(command, "--help").exit_code == 0
+    assert "0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged" in shown
+
+
+# ---- run
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run of the cheap case: where it was, and what the command said."""
+    place = tmp_path_factory.mktemp("run")
+    config = place / "clamp.toml"
+    config.write_text(cheap_text(), encoding="utf-8")
+    return place, cli("run", config, "--out", place / "out")
+
+
+def test_a_run_leaves_its_directory_and_nothing_else(finished):
+    place, result = finished
+    assert result.exit_code == 0, result.output
+    assert {p.name for p in place.iterdir()} == {"clamp.toml", "out"}
+    out = place / "out"
+    assert {p.name for p in out.iterdir()} == {
+        "report.html",
+        "report.pdf",
+        "summary.json",
+        "posterior.nc",
+        "case.toml",
+        "figures",
+    }
+    assert (out / "case.toml").read_text(encoding="utf-8") == cheap_text()
+    assert (out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert (out / "report.pdf").read_bytes().startswith(b"%PDF-")
+    drawings = list((out / "figures").iterdir())
+    assert {"corner.svg", "traces.svg", "frf-0-0.svg", "iteration-norm.svg"} <= {p.name for p in drawings}
+    for drawing in drawings:
+        assert ElementTree.parse(drawing).getroot().tag.endswith("}svg")
+    if sys.platform != "win32":
+        assert out.stat().st_mode & 0o777 == 0o755
+
+
+def test_a_run_states_the_numbers_of_its_summary(finished):
+    place, result = finished
+    summary = json.loads((place / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["case"], summary["converged"], summary["seed"]) == ("clamp", True, 1)
+    lines = result.stdout.splitlines()
+    assert lines[0] == summary["reason"]
+    for line, (name, p) in zip(lines[1:4], summary["parameters"].items(), strict=True):
+        low, high = p["interval95"]
+        assert line == f"{name}: {p['mode']:.3e} {p['unit']}, 95 % {low:.3e} to {high:.3e}: {p['verdict']}"
+    assert str(place / "out" / "report.html") in lines[4]
+    assert all(line.startswith("sampling: step ") for line in result.stderr.splitlines())
+
+
+def test_the_draws_of_a_run_can_be_loaded(finished):
+    loaded = load_posterior(finished[0] / "out" / "posterior.nc")
+    assert loaded.converged
+    assert (loaded.record.case_name, loaded.record.case_text) == ("clamp", cheap_text())
+
+
+def test_report_reproduces_the_run_directory_from_the_draws(finished, tmp_path):
+    out = finished[0] / "out"
+    result = cli("report", out / "posterior.nc", "--out", tmp_path / "again")
+    assert result.exit_code == 0, result.output
+    first, again = listing(out), listing(tmp_path / "again")
+    assert first.keys() == again.keys()
+    same = {name for name in first if first[name] == again[name]}
+    # netCDF files are equal in content, not in bytes; a date that turned between the two is in HTML and PDF only
+    assert first.keys() - same <= {"posterior.nc", "report.html", "report.pdf"}
+    pair = [load_posterior(place / "posterior.nc") for place in (out, tmp_path / "again")]
+    for name in STIFFNESS_NAMES:
+        assert pair[0].values(name).tobytes() == pair[1].values(name).tobytes()
+
+
+def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(finished, tmp_path):
+    config, out = tmp_path / "short.toml", tmp_path / "out"
+    config.write_text(edited(cheap_text(), SHORT), encoding="utf-8")
+    cli("report", finished[0] / "out" / "posterior.nc", "--out", out)
+    (out / "figures" / "left-over.svg").write_text("old")
+    result = cli("run", config, "--out", out, "--seed", "5")
+    assert result.exit_code == 3
+    assert result.stdout.startswith("NOT CONVERGED: do not use these numbers.\nnot converged at 200 of 200 steps")
+    assert {p.name for p in tmp_path.iterdir()} == {"short.toml", "out"}
+    assert not (out / "figures" / "left-over.svg").exists()
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["case"], summary["seed"], summary["converged"]) == ("short", 5, False)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    body = page[page.index("<body") :]
+    # before the first table, and before every other banner
+    assert 0 < body.index("has NOT converged: do not use these numbers") < body.index("<table")
+    assert "The sampler converged" not in page
+    assert cli("report", out / "posterior.nc", "--out", tmp_path / "other").exit_code == 3
+
+
+def test_by_default_the_run_directory_is_named_after_the_case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "clamp.toml").write_text(edited(cheap_frequencies_text(), SHORT), encoding="utf-8")
+    assert cli("run", "clamp.toml").exit_code == 3
+    assert (tmp_path / "reports" / "clamp" / "report.pdf").is_file()
+    assert {p.name for p in (tmp_path / "reports").iterdir()} == {"clamp"}
+
+
+def test_a_byte_order_mark_and_windows_line_ends_survive_a_whole_run(tmp_path):
+    config = tmp_path / "windows.toml"
+    text = edited(cheap_frequencies_text(), SHORT)
+    config.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    assert cli("run", config, "--out", tmp_path / "out").exit_code == 3
+    assert (tmp_path / "out" / "case.toml").read_text(encoding="utf-8") == text
+
+
+def test_an_output_that_would_destroy_something_is_refused_before_any_work(tmp_path, monkeypatch):
+    def never(*_arguments, **_options):
+        raise AssertionError("sampled before the refusal")
+
+    monkeypatch.setattr("jointbayes.workflow.sample", never)
+    config = tmp_path / "clamp.toml"
+    config.write_text(cheap_text(), encoding="utf-8")
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
+    (tmp_path / "file").write_text("a file")
+    before = listing(tmp_path)
+    for command, out, words in (
+        ("run", "thesis", "holds other files"),
+        ("run", "file", "found a file"),
+        ("run", "file/below", "is a file"),
+        ("sample", "thesis", "found a directory"),
+        ("sample", "nowhere/x.nc", "found no directory"),
+    ):
+        result = cli(command, config, "--out", tmp_path / out)
+        assert result.exit_code == 2
+        (line,) = result.stderr.splitlines()
+        assert line.startswith(f"jointbayes: {tmp_path / out}: ")
+        assert words in line
+        assert result.stdout == ""
+    assert listing(tmp_path) == before
+
+
+def test_an_empty_directory_is_a_fair_place(finished, tmp_path):
+    (tmp_path / "out").mkdir()
+    assert cli("report", finished[0] / "out" / "posterior.nc", "--out", tmp_path / "out").exit_code == 0
+    assert (tmp_path / "out" / "summary.json").is_file()
+
+
+def test_a_report_that_fails_midway_leaves_the_old_one_and_no_scratch(finished, tmp_path, monkeypatch):
+    posterior, out = finished[0] / "out" / "posterior.nc", tmp_path / "out"
+    assert cli("report", posterior, "--out", out).exit_code == 0
+    before = listing(tmp_path)
+
+    def disk_full(*_arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Posterior, "save", disk_full)
+    result = cli("report", posterior, "--out", out)
+    assert (result.exit_code, result.stderr) == (2, "jointbayes: No space left on device\n")
+    assert listing(tmp_path) == before
+
+
+# ---- other commands
+
+
+def test_identify_prints_the_iteration_and_the_map(tmp_path):
+    config = tmp_path / "clamp.toml"
+    config.write_text(cheap_text(), encoding="utf-8")
+    before = listing(tmp_path)
+    result = cli("identify", config)
+    assert result.exit_code == 0
+    steps = [line.split() for line in result.stdout.splitlines() if line.strip()[:1].isdigit()]
+    assert [int(step[0]) for step in steps] == list(range(len(steps)))
+    assert [float(k) for k in steps[0][2:]] == [1e8, 0.0, 0.0]
+    assert "The paper's iteration did not converge" in result.stdout
+    assert "MAP: k11 = " in result.stdout
+    assert listing(tmp_path) == before
+
+
+def test_sample_writes_only_the_draws(tmp_path):
+    config = tmp_path / "clamp.toml"
+    config.write_text(edited(cheap_frequencies_text(), SHORT), encoding="utf-8")
+    result = cli("sample", config, "--out", tmp_path / "draws.nc", "--seed", "3")
+    assert result.exit_code == 3
+    assert {p.name for p in tmp_path.iterdir()} == {"clamp.toml", "draws.nc"}
+    loaded = load_posterior(tmp_path / "draws.nc")
+    assert loaded.record.seed == 3
+    assert np.isfinite(loaded.stiffness).all()
+
+
+@pytest.mark.parametrize(
+    ("k22", "exit_code", "last"),
+    [("1.52e6", 0, "The posterior mode matches."), ("1.60e6", 1, "The posterior mode does NOT match.")],
+)
+def test_check_tells_a_right_reference_from_a_wrong_one(tmp_path, k22, exit_code, last):
+    text = cheap_text()
+    at = text.index("[reference]")
+    config = tmp_path / "clamp.toml"
+    config.write_text(text[:at] + edited(text[at:], ("k22 = 1.52e6", f"k22 = {k22}")), encoding="utf-8")
+    before = listing(tmp_path)
+    result = cli("check", config)
+    lines = result.stdout.splitlines()
+    assert (result.exit_code, lines[-1]) == (exit_code, last)
+    assert [line[:4] for line in lines[1:5]] == ["ok  "] * 4
+    wrong = {line.split(":")[0] for line in lines if line.startswith("FAIL")}
+    assert wrong == (set() if exit_code == 0 else {"FAIL mode of k22", "FAIL published point"})
+    assert listing(tmp_path) == before
+
+
+def test_check_without_a_reference_is_refused_before_any_work(tmp_path):
+    text = cheap_text()
+    config = tmp_path / "clamp.toml"
+    config.write_text(text[: text.index("[reference]")], encoding="utf-8")
+    result = cli("check", config)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert "found no [reference] table" in line
+
+
+@pytest.mark.parametrize("k12", ["0.0", "-3.44e7"])
+def test_check_and_report_bear_a_reference_that_the_parametrisation_cannot_hold(tmp_path, k12):
+    text = edited(cheap_text(), SHORT)
+    at = text.index("[reference]")
+    config = tmp_path / "clamp.toml"
+    config.write_text(text[:at] + edited(text[at:], ("k12 = 3.44e7", f"k12 = {k12}")), encoding="utf-8")
+    result = cli("check", config)
+    assert result.exit_code == 1
+    assert "FAIL published point: on the edge of the 100.0 % region" in result.stdout
+    assert cli("run", config, "--out", tmp_path / "out").exit_code == 3
+
+
+# ---- bad input
+
+GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+TRUTH = "[data.truth]                 # the joint that makes the data: Table 3 of the paper\n"
+#: By name: old text, new text (@ marks the line to be named), the key to be named.
+FAULTS = {
+    "unknown key": ("length_mm = 383.0", "@lenght_mm = 383.0", "structure.lenght_mm"),
+    "missing table": ("[structure.damping]\nlaw = ", "[structure.dampng]\nlaw = ", "structure.dampng"),
+    "negative length": ("length_mm = 383.0", "@length_mm = -383.0", "structure.length_mm"),
+    "initial joint not positive semidefinite": ("k12 = 0.0 ", "@k12 = 1.0e3 ", "joint.initial.k12"),
+    "NaN": ("youngs_modulus_gpa = 210.0", "@youngs_modulus_gpa = nan", "structure.youngs_modulus_gpa"),
+    "NaN in the truth": (f"{TRUTH}k11 = 5.05e9", f"{TRUTH}@k11 = nan", "data.truth.k11"),
+    "k12 squared above k11 k22": ("k12 = 3.44e7", "@k12 = 3.44e8", "data.truth.k12"),
+    "DOF that does not exist": ('inputs = ["11:y"]', '@inputs = ["12:y"]', "data.inputs"),
+    "empty band": ("f_max_hz = 2500.0", "@f_max_hz = 10.0", "data.f_max_hz"),
+    "syntax": ("elements = 10", "@elements = ", "elements"),
+    "key twice": ("elements = 10", "elements = 10\n@elements = 11", "elements"),
+}
+
+
+def only_line(result, name):
+    """The one line on standard error, which names the file; nothing on standard output, exit status 2."""
+    assert (result.exit_code, result.stdout) == (2, "")
+    (line,) = result.stderr.splitlines()
+    start = f"jointbayes: {name}:"
+    assert line.startswith(start)
+    return line[len(start) :]
+
+
+@pytest.mark.parametrize(("old", "new", "key"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_in_the_case_file_is_one_line_with_file_line_and_key(tmp_path, monkeypatch, old, new, key):
+    monkeypatch.chdir(tmp_path)
+    marked = edited(GOOD, (old, new))
+    number = marked[: marked.index("@" if "@" in new else new)].count("\n") + 1
+    (tmp_path / "bad.toml").write_text(marked.replace("@", ""), encoding="utf-8")
+    before = listing(tmp_path)
+    line = only_line(cli("run", "bad.toml", "--out", "out"), "bad.toml")
+    assert line.startswith(f"{number}: {key}: ")
+    assert "; expected " in line
+    assert listing(tmp_path) == before
+
+
+def test_a_missing_table_is_one_line(tmp_path):
+    at, end = GOOD.index("[structure.damping]"), GOOD.index("[joint]")
+    config = tmp_path / "bad.toml"
+    config.write_text(GOOD[:at] + GOOD[end:], encoding="utf-8")
+    line = only_line(cli("run", config), config)
+    assert line.startswith(f"{GOOD[: GOOD.index('[structure]')].count(chr(10)) + 1}: structure.damping: missing table")
+
+
+def test_frequencies_that_do_not_increase_are_one_line(tmp_path):
+    config = tmp_path / "bad.toml"
+    text = edited(cheap_frequencies_text(), ("[120.0, 762.0, 2101.0]", "[120.0, 2101.0, 762.0]"))
+    config.write_text(text, encoding="utf-8")
+    line = only_line(cli("run", config), config)
+    assert ": data.frequencies_hz: " in line
+    assert "762.0" in line
+
+
+@pytest.mark.parametrize("command", ["run", "identify", "sample", "check", "report"])
+def test_a_file_that_cannot_be_read_is_one_line_for_every_command(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "directory").mkdir()
+    (tmp_path / "latin.toml").write_bytes(b"# one\ntitle = 'Tr\xe4ger'\n")
+    (tmp_path / "empty.toml").write_bytes(b"")
+    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
+    before = listing(tmp_path)
+    for name in ("missing.toml", "directory", "latin.toml", "empty.toml", "binary.toml"):
+        only_line(cli(command, name), name)
+    assert listing(tmp_path) == before
+
+
+def test_a_real_process_prints_one_line_and_no_traceback(tmp_path):
+    (tmp_path / "bad.toml").write_text(edited(GOOD, ("length_mm = 383.0", "length_mm = -1")), encoding="utf-8")
+    (tmp_path / "cut.nc").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(200))
+    for arguments, words in ((["run", "bad.toml"], "structure.length_mm"), (["report", "cut.nc"], "no posterior")):
+        done = python(f"from jointbayes.cli import main; main({arguments})", tmp_path)
+        assert (done.returncode, done.stdout) == (2, "")
+        (line,) = done.stderr.splitlines()
+        assert words in line
+    assert {p.name for p in tmp_path.iterdir()} == {"bad.toml", "cut.nc"}
+
+
+@pytest.mark.parametrize("arguments", [["run"], ["run", "a", "b"], ["ruin", "a"], ["run", "a", "--seed", "-1"]])
+def test_a_wrong_call_is_bad_input(arguments):
+    result = cli(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("Usage: ")

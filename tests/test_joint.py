@@ -1,0 +1,214 @@
+"""Joints: where they act, what they may be, and the coordinates in which they are inferred."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from jointbayes.errors import ModelError
+from jointbayes.joint import (
+    STIFFNESS_PATTERN,
+    ComplianceChart,
+    Joint,
+    LogStiffness,
+    SignedCoupling,
+    check_positive_semidefinite,
+    joint_matrix,
+)
+from tests.conftest import CLAMP, TABLE_3, rod
+
+BOTH = pytest.mark.parametrize("parametrisation", [LogStiffness(), SignedCoupling()], ids=["log", "signed"])
+LN_K = st.floats(np.log(1e2), np.log(1e12))
+COUPLING = st.floats(-0.99, 0.99).filter(lambda rho: abs(rho) > 1e-3)
+
+
+def theta_of(parametrisation, ln_k11, ln_k22, rho):
+    """Coordinates of a positive definite joint; the log parametrisation takes |ρ|."""
+    if isinstance(parametrisation, SignedCoupling):
+        return np.array([ln_k11, ln_k22, rho])
+    return np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(abs(rho)), ln_k22])
+
+
+@BOTH
+@given(LN_K, LN_K, COUPLING)
+def test_coordinates_and_stiffness_are_inverse_to_each_other(parametrisation, ln_k11, ln_k22, rho):
+    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
+    stiffness = parametrisation.stiffness(theta)
+    np.testing.assert_allclose(stiffness[[0, 2]], np.exp([ln_k11, ln_k22]), rtol=1e-12)
+    coupling = rho if isinstance(parametrisation, SignedCoupling) else abs(rho)
+    assert stiffness[1] / np.sqrt(stiffness[0] * stiffness[2]) == pytest.approx(coupling, rel=1e-11)
+    np.testing.assert_allclose(parametrisation.coordinates(stiffness), theta, rtol=1e-12)
+    np.testing.assert_allclose(parametrisation.stiffness(parametrisation.coordinates(stiffness)), stiffness, rtol=1e-11)
+
+
+@BOTH
+@given(LN_K, LN_K, COUPLING)
+def test_the_derivative_is_that_of_the_stiffness(parametrisation, ln_k11, ln_k22, rho):
+    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
+    exact = parametrisation.derivative(theta)
+    size = np.abs(exact).max(axis=1)
+    for i in range(3):
+        step = 1e-5 * np.eye(3)[i]
+        difference = (parametrisation.stiffness(theta + step) - parametrisation.stiffness(theta - step)) / 2e-5
+        np.testing.assert_allclose(exact[:, i] / size, difference / size, atol=1e-8)
+
+
+@BOTH
+def test_batches_are_the_same_as_one_by_one(parametrisation):
+    theta = parametrisation.coordinates(TABLE_3 * np.array([[[1.0], [2.0]], [[0.5], [3.0]], [[1.0], [9.0]]]))
+    assert theta.shape == (3, 2, 3)
+    for name in ("stiffness", "derivative", "feasible"):
+        together = getattr(parametrisation, name)(theta)
+        one_by_one = np.array([[getattr(parametrisation, name)(t) for t in row] for row in theta])
+        np.testing.assert_array_equal(together, one_by_one)
+
+
+def is_positive_definite(stiffness):
+    """By eigenvalues, scaled to a unit diagonal, which by Sylvester's law of inertia keeps their signs."""
+    size = np.sqrt(stiffness[[0, 2]])
+    return bool((np.linalg.eigvalsh(joint_matrix(stiffness) / np.outer(size, size)) > 0).all())
+
+
+@given(LN_K, LN_K, st.floats(0.01, 100.0))
+def test_log_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
+    assume(abs(rho - 1) > 1e-9)
+    theta = np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(rho), ln_k22])
+    assert LogStiffness().feasible(theta) == is_positive_definite(LogStiffness().stiffness(theta))
+
+
+@given(LN_K, LN_K, st.floats(-3.0, 3.0))
+def test_signed_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
+    assume(abs(abs(rho) - 1) > 1e-9)
+    theta = np.array([ln_k11, ln_k22, rho])
+    assert SignedCoupling().feasible(theta) == is_positive_definite(SignedCoupling().stiffness(theta))
+
+
+@pytest.mark.parametrize(
+    ("parametrisation", "stiffness"),
+    [
+        (LogStiffness(), [1e9, 0.0, 1e6]),
+        (LogStiffness(), [1e9, -1e7, 1e6]),
+        (LogStiffness(), [-1e9, 1e7, 1e6]),
+        (LogStiffness(), [np.nan, 1e7, 1e6]),
+        (SignedCoupling(), [0.0, 0.0, 1e6]),
+        (SignedCoupling(), [1e9, 0.0, -1e6]),
+        (SignedCoupling(), [[1e9, 0.0, 1e6], [1e9, 0.0, np.nan]]),
+    ],
+)
+def test_a_joint_without_such_coordinates_is_refused_in_one_line(parametrisation, stiffness):
+    with pytest.raises(ModelError, match="expected") as caught:
+        parametrisation.coordinates(stiffness)
+    assert "\n" not in str(caught.value)
+
+
+@BOTH
+@given(LN_K, LN_K, COUPLING)
+def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln_k11, ln_k22, rho):
+    chart = ComplianceChart(parametrisation)
+    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)[None]
+    phi = chart.forward(theta)
+    product = joint_matrix(phi[0]) @ joint_matrix(parametrisation.stiffness(theta)[0])
+    size = np.exp([ln_k11 / 2, ln_k22 / 2])
+    np.testing.assert_allclose(product * size[:, None] / size, np.eye(2), atol=1e-10)
+    back, inside = chart.inverse(phi)
+    assert inside.tolist() == [True]
+    np.testing.assert_allclose(back, theta, rtol=1e-9, atol=1e-9)
+
+
+@BOTH
+@settings(max_examples=60)
+@given(LN_K, LN_K, COUPLING.filter(lambda rho: abs(rho) < 0.95))
+def test_the_volume_of_the_chart_is_its_jacobian_determinant(parametrisation, ln_k11, ln_k22, rho):
+    chart = ComplianceChart(parametrisation)
+    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
+    step = 1e-5 * np.eye(3)
+    jacobian = (chart.forward(theta + step) - chart.forward(theta - step)).T / 2e-5  # ∂φ/∂θ
+    sign, log_determinant = np.linalg.slogdet(jacobian)
+    assert sign != 0
+    assert chart.log_volume(theta[None])[0] == pytest.approx(-log_determinant, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("phi", "log", "signed"),
+    [
+        ([2e-10, -1e-11, 1e-6], True, True),
+        ([2e-10, 1e-11, 1e-6], False, True),  # k12 < 0
+        ([2e-10, 0.0, 1e-6], False, True),  # k12 = 0
+        ([-2e-10, -1e-11, 1e-6], False, False),
+        ([2e-10, -1e-11, -1e-6], False, False),
+        ([-2e-10, -1e-11, -1e-6], False, False),  # positive determinant, negative definite
+        ([2e-10, -2e-8, 1e-6], False, False),  # c12² > c11 c22
+        ([2e-10, 2e-8, 1e-6], False, False),
+    ],
+)
+def test_the_chart_knows_which_compliances_are_joints(phi, log, signed):
+    for parametrisation, expected in ((LogStiffness(), log), (SignedCoupling(), signed)):
+        theta, inside = ComplianceChart(parametrisation).inverse(np.array([phi]))
+        assert inside.tolist() == [expected]
+        assert np.isfinite(theta).all()  # meaningless where outside, but no warning and no NaN
+        if expected:
+            assert parametrisation.feasible(theta).all()
+
+
+def test_the_paper_s_patterns_add_up_to_the_joint_matrix():
+    matrix = joint_matrix([3.0, 1.0, 2.0])
+    np.testing.assert_array_equal(matrix, [[3.0, 1.0], [1.0, 2.0]])
+    np.testing.assert_array_equal(np.einsum("k,kij->ij", [3.0, 1.0, 2.0], STIFFNESS_PATTERN), matrix)
+    assert joint_matrix(np.ones((4, 5, 3))).shape == (4, 5, 2, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        STIFFNESS_PATTERN[0, 0, 0] = 2.0
+
+
+def test_a_joint_to_ground_sees_the_motion_of_its_dofs():
+    structure = rod()
+    motion = np.arange(22.0)
+    np.testing.assert_array_equal(CLAMP.selection(structure).T @ motion, motion[:2])
+    reversed_clamp = Joint(("1:rz", "1:y"))
+    np.testing.assert_array_equal(reversed_clamp.selection(structure).T @ motion, motion[[1, 0]])
+
+
+def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
+    structure = rod()
+    inner = Joint(("3:y", "3:rz"), against=("8:y", "8:rz"))
+    motion = np.random.default_rng(1).normal(size=22)
+    near, far = structure.index(inner.dofs), structure.index(inner.against)
+    deformation = inner.selection(structure).T @ motion
+    np.testing.assert_allclose(deformation, motion[near] - motion[far], rtol=1e-15)
+    translation = np.tile([1.0, 0.0], 11)
+    assert not (inner.selection(structure).T @ translation).any()
+    # action equals reaction: the assembled joint forces add up to zero
+    forces = inner.selection(structure) @ joint_matrix(TABLE_3) @ deformation
+    np.testing.assert_array_equal(forces[near], -forces[far])
+    assert np.count_nonzero(forces) == 4
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        lambda: Joint(()),
+        lambda: Joint(("1:y", "1:y")),
+        lambda: Joint(("1:y", "1:rz"), against=("1:y", "2:rz")),
+        lambda: Joint(("1:y", "1:rz"), against=("2:y",)),
+        lambda: Joint(("1:y", "12:rz")).selection(rod()),
+        lambda: Joint(("1:y", "1:rz"), against=("2:y", "2:x")).selection(rod()),
+        lambda: CLAMP.selection(rod().fixed(("1:y",))),
+        lambda: check_positive_semidefinite([np.nan, 0.0, 1.0]),
+        lambda: check_positive_semidefinite([1.0, 0.0, np.inf]),
+        lambda: check_positive_semidefinite([-1.0, 0.0, 1.0]),
+        lambda: check_positive_semidefinite([1.0, 0.0, -1.0]),
+        lambda: check_positive_semidefinite([-1.0, 0.0, -1.0]),
+        lambda: check_positive_semidefinite([2.0, 2.0001, 2.0]),
+        lambda: check_positive_semidefinite([2.0, -2.0001, 2.0]),
+        lambda: check_positive_semidefinite([0.0, 1e-9, 1.0]),
+    ],
+)
+def test_impossible_joints_are_refused_in_one_line(broken):
+    with pytest.raises(ModelError, match="expected") as caught:
+        broken()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("stiffness", [[2.0, 2.0, 2.0], [2.0, -2.0, 2.0], [1e8, 0.0, 0.0], [0.0, 0.0, 0.0], TABLE_3])
+def test_the_edge_of_the_cone_is_a_possible_joint(stiffness):
+    check_positive_semidefinite(stiffness)
+    assert np.linalg.eigvalsh(joint_matrix(stiffness)).min() >= 0.0

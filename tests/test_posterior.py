@@ -1,0 +1,421 @@
+"""Posteriors: draws, verdicts, predictions, the summary and the file."""
+
+import dataclasses
+import json
+
+import arviz as az
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
+
+from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.frf import Ports, receptance_model
+from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
+from jointbayes.posterior import assess, summarise
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import load_posterior, sample
+
+INITIAL = (1e8, 0.0, 0.0)
+MEASURED_HZ = (120.0, 762.0, 2101.0)
+
+
+# ---- draws
+
+
+def test_draws_are_chains_of_stiffnesses_with_units(cheap_posterior):
+    draws = cheap_posterior.draws
+    assert cheap_posterior.converged
+    assert cheap_posterior.reason.startswith("converged at ")
+    assert set(draws.data_vars) == set(STIFFNESS_NAMES)
+    assert [draws[name].attrs["units"] for name in STIFFNESS_NAMES] == ["N/m", "N", "N·m/rad"]
+    assert all(draws[name].dims == ("chain", "draw") for name in STIFFNESS_NAMES)
+    assert draws.sizes["chain"] == 4 * 16
+    assert_array_equal(draws["ensemble"], np.repeat(np.arange(4), 16))
+    k11, k12, k22 = (draws[name].values for name in STIFFNESS_NAMES)
+    assert (k12**2 < k11 * k22).all()
+
+
+def test_the_log_density_belongs_to_its_draw(cheap_posterior):
+    problem = cheap_posterior.problem
+    theta = problem.parametrisation.coordinates(cheap_posterior.stiffness[::37])
+    assert_allclose(problem.log_posterior(theta), cheap_posterior.log_density.ravel()[::37], rtol=1e-9)
+
+
+def test_prior_draws_follow_the_prior_of_the_case(cheap_posterior):
+    k11 = cheap_posterior.prior_values("k11")
+    assert k11.shape[0] == 1
+    assert k11.size >= 1000
+    assert (k11.min(), k11.max()) == pytest.approx((1e6, 1e11), rel=0.2)
+
+
+def test_intervals_are_equal_tailed(cheap_posterior):
+    for name in STIFFNESS_NAMES:
+        values = cheap_posterior.values(name)
+        low, high = cheap_posterior.interval(name, 0.8)
+        assert np.mean(values < low) == pytest.approx(0.1, abs=1 / values.size)
+        assert np.mean(values > high) == pytest.approx(0.1, abs=1 / values.size)
+        wide = cheap_posterior.interval(name)
+        assert wide[0] < low < high < wide[1]
+        assert wide == cheap_posterior.identifiability(name).interval95
+    for impossible in (0.0, 1.0, 95.0, np.nan):
+        with pytest.raises(ModelError, match="between 0 and 1"):
+            cheap_posterior.interval("k12", impossible)
+    with pytest.raises(ModelError, match="expected one of k11, k12, k22"):
+        cheap_posterior.interval("k13")
+
+
+def test_the_mode_refined_from_the_best_draw_is_the_map(cheap_posterior, frequency_posterior):
+    for posterior in (cheap_posterior, frequency_posterior):
+        assert posterior.mode_agrees
+        assert posterior.mode_log_density >= posterior.log_density.max()
+        assert posterior.mode_log_density == pytest.approx(posterior.problem.log_posterior(posterior.mode_theta)[0])
+    assert cheap_posterior.mode_distance < 0.01
+    assert_allclose(list(cheap_posterior.mode.values()), cheap_posterior.estimate.stiffness, rtol=1e-2)
+
+
+def test_a_mode_elsewhere_does_not_agree(cheap_posterior):
+    sd = np.sqrt(np.diag(cheap_posterior.estimate.covariance))
+    moved = dataclasses.replace(
+        cheap_posterior,
+        mode_theta=cheap_posterior.estimate.theta + sd * np.array([0.0, 2.5, 0.0]),
+        mode_log_density=cheap_posterior.estimate.log_posterior + 1.0,
+    )
+    assert moved.mode_distance == pytest.approx(2.5)
+    assert not moved.mode_agrees
+    flat = dataclasses.replace(moved, mode_log_density=cheap_posterior.estimate.log_posterior + 5e-4)
+    assert flat.mode_agrees  # another point of a ridge of equal density
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case):
+    settings = SamplerSettings(walkers=8, max_steps=200)
+    first, again, other = (sample(cheap_case, seed=seed, settings=settings) for seed in (7, 7, 8))
+    for name in STIFFNESS_NAMES:
+        assert first.values(name).tobytes() == again.values(name).tobytes()
+        assert first.prior_values(name).tobytes() == again.prior_values(name).tobytes()
+        assert not np.isin(first.values(name), other.values(name)).any()
+    assert first.mode == again.mode
+    assert (first.record.seed, other.record.seed) == (7, 8)
+
+
+# ---- identifiability
+
+
+def draws_between(low, high):
+    """41 draws whose quantiles 0.025 and 0.975 are exactly `low` and `high`."""
+    return np.concatenate([[low] * 3, np.full(35, np.sqrt(low * high)), [high] * 3])
+
+
+WIDE_PRIOR = np.exp(np.linspace(-10.0, 10.0, 41))
+
+
+@pytest.mark.parametrize(
+    ("high", "verdict"),
+    [
+        (1.01, "identified"),
+        (1.25, "identified"),
+        (np.nextafter(1.25, 2), "weakly identified"),
+        (3.0, "weakly identified"),
+        (np.nextafter(3.0, 4), "not identified"),
+        (50.0, "not identified"),
+    ],
+)
+def test_the_verdict_turns_exactly_at_its_ratios(high, verdict):
+    known = assess(draws_between(1.0, high), WIDE_PRIOR)
+    assert known.interval95 == (1.0, high)
+    assert (known.ratio, known.verdict) == (high, verdict)
+    negative = assess(-draws_between(1.0, high), WIDE_PRIOR)
+    assert (negative.ratio, negative.verdict) == (high, verdict)
+    assert negative.interval95 == (-high, -1.0)
+
+
+@pytest.mark.parametrize(("contraction", "verdict"), [(0.4999, "not identified"), (0.5001, "identified")])
+def test_a_prior_that_was_as_narrow_identifies_nothing(contraction, verdict):
+    posterior = draws_between(1.0, 1.2)
+    prior = posterior ** (1 / np.sqrt(1 - contraction))  # scales ln k
+    known = assess(posterior, prior)
+    assert known.contraction == pytest.approx(contraction, abs=1e-12)
+    assert known.sd_log == pytest.approx(np.log(posterior).std())
+    assert known.verdict == verdict
+
+
+def test_a_stiffness_of_either_sign_is_not_identified_however_narrow():
+    posterior = np.linspace(-0.01, 1.0, 41)
+    known = assess(posterior, np.linspace(-100.0, 100.0, 41))
+    assert (known.ratio, known.verdict) == (np.inf, "not identified")
+    assert np.isnan(known.sd_log)
+    assert known.contraction == pytest.approx(1 - posterior.var() / np.linspace(-100.0, 100.0, 41).var())
+    assert assess(np.append(draws_between(1.0, 1.1), 0.0), WIDE_PRIOR).verdict == "not identified"
+
+
+def test_the_three_verdicts_occur_on_real_draws(cheap_posterior):
+    verdicts = [cheap_posterior.identifiability(name).verdict for name in STIFFNESS_NAMES]
+    assert verdicts == ["not identified", "weakly identified", "identified"]
+
+
+def test_a_coupling_of_either_sign_is_reported_as_not_identified(frequency_posterior):
+    low, high = frequency_posterior.interval("k12")
+    assert low < 0 < high
+    assert frequency_posterior.identifiability("k12").verdict == "not identified"
+
+
+def test_the_region_level_is_the_share_of_draws_with_a_higher_density(cheap_posterior):
+    assert cheap_posterior.region_level(list(cheap_posterior.mode.values())) == 0.0
+    density = cheap_posterior.log_density.ravel()
+    for level in (0.1, 0.5, 0.95):
+        row = np.argsort(-density)[round(level * density.size)]
+        found = cheap_posterior.region_level(cheap_posterior.stiffness[row])
+        assert found == pytest.approx(level, abs=0.002)  # walkers that stay put are ties
+    assert cheap_posterior.region_level([5.05e9, 3.44e7, 1.52e6]) < 0.99  # the truth of these data
+
+
+@pytest.mark.parametrize(
+    "impossible",
+    [[0.0, 3e7, 1e6], [5e9, 3e7, -1e6], [5e9, 1e9, 1.5e6], [5e9, 0.0, 1.5e6], [5e9, -3e7, 1.5e6], [5e12, 3e7, 1.5e6]],
+)
+def test_a_joint_without_density_lies_on_the_edge_of_everything(cheap_posterior, impossible):
+    assert cheap_posterior.region_level(impossible) == 1.0
+
+
+def test_a_negative_coupling_has_a_region_where_its_sign_is_free(frequency_posterior):
+    assert frequency_posterior.region_level(list(frequency_posterior.mode.values())) == 0.0
+    stiffness, density = frequency_posterior.stiffness, frequency_posterior.log_density.ravel()
+    likeliest = np.argmax(np.where(stiffness[:, 1] < 0, density, -np.inf))
+    assert stiffness[likeliest, 1] < 0
+    assert frequency_posterior.region_level(stiffness[likeliest]) < 0.1
+
+
+# ---- predictions
+
+
+def test_the_frf_band_holds_the_map_and_narrows_with_its_probability(cheap_posterior):
+    frf = cheap_posterior.problem.measurement.frf
+    band = cheap_posterior.predict_frf()
+    assert band.magnitude.shape == frf.values.shape
+    assert (band.quantity, band.outputs, band.inputs) == ("receptance", ("5:y",), ("5:y",))
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    problem = cheap_posterior.problem
+    best = receptance_model(problem.structure, problem.joint, ports).receptance(
+        joint_matrix(cheap_posterior.estimate.stiffness)
+    )[0]
+    inside = (band.magnitude_low <= np.abs(best)) & (np.abs(best) <= band.magnitude_high)
+    assert inside.mean() > 0.9
+    turn = np.angle(best * np.exp(-1j * np.radians(band.phase_deg)), deg=True) + band.phase_deg
+    assert ((band.phase_deg_low <= turn) & (turn <= band.phase_deg_high)).mean() > 0.9
+    narrow = cheap_posterior.predict_frf(probability=0.5)
+    for name in ("magnitude", "phase_deg"):
+        centre, low, high = (getattr(band, name + part) for part in ("", "_low", "_high"))
+        assert (low <= getattr(narrow, f"{name}_low")).all()
+        assert (getattr(narrow, f"{name}_low") <= centre).all()
+        assert (centre <= getattr(narrow, f"{name}_high")).all()
+        assert (getattr(narrow, f"{name}_high") <= high).all()
+        assert (high - low).max() > 0
+    few = cheap_posterior.predict_frf(max_draws=1)
+    assert_array_equal(few.magnitude_low, few.magnitude_high)
+
+
+def test_frfs_are_predicted_where_nothing_was_measured(cheap_posterior, frequency_posterior):
+    ports = Ports(np.array([100.0, 500.0]), ("3:y", "1:rz"), ("5:y",))
+    for posterior in (cheap_posterior, frequency_posterior):
+        band = posterior.predict_frf(ports)
+        assert band.magnitude.shape == (2, 2, 1)
+        assert (band.magnitude > 0).all()
+    with pytest.raises(ModelError, match="give ports"):
+        frequency_posterior.predict_frf()
+    with pytest.raises(ModelError, match="found DOF '9:y'"):
+        cheap_posterior.predict_frf(Ports(np.array([100.0]), ("9:y",), ("5:y",)))
+
+
+def test_natural_frequencies_are_those_of_the_draws(cheap_posterior, frequency_posterior):
+    found = cheap_posterior.predict_natural_frequencies(4, max_draws=100)
+    assert found.shape == (100, 4)
+    assert (np.diff(found, axis=1) > 0).all()
+    direct = cheap_posterior.problem.natural_frequencies_hz(cheap_posterior.thinned(100), 4)
+    assert_array_equal(found, direct)
+    best = cheap_posterior.problem.natural_frequencies_hz(cheap_posterior.estimate.stiffness, 4)[0]
+    assert ((found.min(axis=0) < best) & (best < found.max(axis=0))).all()
+    low, high = np.quantile(frequency_posterior.predict_natural_frequencies(3), [0.025, 0.975], axis=0)
+    assert ((low < MEASURED_HZ) & (high > MEASURED_HZ)).all()  # they were fitted, and a joint exists that fits
+
+
+def test_thinning_keeps_draws_of_every_chain(cheap_posterior):
+    everything = cheap_posterior.stiffness
+    assert_array_equal(cheap_posterior.thinned(10**9), everything)
+    few = cheap_posterior.thinned(64)
+    assert few.shape == (64, 3)
+    rows = [int(np.flatnonzero((everything == k).all(axis=1))[0]) for k in few]
+    chain_of = np.array(rows) // cheap_posterior.draws.sizes["draw"]
+    assert len(set(chain_of.tolist())) > 32
+
+
+# ---- file and ArviZ
+
+
+def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_posterior, tmp_path):
+    for posterior in (cheap_posterior, frequency_posterior):
+        path = tmp_path / "posterior.nc"
+        posterior.save(path)
+        assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
+        loaded = load_posterior(path)
+        for group in ("posterior", "sample_stats", "prior", "observed_data"):
+            xr.testing.assert_identical(loaded.tree[group].to_dataset(), posterior.tree[group].to_dataset())
+        for name in STIFFNESS_NAMES:
+            assert loaded.values(name).tobytes() == posterior.values(name).tobytes()
+        assert loaded.record == posterior.record
+        assert loaded.mode == posterior.mode
+        assert loaded.mode_log_density == posterior.mode_log_density
+        assert loaded.mode_theta.tobytes() == posterior.mode_theta.tobytes()
+        for field in ("theta", "stiffness", "covariance"):
+            assert getattr(loaded.estimate, field).tobytes() == getattr(posterior.estimate, field).tobytes()
+        assert loaded.estimate.log_posterior == posterior.estimate.log_posterior
+        assert loaded.estimate.failed_starts == posterior.estimate.failed_starts
+        assert [s.name for s in loaded.estimate.starts] == [s.name for s in posterior.estimate.starts]
+        assert summarise(loaded, INITIAL, MEASURED_HZ) == summarise(posterior, INITIAL, MEASURED_HZ)
+
+
+def test_a_posterior_that_cannot_be_written_leaves_the_old_file_alone(cheap_posterior, tmp_path, monkeypatch):
+    path = tmp_path / "posterior.nc"
+    path.write_text("old")
+
+    def disk_full(*_args, **_options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(xr.DataTree, "to_netcdf", disk_full)
+    with pytest.raises(OSError, match="No space left"):
+        cheap_posterior.save(path)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("posterior.nc", "old")]
+
+
+def rewritten(path, change):
+    """Change the JSON record of a posterior file."""
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        loaded = tree.load().copy(deep=True)
+    record = json.loads(loaded.attrs["jointbayes"])
+    loaded.attrs["jointbayes"] = change(record)
+    path.unlink()
+    loaded.to_netcdf(path, engine="h5netcdf")
+
+
+def without(key):
+    return lambda record: json.dumps({k: v for k, v in record.items() if k != key})
+
+
+SPOILT = {
+    "missing": lambda path: path.unlink(),
+    "a directory": lambda path: (path.unlink(), path.mkdir()),
+    "empty": lambda path: path.write_bytes(b""),
+    "text": lambda path: path.write_text("k11 = 1\n"),
+    "cut short": lambda path: path.write_bytes(path.read_bytes()[:-1000]),
+    "cut in half": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    "overwritten": lambda path: path.write_bytes(b"\0" * 4096 + path.read_bytes()[4096:]),
+    "another netCDF file": lambda path: xr.Dataset({"x": 1.0}).to_netcdf(path, engine="h5netcdf"),
+    "record no JSON": lambda path: rewritten(path, lambda record: "no JSON"),
+    "record no table": lambda path: rewritten(path, lambda record: "[1]"),
+    "record without version": lambda path: rewritten(path, without("file_version")),
+    "record without mode": lambda path: rewritten(path, without("mode")),
+    "record without case": lambda path: rewritten(path, without("record")),
+    "later version": lambda path: rewritten(path, lambda record: json.dumps({**record, "file_version": 99})),
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
+def test_a_file_that_holds_no_posterior_is_refused_in_one_line(cheap_posterior, tmp_path, spoil):
+    path = tmp_path / "posterior.nc"
+    cheap_posterior.save(path)
+    spoil(path)
+    with pytest.raises(MeasurementError, match="expected") as caught:
+        load_posterior(path)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_arviz_summarises_the_draws(cheap_posterior):
+    table = az.summary(cheap_posterior.to_arviz(), var_names=list(STIFFNESS_NAMES))
+    assert list(table.index) == list(STIFFNESS_NAMES)
+    for name in STIFFNESS_NAMES:
+        assert float(table.loc[name, "mean"]) == pytest.approx(cheap_posterior.values(name).mean(), rel=0.05)
+        assert float(table.loc[name, "ess_bulk"]) > 400
+        assert float(table.loc[name, "r_hat"]) < 1.05
+
+
+# ---- summary
+
+PARAMETER_KEYS = {
+    "unit", "map", "mode", "median", "mean", "sd_log", "interval95", "prior_interval95", "contraction", "verdict",
+    "r_hat", "ess_bulk", "ess_tail",
+}  # fmt: skip
+KEYS = {
+    "schema_version", "case", "seed", "converged", "reason", "parameters", "map", "natural_frequencies_hz", "fit",
+    "sampler", "versions", "data_sha256",
+}  # fmt: skip
+
+
+def test_the_summary_has_exactly_the_documented_keys_and_is_strict_json(cheap_posterior, frequency_posterior):
+    for posterior in (cheap_posterior, frequency_posterior):
+        summary = summarise(posterior, INITIAL, MEASURED_HZ)
+        assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+        assert set(summary) == KEYS
+        assert list(summary["parameters"]) == list(STIFFNESS_NAMES)
+        assert all(set(p) == PARAMETER_KEYS for p in summary["parameters"].values())
+        assert set(summary["natural_frequencies_hz"]) == {"measured", "initial", "map", "interval95"}
+        assert {"chi2_per_line", "n_data", "log_likelihood_map", "synthetic_data"} == set(summary["fit"])
+        documented = {"walkers", "steps", "ensembles", "tau", "seconds", "evaluations", "ess_per_second"}
+        assert documented <= set(summary["sampler"])
+        assert {"jointbayes", "python", "numpy", "scipy", "emcee"} <= set(summary["versions"])
+        assert len(summary["data_sha256"]) == 64
+
+
+def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ)
+    assert (summary["schema_version"], summary["case"], summary["seed"]) == (1, "cheap", 1)
+    assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
+    for i, name in enumerate(STIFFNESS_NAMES):
+        p, values = summary["parameters"][name], cheap_posterior.values(name)
+        assert (p["mode"], p["map"]) == (cheap_posterior.mode[name], cheap_posterior.estimate.stiffness[i])
+        assert (p["mean"], p["median"]) == pytest.approx((values.mean(), np.median(values)))
+        assert p["sd_log"] == pytest.approx(np.log(values).std())
+        assert tuple(p["interval95"]) == cheap_posterior.interval(name)
+        prior = cheap_posterior.prior_values(name)
+        assert p["prior_interval95"] == np.quantile(prior, [0.025, 0.975]).tolist()
+        assert p["contraction"] == pytest.approx(1 - np.log(values).var() / np.log(prior).var())
+        assert p["verdict"] == cheap_posterior.identifiability(name).verdict
+        assert 0.99 < p["r_hat"] == cheap_posterior.record.r_hat[name] < 1.01
+        assert 400 < p["ess_bulk"] < 2 * values.size
+        assert p["ess_tail"] > 400
+    fit = summary["fit"]
+    # 2481 lines shrunk to 249; the expected χ² per complex value is 1
+    assert fit["n_data"] == 249
+    assert fit["chi2_per_line"] == pytest.approx(1.0, abs=4 / np.sqrt(249))
+    assert fit["synthetic_data"] is True
+    frequencies = summary["natural_frequencies_hz"]
+    assert frequencies["measured"] == list(MEASURED_HZ)
+    assert np.shape(frequencies["interval95"]) == (3, 2)
+    low, high = np.array(frequencies["interval95"]).T
+    assert ((low < frequencies["map"]) & (frequencies["map"] < high)).all()
+    assert frequencies["initial"][0] < 1.0  # the paper's first guess leaves the rod free to turn
+
+
+def test_numbers_that_do_not_exist_are_null(frequency_posterior):
+    summary = summarise(frequency_posterior, INITIAL)
+    assert summary["parameters"]["k12"]["sd_log"] is None
+    assert summary["natural_frequencies_hz"]["measured"] is None
+    assert len(summary["natural_frequencies_hz"]["map"]) == 3
+    assert summary["parameters"]["k12"]["r_hat"] == frequency_posterior.record.r_hat["rho"]
+    assert summary["fit"]["synthetic_data"] is False
+    assert summary["fit"]["n_data"] == 3
+
+
+def test_the_fingerprint_follows_the_data(cheap_posterior, frequency_posterior):
+    def fingerprint(posterior):
+        return summarise(posterior, INITIAL)["data_sha256"]
+
+    measurement = cheap_posterior.problem.measurement
+    changed = dataclasses.replace(
+        cheap_posterior,
+        problem=dataclasses.replace(
+            cheap_posterior.problem,
+            measurement=dataclasses.replace(measurement, variance=measurement.variance * (1 + 1e-12)),
+        ),
+    )
+    assert len({fingerprint(p) for p in (cheap_posterior, changed, frequency_posterior)}) == 3
+    assert fingerprint(cheap_posterior) == fingerprint(dataclasses.replace(cheap_posterior))
