@@ -22,6 +22,10 @@ _DEGENERATE = 1e-9
 _LINES_AT_ONCE = 1024  # keeps the modes × lines block of the modal sum inside the processor's cache
 
 
+_FAR = 4.0  # a mode whose frequency is that many times above the band's end is far
+_TERMS = 20  # of the series for far modes: _FAR**-20 = 1e-12
+
+
 class _JoinedModes:
     """Assembled eigenvalues and modal coordinates for any joint matrix.
 
@@ -123,6 +127,9 @@ class AssembledModes:
         self._rest = self._modes.shapes.T @ rest
         self._n_out = len(ports.outputs)
         self._ratio = structure.damping.per_mode(structure.n_dofs)
+        # jⁿ(ω/ω_max)ⁿ without its factor j in the odd rows
+        order = np.arange(_TERMS)[:, None]
+        self._powers = (-1.0) ** (order // 2) * (self._omega / self._omega[-1]) ** order
 
     def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
@@ -140,14 +147,21 @@ class AssembledModes:
         return shapes[:, : self._n_out], shapes[:, self._n_out :]
 
     def _modal_sum(self, eigenvalues: Array, constants: Array) -> NDArray[np.complex128]:
-        """Σ_r R_r / (λ_r − ω² + 2jζ_r √λ_r ω), shape (lines, pairs), for modal constants R (m, ...).
+        """Σ_r R_r / (λ_r − ω² + 2jζ_r √λ_r ω), shape (lines, pairs), for modal constants R (m, ...)."""
+        flat = constants.reshape(len(eigenvalues), -1).T
+        near = int(np.searchsorted(eigenvalues, (_FAR * self._omega[-1]) ** 2))
+        total = self._near_modes(eigenvalues[:near], self._ratio[:near], flat[:, :near])
+        total += self._far_modes(eigenvalues[near:], self._ratio[near:], flat[:, near:])
+        return total.T
+
+    def _near_modes(self, eigenvalues: Array, ratio: Array, constants: Array) -> NDArray[np.complex128]:
+        """Modal sum line by line, shape (pairs, lines).
 
         With D_r = (λ_r − ω²)² + 4ζ_r² λ_r ω² real, only 1/D_r is needed at every line and mode: the sum is
         Σ λ_r R_r/D_r − ω² Σ R_r/D_r − jω Σ 2ζ_r √λ_r R_r/D_r, three small matrix products.
         """
-        flat = constants.reshape(len(eigenvalues), -1).T
-        rate = 2 * self._ratio * np.sqrt(np.maximum(eigenvalues, 0.0))
-        weights = np.concatenate([flat * eigenvalues, flat, flat * rate])
+        rate = 2 * ratio * np.sqrt(np.maximum(eigenvalues, 0.0))
+        weights = np.concatenate([constants * eigenvalues, constants, constants * rate])
         sums = np.empty((len(weights), self._omega.size))
         square = self._omega**2
         for start in range(0, square.size, _LINES_AT_ONCE):
@@ -156,8 +170,24 @@ class AssembledModes:
             denominator *= denominator
             denominator += (rate**2)[:, None] * square[lines]
             sums[:, lines] = weights @ np.reciprocal(denominator, out=denominator)
-        static, inertial, damped = sums.reshape(3, len(flat), -1)
-        return (static - square * inertial - 1j * self._omega * damped).T
+        static, inertial, damped = sums.reshape(3, len(constants), -1)
+        return static - square * inertial - 1j * self._omega * damped
+
+    def _far_modes(self, eigenvalues: Array, ratio: Array, constants: Array) -> NDArray[np.complex128]:
+        """Modal sum of modes far above the band, shape (pairs, lines), as a power series in x = jω/√λ.
+
+        1/(1 + 2ζx + x²) = Σ U_n(−ζ) xⁿ with Chebyshev's polynomials of the second kind: with |x| ≤ 1/_FAR the terms
+        left out are below 1e-11, and the coefficients of all far modes add up before any line is looked at.
+        """
+        scaled = self._omega[-1] / np.sqrt(eigenvalues)
+        chebyshev = [np.ones_like(ratio), -2 * ratio]
+        while len(chebyshev) < _TERMS:
+            chebyshev.append(-2 * ratio * chebyshev[-1] - chebyshev[-2])
+        order = np.arange(_TERMS)[:, None]
+        terms = np.array(chebyshev) * scaled**order / eigenvalues
+        coefficients = constants @ terms.T
+        even = coefficients[:, ::2] @ self._powers[::2]
+        return even + 1j * (coefficients[:, 1::2] @ self._powers[1::2])
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike

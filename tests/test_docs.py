@@ -1,0 +1,184 @@
+"""The documentation says what the code does: keys, defaults, commands and names are compared with it."""
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+import jointbayes as jb
+from jointbayes.case_schema import CaseSpec
+from jointbayes.cli import main
+from jointbayes.posterior import Posterior, RunRecord
+from jointbayes.posterior.storage import draws_tree
+from jointbayes.sampling import Draws
+from tests.conftest import CONFIGS, TABLE_3
+
+ROOT = CONFIGS.parent
+README = ROOT / "README.md"
+DOCS = ROOT / "docs"
+PAGES = sorted([README, *DOCS.glob("*.md")])
+HEADING = re.compile(r"^## +(.*)$", re.MULTILINE)
+TABLE_ROW = re.compile(r"^\| `(\w+)` \|(.*)\|$", re.MULTILINE)
+
+
+def _sections(page: Path) -> Iterator[tuple[str, str]]:
+    """Give heading and text of each section of the second level."""
+    parts = HEADING.split(page.read_text(encoding="utf-8"))
+    yield from zip(parts[1::2], parts[2::2], strict=True)
+
+
+def _models(annotation: object) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _schema_keys(model: type[BaseModel], table: str = "") -> Iterator[tuple[str, str, FieldInfo]]:
+    """Give table, key and field of every plain key of the schema."""
+    for key, field in model.model_fields.items():
+        inner = _models(field.annotation)
+        if not inner:
+            yield table, key, field
+        for one in inner:
+            yield from _schema_keys(one, f"{table}.{key}".lstrip("."))
+
+
+def _default(field: FieldInfo) -> str:
+    if field.default is PydanticUndefined:
+        return "required"
+    if field.default is None:
+        return "none"
+    # 1e-08 is how JSON writes 1e-8
+    return re.sub(r"e-0(\d)$", r"e-\1", json.dumps(field.default))
+
+
+def _documented_keys() -> dict[tuple[str, str], str]:
+    """Give the default that docs/case-file.md states, without its backticks, by table and key."""
+    stated = {}
+    for heading, text in _sections(DOCS / "case-file.md"):
+        tables = re.findall(r"`\[([\w.]+)\]`", heading) or [""]
+        for key, cells in TABLE_ROW.findall(text):
+            default = re.split(r"(?<!\\)\|", cells)[2].strip().strip("`")
+            stated |= {(table, key): default for table in tables}
+    return stated
+
+
+def test_every_key_of_the_case_file_is_documented_in_its_table_with_its_default():
+    expected: dict[tuple[str, str], set[str]] = {}
+    for table, key, field in _schema_keys(CaseSpec):
+        expected.setdefault((table, key), set()).add(_default(field))
+    stated = _documented_keys()
+    assert stated.keys() == expected.keys()
+    assert {k: d for k, d in stated.items() if d not in expected[k]} == {}
+
+
+def _tiny_posterior(data: str) -> tuple[jb.Case, Posterior]:
+    """Build a posterior from made-up draws: only the form of its summary matters here."""
+    text = (CONFIGS / f"{data}.toml").read_text(encoding="utf-8").replace("f_step_hz = 1.0", "f_step_hz = 500.0")
+    case = jb.case_from_text(data, text)
+    rng = np.random.default_rng(1)
+    names = case.problem.parametrisation.names
+    mode = case.problem.parametrisation.coordinates(TABLE_3)
+    theta = mode + 0.01 * rng.normal(size=(4, 20, 3))
+    tree = draws_tree(
+        case.problem, Draws(theta, np.zeros((4, 20)), np.arange(4)), case.problem.prior.sample(rng, 100)
+    )
+    estimate = jb.MapEstimate(mode, TABLE_3, 1e-4 * np.eye(3), 0.0, ())
+    record = RunRecord(case.name, text, 1, True, "made up", {}, dict.fromkeys(names, 1.0), {})
+    return case, Posterior(case.problem, tree, estimate, mode, 0.0, record)
+
+
+def _leaf_tables(summary: dict[str, object]) -> Iterator[tuple[str, set[str]]]:
+    yield "Top level", set(summary)
+    for key in ("map", "natural_frequencies_hz", "fit"):
+        yield f"`{key}`", set(summary[key])
+    for entry in summary["parameters"].values():
+        yield "`parameters.k11`", set(entry)
+
+
+@pytest.mark.parametrize("data", ["clamped_beam", "clamped_beam_frequencies"])
+def test_every_key_of_the_summary_is_documented_in_its_section(data):
+    case, posterior = _tiny_posterior(data)
+    summary = jb.summarise(posterior, case.initial, case.measured_frequencies_hz)
+    sections = {heading: {key for key, _ in TABLE_ROW.findall(text)} for heading, text in _sections(DOCS / "summary-json.md")}
+    for name, keys in _leaf_tables(summary):
+        documented = next(rows for heading, rows in sections.items() if heading.startswith(name))
+        assert documented == keys, name
+    assert set(summary["parameters"]) == {"k11", "k12", "k22"}
+    assert f"is **{summary['schema_version']}**" in (DOCS / "summary-json.md").read_text(encoding="utf-8")
+
+
+def test_every_figure_of_the_sampler_in_the_summary_is_documented():
+    tree = ast.parse((ROOT / "src" / "jointbayes" / "workflow.py").read_text(encoding="utf-8"))
+    written = next(
+        {key.value for key in node.value.keys}
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign) and [getattr(t, "id", "") for t in node.targets] == ["sampler"]
+    )
+    sections = dict(_sections(DOCS / "summary-json.md"))
+    assert {key for key, _ in TABLE_ROW.findall(sections["`sampler`"])} == written
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_and_option_shown_exists(page):
+    shown = re.findall(r"(?:^|[`$/ ])jointbayes ([a-z]+)((?: +[^\s`|]+)*)", _code(page), re.MULTILINE)
+    for command, rest in shown:
+        assert command in main.commands, f"jointbayes {command}"
+        known = {name for option in main.commands[command].params for name in option.opts}
+        assert set(re.findall(r"(?<!\S)--[a-z-]+", rest)) <= known, f"jointbayes {command}{rest}"
+    if page == README:
+        assert {command for command, _ in shown} == set(main.commands)
+
+
+def _code(page: Path) -> str:
+    """Give what stands in fences or backticks: the rest is prose, in which the word may be followed by any other."""
+    text = page.read_text(encoding="utf-8")
+    fenced = re.findall(r"^```(?:bash|text)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    spans = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+    lines = [line.split("  #")[0] for block in fenced for line in block.splitlines()]
+    return "\n".join(lines + spans)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_python_block_compiles_and_uses_public_names_that_exist(page):
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert blocks or page != README
+    for block in blocks:
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                if node.value.id == "jb":
+                    assert node.attr in jb.__all__
+                elif node.value.id == "posterior":
+                    assert hasattr(Posterior, node.attr), node.attr
+
+
+def test_every_public_name_has_its_place_in_the_api_page():
+    shown = re.findall(r"^::: jointbayes\.[\w.]+\.(\w+)$", (DOCS / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(shown) == sorted(jb.__all__)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_case_file_and_page_named_exists(page):
+    text = page.read_text(encoding="utf-8")
+    made_up = {"configs/typo.toml", "configs/three.toml", "configs/clamped_bem.toml"}
+    for name in set(re.findall(r"configs/\w+\.toml", text)) - made_up:
+        assert (ROOT / name).is_file(), name
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+        assert (page.parent / target).exists(), target
+
+
+def test_the_readme_states_the_exit_codes_of_the_command_line():
+    from jointbayes import cli
+
+    text = README.read_text(encoding="utf-8")
+    assert f"**{cli.NOT_MATCHED}** the check does not match" in text
+    assert f"**{cli.BAD_INPUT}** bad input" in text
+    assert f"**{cli.NOT_CONVERGED}** the sampler has not converged" in text

@@ -1,0 +1,263 @@
+"""The report's content: verdict first, numbers that are those of the summary, banners that cannot be missed."""
+
+import dataclasses
+import datetime
+import re
+
+import pytest
+
+from jointbayes.case import case_from_text
+from jointbayes.posterior import summarise
+from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report.format import interval, number
+from jointbayes.report.model import Callout, Code, Paragraph, Table
+from jointbayes.report.sections import coupling_sentence
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import identify, sample
+from tests.conftest import cheap_text, edited
+
+DATE = datetime.date(2026, 1, 5)
+INITIAL = (1e8, 0.0, 0.0)
+TABLE_3 = (5.05e9, 3.44e7, 1.52e6)
+MEASURED_HZ = (120.0, 762.0, 2101.0)
+
+
+def report_of(posterior, **changes):
+    inputs = {
+        "posterior": posterior,
+        "title": "Clamp",
+        "initial": INITIAL,
+        "reference": TABLE_3,
+        "reference_source": "Table 3",
+        "measured_frequencies_hz": MEASURED_HZ,
+    }
+    return build_report(ReportInputs(**(inputs | changes)), DATE)
+
+
+@pytest.fixture(scope="module")
+def whole(cheap_case, cheap_posterior):
+    """The cheap case's report with everything in it."""
+    return report_of(cheap_posterior, history=identify(cheap_case), paper_tables=True)
+
+
+def of_kind(blocks, kind):
+    return [block for block in blocks if isinstance(block, kind)]
+
+
+def section(report, identifier):
+    return next(s for s in report.sections if s.identifier == identifier)
+
+
+def test_the_verdict_table_is_the_first_table_and_holds_the_summary_s_numbers(whole, cheap_posterior):
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ)
+    verdicts = of_kind(whole.blocks(), Table)[0]
+    assert verdicts in whole.lead
+    assert verdicts.head == ("Stiffness", "Published", "Mode", "Median", "95 % interval", "Unit", "Verdict")
+    for row, published, (name, p) in zip(verdicts.rows, TABLE_3, summary["parameters"].items(), strict=True):
+        expected = (name, number(published), number(p["mode"]), number(p["median"]), interval(p["interval95"]))
+        assert row == (*expected, p["unit"], p["verdict"])
+    assert verdicts.row_kinds == ("bad", "caution", "good")
+    assert [row[-1] for row in verdicts.rows] == ["not identified", "weakly identified", "identified"]
+    assert "Table 3" in verdicts.note
+
+
+def test_the_sentence_on_the_coupling_carries_the_summary_s_numbers(whole, cheap_posterior):
+    summary = summarise(cheap_posterior, INITIAL)
+    k12, k22 = summary["parameters"]["k12"], summary["parameters"]["k22"]
+    (sentence,) = of_kind(whole.lead, Paragraph)
+    found = re.fullmatch(
+        r"\*\*The coupling stiffness k12 is (?P<verdict>[a-z ]+)\*\*: its 95 % interval spans a factor of "
+        r"(?P<factor>\S+) \((?P<low>\S+) … (?P<high>\S+) N\); the relative standard deviation is (?P<sd12>\S+) %, "
+        r"(?P<times>\S+) times that of k22 \((?P<sd22>\S+) %\)\.",
+        sentence.text,
+    )
+    assert found["verdict"] == k12["verdict"] == "weakly identified"
+    low, high = k12["interval95"]
+    for group, exact, digits in (
+        ("factor", high / low, 3),
+        ("low", low, 3),
+        ("high", high, 3),
+        ("sd12", 100 * k12["sd_log"], 2),
+        ("sd22", 100 * k22["sd_log"], 2),
+        ("times", k12["sd_log"] / k22["sd_log"], 2),
+    ):
+        assert float(found[group]) == float(f"{exact:.{digits}g}"), group
+
+
+def parameter(low, high, sd_log, verdict="identified"):
+    return {"interval95": [low, high], "sd_log": sd_log, "verdict": verdict}
+
+
+def test_the_sentence_on_the_coupling_fits_every_outcome():
+    k22 = parameter(1.5e6, 1.6e6, 0.02)
+
+    def sentence(**k12):
+        return coupling_sentence({"parameters": {"k12": parameter(**k12), "k22": k22}})
+
+    both = sentence(low=-1e7, high=2e7, sd_log=None, verdict="not identified")
+    assert both.startswith("**The coupling stiffness k12 is not identified**")
+    assert "holds zero, so that not even its sign is known" in both
+    assert "only 0.5 times that of k22 (2 %)" in sentence(low=3e7, high=3.1e7, sd_log=0.01)
+    assert "spans a factor of 2 (-4e7 … -2e7 N)" in sentence(low=-4e7, high=-2e7, sd_log=0.1)
+
+
+def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, frequency_posterior):
+    banner = "**The FRF data are synthetic**"
+    assert sum(block.text.startswith(banner) for block in of_kind(whole.lead, Callout)) == 1
+    assert "synthetic data" in whole.subtitle
+    measured = report_of(frequency_posterior)
+    assert not any("synthetic" in block.text for block in of_kind(measured.blocks(), Callout))
+    assert "synthetic" not in measured.subtitle
+    titles = [block.plot for block in of_kind(whole.blocks(), Figure) if block.plot]
+    assert all("synthetic" in [one.name for one in plot.series] for plot in titles)
+    assert all("measured" not in [one.name for one in plot.series] for plot in titles)
+
+
+def test_the_first_block_says_whether_the_sampler_converged(whole, cheap_posterior):
+    first = whole.lead[0]
+    assert (first.kind, first.text) == ("good", f"**The sampler converged.** {cheap_posterior.reason}")
+    record = dataclasses.replace(cheap_posterior.record, converged=False, reason="not converged at 9 of 9 steps")
+    stopped = report_of(dataclasses.replace(cheap_posterior, record=record)).lead[0]
+    assert stopped.kind == "bad"
+    assert "has NOT converged: do not use these numbers.** not converged at 9 of 9 steps" in stopped.text
+
+
+def test_a_mode_that_the_map_search_missed_has_a_banner(whole, cheap_posterior):
+    assert not any("another mode" in block.text for block in of_kind(whole.lead, Callout))
+    missed = dataclasses.replace(
+        cheap_posterior,
+        mode_theta=cheap_posterior.mode_theta + 1.0,
+        mode_log_density=cheap_posterior.mode_log_density + 9,
+    )
+    banners = [block for block in of_kind(report_of(missed).lead, Callout) if "another mode" in block.text]
+    assert [block.kind for block in banners] == ["bad"]
+
+
+def test_the_audit_has_its_four_findings_only_where_it_is_asked_for(whole, cheap_posterior):
+    audit = section(whole, "audit")
+    findings = [p.text for p in of_kind(audit.blocks, Paragraph) if re.match(r"\*\*\d\. ", p.text)]
+    assert [text[2] for text in findings] == ["1", "2", "3", "4"]
+    for text, numbers in zip(
+        findings, ("139.6 / 861.5 / 2357.2", "121.5 / 752.5 / 2066.4", "0.1", "-0.6"), strict=True
+    ):
+        assert numbers in text
+    assert len(of_kind(audit.blocks, Table)) == 4
+    assert len(of_kind(section(whole, "paper").blocks, Table)) == 3
+    assert {"audit", "paper"}.isdisjoint(s.identifier for s in report_of(cheap_posterior).sections)
+
+
+def test_every_figure_says_what_it_shows(whole):
+    figures = of_kind(whole.blocks(), Figure)
+    names = {figure.identifier for figure in figures}
+    assert names == {
+        "frf-0-0",
+        "phase-0-0",
+        "frequencies-plot",
+        "corner",
+        "traces",
+        "autocorrelation",
+        "iteration-norm",
+        "iteration-stiffness",
+    }
+    assert all(len(figure.alt) > 30 and len(figure.caption) > 20 for figure in figures)
+    assert len({figure.alt for figure in figures}) == len(figures)
+
+
+def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior):
+    frf = cheap_posterior.problem.measurement.frf
+    plot = next(f.plot for f in of_kind(whole.blocks(), Figure) if f.identifier == "frf-0-0")
+    band, measured, guess, best = plot.series
+    assert plot.log_y
+    assert measured.x == tuple(frf.frequency_hz.tolist())
+    assert measured.y == pytest.approx(tuple(abs(frf.values[:, 0, 0]).tolist()), rel=1e-4)
+    within = [low <= y <= high for low, y, high in zip(band.y_low, best.y, band.y_high, strict=True)]
+    assert sum(within) > 0.9 * len(within)
+    assert guess.y != best.y
+
+
+def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
+    (table,) = of_kind(section(whole, "frequencies").blocks, Table)
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ)["natural_frequencies_hz"]
+    assert [row[1] for row in table.rows] == ["120.0", "762.0", "2101.0"]
+    assert [row[3] for row in table.rows] == [f"{f:.2f}" for f in summary["map"]]
+    alone = report_of(cheap_posterior, measured_frequencies_hz=None)
+    (table,) = of_kind(section(alone, "frequencies").blocks, Table)
+    assert "Measured (Hz)" not in table.head
+    assert not of_kind(section(alone, "frequencies").blocks, Figure)
+
+
+def test_the_report_holds_all_that_repeats_the_run(whole, cheap_posterior):
+    settings = section(whole, "settings")
+    (code,) = of_kind(settings.blocks, Code)
+    assert code.text == cheap_text()
+    (paragraph,) = of_kind(settings.blocks, Paragraph)
+    assert summarise(cheap_posterior, INITIAL)["data_sha256"] in paragraph.text
+    versions = dict(of_kind(settings.blocks, Table)[0].rows)
+    assert versions == dict(cheap_posterior.record.versions)
+    assert (whole.date, whole.version, whole.title) == (DATE, versions["jointbayes"], "Clamp")
+
+
+def test_every_start_of_the_map_search_is_listed_with_its_fate(whole, cheap_posterior):
+    starts = section(whole, "starts")
+    table = of_kind(starts.blocks, Table)[0]
+    estimate = cheap_posterior.estimate
+    assert [row[0] for row in table.rows] == [s.name for s in estimate.starts]
+    assert {row[0] for row in table.rows if row[-1] == "no"} == set(estimate.failed_starts)
+    text = of_kind(starts.blocks, Paragraph)[0].text
+    assert text.startswith(
+        f"{len(table.rows) - len(estimate.failed_starts)} of {len(table.rows)} starts reach the mode"
+    )
+
+
+def test_the_report_is_the_same_for_the_same_posterior(cheap_posterior):
+    first, again = report_of(cheap_posterior), report_of(cheap_posterior)
+    assert first == again
+    assert render_html(first) == render_html(again)
+
+
+def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior):
+    report = report_of(frequency_posterior)
+    assert "holds zero, so that not even its sign is known" in of_kind(report.lead, Paragraph)[0].text
+    assert {f.identifier for f in of_kind(report.blocks(), Figure)} == {
+        "frequencies-plot",
+        "corner",
+        "traces",
+        "autocorrelation",
+    }
+    numbers = of_kind(section(report, "posterior").blocks, Table)[0]
+    assert numbers.rows[1][3] == "–"  # sd of ln k12 does not exist
+    page = render_html(report)
+    assert "nan" not in re.sub(r"base64,[^\"]*|<script.*?</script>", "", page, flags=re.DOTALL).lower().split()
+    assert render_pdf(report).startswith(b"%PDF-")
+
+
+def test_a_report_without_published_values_names_none(cheap_posterior):
+    report = report_of(cheap_posterior, reference=None, reference_source="")
+    assert "Published" not in of_kind(report.lead, Table)[0].head
+    said = " ".join(block.text for block in of_kind(report.blocks(), Paragraph))
+    assert "published" not in said.lower()
+
+
+@pytest.mark.parametrize("k12", [0.0, -3.44e7])
+def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posterior, k12):
+    report = report_of(cheap_posterior, reference=(5.05e9, k12, 1.52e6))
+    said = [block.text for block in of_kind(section(report, "posterior").blocks, Paragraph)]
+    assert said == ["The published point lies on the edge of the 100.0 % highest-density region."]
+
+
+def test_a_coupling_of_free_sign_from_frfs_builds_too():
+    text = edited(cheap_text(), ('parametrisation = "log"', 'parametrisation = "signed"'))
+    at, end = text.index("[prior.k12]"), text.index("[prior.k22]")
+    rho = '[prior.rho]\ndistribution = "uniform"\nlow = -1.0\nhigh = 1.0\n\n'
+    case = case_from_text("signed", text[:at] + rho + text[end:])
+    posterior = sample(case, settings=SamplerSettings(walkers=8, max_steps=200))
+    assert (posterior.values("k12") > 0).all()  # although the prior allows either sign
+    assert (posterior.prior_values("k12") < 0).any()
+    report = report_of(posterior)
+    assert "spans a factor of" in of_kind(report.lead, Paragraph)[0].text
+
+
+@pytest.mark.parametrize("measured", [(120.0,), (120.0, 762.0, 2101.0, 4000.0)])
+def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_posterior, measured):
+    report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_tables=True)
+    assert len(of_kind(section(report, "frequencies").blocks, Table)[0].rows) == len(measured)
