@@ -124,7 +124,7 @@ seed = 1\n=>seed = 1.5\n ;; sampling.seed ;; a whole number
 ensembles = 4=>ensembles = 3 ;; sampling.ensembles ;; from 4
 walkers = 24=>walkers = 25 ;; sampling.walkers ;; an even number from 8
 walkers = 24=>walkers = 6 ;; sampling.walkers ;; an even number from 8
-max_steps = 20000=>max_steps = 99 ;; sampling.max_steps ;; from 100
+max_steps = 20000=>max_steps = 199 ;; sampling.max_steps ;; from 200
 source = =># && [reference]=>@[reference] ;; reference.source ;; add source
 [120.0, 762.0, 2101.0]=>[120.0,\n@119.0] ;; reference.natural_frequencies_hz ;; after 120.0
 paper_audit = true=>paper_audit = 1 ;; reference.paper_audit ;; true

@@ -56,7 +56,7 @@ def _default(field: FieldInfo) -> str:
         return "required"
     if field.default is None:
         return "none"
-    # 1e-08 is how JSON writes 1e-8
+    # JSON writes 1e-8 as 1e-08
     return re.sub(r"e-0(\d)$", r"e-\1", json.dumps(field.default))
 
 
@@ -88,9 +88,7 @@ def _tiny_posterior(data: str) -> tuple[jb.Case, Posterior]:
     names = case.problem.parametrisation.names
     mode = case.problem.parametrisation.coordinates(TABLE_3)
     theta = mode + 0.01 * rng.normal(size=(4, 20, 3))
-    tree = draws_tree(
-        case.problem, Draws(theta, np.zeros((4, 20)), np.arange(4)), case.problem.prior.sample(rng, 100)
-    )
+    tree = draws_tree(case.problem, Draws(theta, np.zeros((4, 20)), np.arange(4)), case.problem.prior.sample(rng, 100))
     estimate = jb.MapEstimate(mode, TABLE_3, 1e-4 * np.eye(3), 0.0, ())
     record = RunRecord(case.name, text, 1, True, "made up", {}, dict.fromkeys(names, 1.0), {})
     return case, Posterior(case.problem, tree, estimate, mode, 0.0, record)
@@ -108,12 +106,13 @@ def _leaf_tables(summary: dict[str, object]) -> Iterator[tuple[str, set[str]]]:
 def test_every_key_of_the_summary_is_documented_in_its_section(data):
     case, posterior = _tiny_posterior(data)
     summary = jb.summarise(posterior, case.initial, case.measured_frequencies_hz)
-    sections = {heading: {key for key, _ in TABLE_ROW.findall(text)} for heading, text in _sections(DOCS / "summary-json.md")}
+    page = DOCS / "summary-json.md"
+    sections = {heading: {key for key, _ in TABLE_ROW.findall(text)} for heading, text in _sections(page)}
     for name, keys in _leaf_tables(summary):
         documented = next(rows for heading, rows in sections.items() if heading.startswith(name))
         assert documented == keys, name
     assert set(summary["parameters"]) == {"k11", "k12", "k22"}
-    assert f"is **{summary['schema_version']}**" in (DOCS / "summary-json.md").read_text(encoding="utf-8")
+    assert f"is **{summary['schema_version']}**" in page.read_text(encoding="utf-8")
 
 
 def test_every_figure_of_the_sampler_in_the_summary_is_documented():
@@ -129,7 +128,7 @@ def test_every_figure_of_the_sampler_in_the_summary_is_documented():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_and_option_shown_exists(page):
-    shown = re.findall(r"(?:^|[`$/ ])jointbayes ([a-z]+)((?: +[^\s`|]+)*)", _code(page), re.MULTILINE)
+    shown = re.findall(r"^(?:\$ )?(?:\.venv/bin/)?jointbayes ([a-z]+)((?: +[^\s`|]+)*)", _code(page), re.MULTILINE)
     for command, rest in shown:
         assert command in main.commands, f"jointbayes {command}"
         known = {name for option in main.commands[command].params for name in option.opts}

@@ -298,7 +298,7 @@ class SamplingSpec(Spec):
     seed: Annotated[int, count_field("the seed", 1, 0)] = 1
     ensembles: Annotated[int, count_field("the number of ensembles", 4, 4)] = 4
     walkers: Annotated[int, count_field("the number of walkers", 24, 8, step=2)] = 24
-    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 100)] = 20000
+    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200)] = 20000
 
 
 class ReferenceSpec(StiffnessSpec):

@@ -17,6 +17,7 @@ __all__ = ["main"]
 NOT_MATCHED = 1
 BAD_INPUT = 2
 NOT_CONVERGED = 3
+INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 
 
 class _Commands(click.Group):
@@ -27,6 +28,9 @@ class _Commands(click.Group):
             return super().invoke(ctx)
         except JointBayesError as error:
             click.echo(f"jointbayes: {error}", err=True)
+        except KeyboardInterrupt:
+            click.echo("jointbayes: interrupted; nothing was written", err=True)
+            sys.exit(INTERRUPTED)
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             click.echo(f"jointbayes: {place}{error.strerror or error}", err=True)
@@ -42,7 +46,7 @@ _config = click.argument("config", type=click.Path(path_type=Path))
 def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
-    Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged.
+    Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged, 130 interrupted.
     """
 
 

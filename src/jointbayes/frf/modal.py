@@ -152,7 +152,8 @@ class AssembledModes:
         near = int(np.searchsorted(eigenvalues, (_FAR * self._omega[-1]) ** 2))
         total = self._near_modes(eigenvalues[:near], self._ratio[:near], flat[:, :near])
         total += self._far_modes(eigenvalues[near:], self._ratio[near:], flat[:, near:])
-        return total.T
+        summed: NDArray[np.complex128] = total.T
+        return summed
 
     def _near_modes(self, eigenvalues: Array, ratio: Array, constants: Array) -> NDArray[np.complex128]:
         """Modal sum line by line, shape (pairs, lines).
@@ -171,7 +172,8 @@ class AssembledModes:
             denominator += (rate**2)[:, None] * square[lines]
             sums[:, lines] = weights @ np.reciprocal(denominator, out=denominator)
         static, inertial, damped = sums.reshape(3, len(constants), -1)
-        return static - square * inertial - 1j * self._omega * damped
+        summed: NDArray[np.complex128] = static - square * inertial - 1j * self._omega * damped
+        return summed
 
     def _far_modes(self, eigenvalues: Array, ratio: Array, constants: Array) -> NDArray[np.complex128]:
         """Modal sum of modes far above the band, shape (pairs, lines), as a power series in x = jω/√λ.
@@ -187,7 +189,8 @@ class AssembledModes:
         terms = np.array(chebyshev) * scaled**order / eigenvalues
         coefficients = constants @ terms.T
         even = coefficients[:, ::2] @ self._powers[::2]
-        return even + 1j * (coefficients[:, 1::2] @ self._powers[1::2])
+        summed: NDArray[np.complex128] = even + 1j * (coefficients[:, 1::2] @ self._powers[1::2])
+        return summed
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike

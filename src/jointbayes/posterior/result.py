@@ -120,6 +120,14 @@ class Posterior:
         """
         return self.mode_distance <= 0.01 or abs(self.mode_log_density - self.estimate.log_posterior) <= 1e-3
 
+    @property
+    def at_prior_edge(self) -> tuple[str, ...]:
+        """Coordinates whose mode lies on an edge of the prior's support: there the prior decides, not the data."""
+        low, high = self.problem.prior.support
+        gap = np.minimum(self.mode_theta - low, high - self.mode_theta)
+        on_edge = gap < 1e-4 * self.problem.prior.sd
+        return tuple(name for name, edge in zip(self.problem.parametrisation.names, on_edge, strict=True) if edge)
+
     def values(self, name: str) -> Array:
         """All draws of one stiffness, shape (chains, draws).
 

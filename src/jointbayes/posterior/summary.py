@@ -88,6 +88,7 @@ def _map(posterior: Posterior) -> dict[str, Any]:
         "theta": estimate.theta.tolist(),
         "covariance": estimate.covariance.tolist(),
         "mode_agrees": posterior.mode_agrees,
+        "at_prior_edge": list(posterior.at_prior_edge),
         "mode_distance_sd": posterior.mode_distance,
         "starts": [{"name": s.name, "reached_mode": s.reached_mode} for s in estimate.starts],
     }

@@ -50,6 +50,10 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
                 "standard deviations away: the MAP search missed it.",
             )
         )
+    if posterior.at_prior_edge:
+        names = ", ".join(posterior.at_prior_edge)
+        text = f"**The mode lies on an edge of the prior: {names}.** There the prior decides, not the data; widen it."
+        banners.append(Callout("caution", text))
     if summary["fit"]["synthetic_data"]:
         banners.append(
             Callout(
