@@ -246,6 +246,20 @@ def test_a_report_that_fails_midway_leaves_the_old_one_and_no_scratch(unconverge
     assert listing(tmp_path) == before
 
 
+def test_an_interrupted_run_leaves_nothing_and_says_so(tmp_path, monkeypatch):
+    def interrupted(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jointbayes.workflow.sample", interrupted)
+    config = tmp_path / "clamp.toml"
+    config.write_text(cheap_text(), encoding="utf-8")
+    before = listing(tmp_path)
+    result = cli("run", config, "--out", tmp_path / "out")
+    assert (result.exit_code, result.stdout) == (130, "")
+    assert result.stderr == "jointbayes: interrupted; nothing was written\n"
+    assert listing(tmp_path) == before
+
+
 # ---- other commands
 
 

@@ -87,6 +87,15 @@ def test_a_mode_elsewhere_does_not_agree(cheap_posterior):
     assert flat.mode_agrees  # another point of a ridge of equal density
 
 
+def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
+    assert cheap_posterior.at_prior_edge == ()
+    low, high = cheap_posterior.problem.prior.support
+    for i, name in enumerate(STIFFNESS_NAMES):
+        for edge in (low, high):
+            theta = np.where(np.arange(3) == i, edge, cheap_posterior.mode_theta)
+            assert dataclasses.replace(cheap_posterior, mode_theta=theta).at_prior_edge == (name,)
+
+
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case):
     settings = SamplerSettings(walkers=8, max_steps=200)
     first, again, other = (sample(cheap_case, seed=seed, settings=settings) for seed in (7, 7, 8))
@@ -94,6 +103,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case)
         assert first.values(name).tobytes() == again.values(name).tobytes()
         assert first.prior_values(name).tobytes() == again.prior_values(name).tobytes()
         assert not np.isin(first.values(name), other.values(name)).any()
+        assert not np.isin(first.prior_values(name), other.prior_values(name)).any()
     assert first.mode == again.mode
     assert (first.record.seed, other.record.seed) == (7, 8)
 
@@ -327,6 +337,12 @@ def test_a_file_that_holds_no_posterior_is_refused_in_one_line(cheap_posterior, 
         load_posterior(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_missing_file_is_called_missing(tmp_path):
+    for path in (tmp_path / "posterior.nc", tmp_path):
+        with pytest.raises(MeasurementError, match="no such file"):
+            load_posterior(path)
 
 
 def test_arviz_summarises_the_draws(cheap_posterior):

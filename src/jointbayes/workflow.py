@@ -21,7 +21,7 @@ from jointbayes.identification import (
 from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
-from jointbayes.posterior.storage import draws_tree, read_record, restore
+from jointbayes.posterior.storage import draws_tree, read_record
 from jointbayes.sampling import Chains, Progress, SamplerSettings, run_ensembles
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
@@ -219,7 +219,7 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
     """
     tree, record = read_record(path)
     case = case_from_text(record["record"]["case_name"], record["record"]["case_text"])
-    return restore(case.problem, tree, record)
+    return Posterior.restored(case.problem, tree, record)
 
 
 def _versions() -> dict[str, str]:

@@ -2,13 +2,10 @@
 
 import hashlib
 import os
-import shutil
-import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
@@ -23,6 +20,7 @@ from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measure
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
+from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
 
 __all__ = ["Posterior", "RunRecord", "data_sha256"]
 
@@ -228,15 +226,25 @@ class Posterior:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it."""
-        from jointbayes.posterior.storage import with_record
+        record = {
+            "record": asdict(self.record),
+            "mode": {"theta": self.mode_theta.tolist(), "log_density": self.mode_log_density},
+            "map": estimate_record(self.estimate),
+        }
+        write_tree(self.tree, record, path)
 
-        target = Path(path)
-        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-        try:
-            with_record(self).to_netcdf(scratch / target.name, engine="h5netcdf")
-            (scratch / target.name).replace(target)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+    @classmethod
+    def restored(cls, problem: Problem, tree: xr.DataTree, record: dict[str, Any]) -> Self:
+        """Rebuild a posterior from its problem and what `save` wrote."""
+        mode = record["mode"]
+        return cls(
+            problem,
+            tree,
+            estimate_from(record["map"]),
+            np.array(mode["theta"]),
+            mode["log_density"],
+            RunRecord(**record["record"]),
+        )
 
 
 def _variable(dataset: xr.Dataset, name: str) -> Array:

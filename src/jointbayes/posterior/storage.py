@@ -2,6 +2,8 @@
 
 import json
 import os
+import shutil
+import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,13 +17,13 @@ from jointbayes.identification import MapEstimate, StartOutcome
 from jointbayes.inference import Problem
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrfMeasurement, Measurement
-from jointbayes.posterior.result import Posterior, RunRecord
 from jointbayes.sampling import Draws
 
-__all__ = ["StoredPosterior", "draws_tree", "read_record", "with_record"]
+__all__ = ["StoredPosterior", "draws_tree", "estimate_from", "estimate_record", "read_record", "write_tree"]
 
 #: Of the file: raised when a reader of an older file would misread it.
 FILE_VERSION = 1
+_ATTRIBUTE = "jointbayes"
 
 Array = NDArray[np.float64]
 StoredPosterior = tuple[xr.DataTree, dict[str, Any]]
@@ -75,27 +77,44 @@ def _observed(measurement: Measurement) -> xr.Dataset:
     )
 
 
-def with_record(posterior: Posterior) -> xr.DataTree:
-    """Return the tree with everything else about the run in one JSON attribute (netCDF has no booleans or dicts)."""
-    estimate = posterior.estimate
-    record = {
-        "file_version": FILE_VERSION,
-        "record": asdict(posterior.record),
-        "mode": {"theta": posterior.mode_theta.tolist(), "log_density": posterior.mode_log_density},
-        "map": {
-            "theta": estimate.theta.tolist(),
-            "stiffness": estimate.stiffness.tolist(),
-            "covariance": estimate.covariance.tolist(),
-            "log_posterior": estimate.log_posterior,
-            "starts": [
-                {**asdict(start), "start": start.start.tolist(), "stiffness": start.stiffness.tolist()}
-                for start in estimate.starts
-            ],
-        },
+def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
+    """JSON-ready form of a MAP estimate."""
+    return {
+        "theta": estimate.theta.tolist(),
+        "stiffness": estimate.stiffness.tolist(),
+        "covariance": estimate.covariance.tolist(),
+        "log_posterior": estimate.log_posterior,
+        "starts": [
+            {**asdict(start), "start": start.start.tolist(), "stiffness": start.stiffness.tolist()}
+            for start in estimate.starts
+        ],
     }
-    tree = posterior.tree.copy()
-    tree.attrs = {"jointbayes": json.dumps(record)}
-    return tree
+
+
+def estimate_from(record: dict[str, Any]) -> MapEstimate:
+    """MAP estimate from what `estimate_record` made of it."""
+    starts = tuple(
+        StartOutcome(**{**s, "start": np.array(s["start"]), "stiffness": np.array(s["stiffness"])})
+        for s in record["starts"]
+    )
+    theta, stiffness, covariance = (np.array(record[key]) for key in ("theta", "stiffness", "covariance"))
+    return MapEstimate(theta, stiffness, covariance, record["log_posterior"], starts)
+
+
+def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write groups and record, whole or not at all; the record goes into one JSON attribute.
+
+    NetCDF knows neither booleans nor dictionaries as attributes.
+    """
+    target = Path(path)
+    stored = tree.copy()
+    stored.attrs = {_ATTRIBUTE: json.dumps({"file_version": FILE_VERSION, **record})}
+    scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    try:
+        stored.to_netcdf(scratch / target.name, engine="h5netcdf")
+        (scratch / target.name).replace(target)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def read_record(path: str | os.PathLike[str]) -> StoredPosterior:
@@ -113,7 +132,7 @@ def read_record(path: str | os.PathLike[str]) -> StoredPosterior:
     try:
         with xr.open_datatree(file, engine="h5netcdf") as tree:
             loaded = tree.load().copy(deep=True)
-            record = json.loads(loaded.attrs["jointbayes"])
+            record = json.loads(loaded.attrs[_ATTRIBUTE])
             file_version, *_ = [record[key] for key in ("file_version", "record", "mode", "map")]
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
         raise MeasurementError(f"{file}: found no posterior in it ({type(error).__name__}); {remedy}") from error
@@ -124,23 +143,3 @@ def read_record(path: str | os.PathLike[str]) -> StoredPosterior:
         )
     loaded.attrs = {}
     return loaded, record
-
-
-def restore(problem: Problem, tree: xr.DataTree, record: dict[str, Any]) -> Posterior:
-    """Rebuild the posterior from its problem and what was stored."""
-    stored = record["map"]
-    starts = tuple(
-        StartOutcome(**{**s, "start": np.array(s["start"]), "stiffness": np.array(s["stiffness"])})
-        for s in stored["starts"]
-    )
-    estimate = MapEstimate(
-        np.array(stored["theta"]),
-        np.array(stored["stiffness"]),
-        np.array(stored["covariance"]),
-        stored["log_posterior"],
-        starts,
-    )
-    mode = record["mode"]
-    return Posterior(
-        problem, tree, estimate, np.array(mode["theta"]), mode["log_density"], RunRecord(**record["record"])
-    )

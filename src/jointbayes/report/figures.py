@@ -76,7 +76,7 @@ def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) 
             axes.set_yscale("log")
         axes.set_xlabel("Frequency (Hz)")
         axes.set_ylabel(y_label)
-        axes.legend(ncols=4, loc="upper right")
+        axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
     return _svg(draw, 7.2, 3.4 if log else 2.4)
 
@@ -110,17 +110,16 @@ def histories(names: Sequence[str], units: Sequence[str], history: Array, publis
     return _svg(draw, 7.4, 2.5)
 
 
-def corner_plot(names: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
-    """Marginals and pairs of log10 stiffness, shape (n, parameters) each, with prior, mode and published values."""
+def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
+    """Marginals and pairs of draws, shape (n, parameters), with prior, mode and published values in the same terms."""
     import corner  # late: it brings ArviZ along, a second of import
 
     def draw(canvas: Canvas) -> None:
         span = [_range(posterior[:, i], None if published is None else published[i]) for i in range(posterior.shape[1])]
-        labels = [f"log₁₀ {name}" for name in names]
         corner.corner(
             posterior,
             fig=canvas,
-            labels=labels,
+            labels=list(labels),
             range=span,
             bins=40,
             color=_BLUE,

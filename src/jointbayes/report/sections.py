@@ -184,7 +184,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
         draws, prior = np.log10(posterior.stiffness), np.log10(prior_stiffness)
         point = None if reference is None or min(reference) <= 0 else np.log10(reference)
         mode = np.log10(list(posterior.mode.values()))
-        names: tuple[str, ...] = STIFFNESS_NAMES
+        labels = [f"log₁₀ {name}" for name in STIFFNESS_NAMES]
     else:
         parametrisation = posterior.problem.parametrisation
         scale = np.array([1 / np.log(10), 1 / np.log(10), 1.0])
@@ -193,8 +193,8 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
         inside = reference is not None and min(reference[0], reference[2]) > 0
         point = parametrisation.coordinates(np.array(reference)) * scale if inside else None
         mode = posterior.mode_theta * scale
-        names = ("k11", "k22", "ρ (not a logarithm)")
-    svg = figures.corner_plot(names, draws, prior, point, mode)
+        labels = ["log₁₀ k11", "log₁₀ k22", "ρ"]
+    svg = figures.corner_plot(labels, draws, prior, point, mode)
     marks = "mode (orange, solid)" + ("" if point is None else f", published values (green, dashed; {source})")
     blocks.append(
         Figure(
