@@ -212,7 +212,7 @@ def _data(structure: Structure, joint: Joint, spec: "schema.DataSpec") -> tuple[
     )
     used = FrfMeasurement(
         measured.frf.select(spec.outputs, spec.inputs),
-        measured.variance[:, : len(spec.outputs)].copy(),
+        measured.variance[:, : len(spec.outputs)],
         synthetic=True,
     )
     return used, measured.frf

@@ -35,13 +35,13 @@ class FrfMeasurement:
     synthetic: bool = False
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "variance", _frozen(self.variance))
         if self.variance.shape != self.frf.values.shape:
             raise MeasurementError(
                 f"noise: found a variance of shape {self.variance.shape}; expected {self.frf.values.shape}"
             )
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
             raise MeasurementError("noise: found a variance that is not above zero at some line; raise the noise floor")
-        self.variance.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +58,8 @@ class FrequencyMeasurement:
     sd_hz: NDArray[np.float64]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency_hz", _frozen(self.frequency_hz))
+        object.__setattr__(self, "sd_hz", _frozen(self.sd_hz))
         if self.frequency_hz.ndim != 1 or self.frequency_hz.shape != self.sd_hz.shape:
             raise MeasurementError("natural frequencies: expected as many standard deviations as frequencies")
         if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
@@ -67,8 +69,12 @@ class FrequencyMeasurement:
             )
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
             raise MeasurementError("natural frequencies: expected standard deviations above 0 Hz; correct them")
-        self.frequency_hz.setflags(write=False)
-        self.sd_hz.setflags(write=False)
 
 
 Measurement = FrfMeasurement | FrequencyMeasurement
+
+
+def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    out = np.array(array, dtype=float)
+    out.setflags(write=False)
+    return out
