@@ -38,6 +38,16 @@ def test_fast_models_agree_with_the_direct_solve_to_1e_9_of_the_peak(law, stiffn
     assert error.max() < 1e-9
 
 
+@pytest.mark.parametrize("law", LAWS[:2], ids=str)
+@pytest.mark.parametrize("band", [(5.0, 25.0), (20.0, 60e3)], ids=["below every mode", "up to high modes"])
+def test_the_modal_sum_is_exact_whether_modes_are_near_the_band_or_far_above(law, band):
+    ports = Ports(np.linspace(*band, 200), ALL, ALL)
+    reference = DirectSolve(rod(damping=law), CLAMP, ports).receptance(joint_matrix(TABLE_3))[0]
+    fast = receptance_model(rod(damping=law), CLAMP, ports).receptance(joint_matrix(TABLE_3))[0]
+    error = np.abs(fast - reference).max(axis=0) / np.abs(reference).max(axis=0)
+    assert error.max() < 1e-9
+
+
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("stiffness", [STIFF * 1e4, np.zeros(3)], ids=["nearly rigid", "absent"])
 def test_a_rigid_and_an_absent_joint_are_no_special_cases_at_the_tip(law, stiffness):

@@ -73,7 +73,7 @@ def sensitivity_iteration(
     sensitivity: SensitivityKind = "measured",
     line_weight: float = 0.0,
 ) -> IterationHistory:
-    """Identify (k11, k12, k22) by the paper's iteration.
+    """Identify (k11, k12, k22) by the paper's iteration, Eqs. (3)-(9).
 
     Parameters
     ----------
@@ -94,63 +94,67 @@ def sensitivity_iteration(
         ``"measured"``: S_i = −H^a K_i H^x, as in the paper.  ``"analytical"``: S_i = −H^a K_i H^a, the derivative
         of the predicted FRF (Gauss-Newton).
     line_weight
-        Exponent p of row weights |H^x|⁻ᵖ in the least squares. 0 is the paper as printed, in which the lines at
-        resonance outweigh all others: exact data need no more, but with a few per cent of noise the iteration
-        then runs away. 1/2 balances resonances against the rest.
-
-    Returns
-    -------
-    IterationHistory
+        Exponent p of row weights |H^x|⁻ᵖ in the least squares. 0 is the paper as printed: the lines at resonance
+        outweigh all others, and a few per cent of noise make the iteration run away. 1/2 balances them.
 
     Raises
     ------
     ModelError
         If a DOF does not exist.
-
-    References
-    ----------
-    Cao et al., Eqs. (3)-(9).
     """
-    frf = measured.converted("receptance")
-    sides = (joint.dofs, joint.against) if joint.against else (joint.dofs,)
-    joint_dofs = tuple(dof for side in sides for dof in side)
-    target = frf.select(outputs, frf.inputs).values
-    at_joint = _deformation(frf.select(joint_dofs, frf.inputs).values, len(sides))
-    ports = Ports(
-        frf.frequency_hz,
-        outputs + joint_dofs,
-        frf.inputs + tuple(d for d in joint_dofs if d not in frf.inputs),
-    )
-    model = receptance_model(structure, joint, ports)
-
-    weight = np.abs(target) ** -line_weight
+    system = _System(structure, joint, measured.converted("receptance"), outputs)
+    weight = np.abs(system.target) ** -line_weight
     k = np.asarray(initial, dtype=float)
     history: list[Array] = []
     norms: list[float] = []
-    while len(norms) <= max_steps:
-        predicted = FrfSet(frf.frequency_hz, model.receptance(joint_matrix(k))[0], ports.outputs, ports.inputs)
-        residual = predicted.select(outputs, frf.inputs).values - target  # Eq. (5)
+    while len(norms) <= max_steps and np.abs(k).max() < _RUNAWAY:
+        predicted = system.predict(k)
+        residual = system.residual(predicted)
         history.append(k)
-        norms.append(float(np.linalg.norm(residual) / np.linalg.norm(target)))
-        if norms[-1] <= threshold or len(norms) > max_steps:
+        norms.append(float(np.linalg.norm(residual) / np.linalg.norm(system.target)))
+        if norms[-1] <= threshold:
             break
-        if sensitivity == "measured":
-            response = at_joint
-        else:
-            response = _deformation(predicted.select(joint_dofs, frf.inputs).values, len(sides))
-        to_joint = predicted.select(outputs, joint_dofs).values.swapaxes(1, 2)
-        k = k + _step(_deformation(to_joint, len(sides)), response, residual, weight)
-        if not np.abs(k).max() < _RUNAWAY:
-            break
+        response = system.at_joint(system.measured if sensitivity == "measured" else predicted)
+        k = k + _step(system.to_joint(predicted), response, residual, weight)
     return _history(np.array(history), np.array(norms), threshold)
 
 
-def _deformation(values: ComplexArray, sides: int) -> ComplexArray:
-    """Joint deformation from motion at its DOFs: first side minus second; shape (lines, r, columns)."""
-    if sides == 1:
-        return values
-    near, far = np.split(values, 2, axis=1)
-    return near - far
+class _System:
+    """Measured FRFs, and the model that predicts them and those between the outputs and the joint."""
+
+    def __init__(self, structure: Structure, joint: Joint, measured: FrfSet, outputs: tuple[str, ...]) -> None:
+        self.measured, self._outputs = measured, outputs
+        self._near, self._far = joint.dofs, joint.against
+        at_joint = joint.dofs + joint.against
+        self._ports = Ports(
+            measured.frequency_hz,
+            tuple(dict.fromkeys(outputs + at_joint)),
+            tuple(dict.fromkeys(measured.inputs + at_joint)),
+        )
+        self._model = receptance_model(structure, joint, self._ports)
+        self.target = measured.select(outputs, measured.inputs).values
+
+    def predict(self, stiffness: Array) -> FrfSet:
+        """H^a between all outputs, inputs and DOFs of the joint."""
+        ports = self._ports
+        values = self._model.receptance(joint_matrix(stiffness))[0]
+        return FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs)
+
+    def residual(self, predicted: FrfSet) -> ComplexArray:
+        """ε_H = H^a − H^x, Eq. (5), shape (lines, outputs, inputs)."""
+        return predicted.select(self._outputs, self.measured.inputs).values - self.target
+
+    def at_joint(self, frf: FrfSet) -> ComplexArray:
+        """Deformation of the joint by unit force at each input, shape (lines, r, inputs)."""
+        deformation = frf.select(self._near, self.measured.inputs).values
+        return deformation - frf.select(self._far, self.measured.inputs).values if self._far else deformation
+
+    def to_joint(self, predicted: FrfSet) -> ComplexArray:
+        """Response of the outputs to unit force in the joint, shape (lines, r, outputs)."""
+        response = predicted.select(self._outputs, self._near).values
+        if self._far:
+            response = response - predicted.select(self._outputs, self._far).values
+        return response.swapaxes(1, 2)
 
 
 def _step(to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray, weight: Array) -> Array:

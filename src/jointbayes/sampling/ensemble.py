@@ -77,8 +77,6 @@ def run_ensembles(
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
-    Each ensemble has its own child stream of ``rng`` and depends neither on the others nor on the blocks.
-
     Parameters
     ----------
     log_density : callable
@@ -93,11 +91,6 @@ def run_ensembles(
         Called with a :class:`Progress` after each block.
     chart : Chart, optional
         Coordinates in which the density is closer to a Gaussian: most moves are then made in these.
-
-    Returns
-    -------
-    Chains
-        All steps, whether the stop rule was met, and why.
 
     Raises
     ------

@@ -64,8 +64,7 @@ def bending_element(
 
     Returns
     -------
-    stiffness, mass : ndarray, shape (4, 4)
-        Consistent matrices, rotary inertia included; SI units.
+    stiffness, mass : ndarray, shape (4, 4), consistent, rotary inertia included
 
     References
     ----------
