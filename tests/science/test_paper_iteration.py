@@ -117,3 +117,8 @@ def test_a_missing_joint_frf_is_named():
     only_tip = _measured(None).select(TIP, TIP)
     with pytest.raises(MeasurementError, match="'1:y'"):
         _iterate(only_tip)
+
+
+def test_a_measured_dof_may_be_one_of_the_joints():
+    history = sensitivity_iteration(rod(), CLAMP, _measured(None), ("11:y", "1:y"), FIRST_GUESS)
+    np.testing.assert_allclose(history.stiffness, TABLE_3, rtol=1e-6)
