@@ -24,6 +24,7 @@ __all__ = [
     "Parametrisation",
     "SignedCoupling",
     "check_positive_semidefinite",
+    "is_positive_semidefinite",
     "joint_matrix",
 ]
 
@@ -95,6 +96,13 @@ def joint_matrix(stiffness: ArrayLike) -> Array:
     return k[..., [0, 1, 1, 2]].reshape(*k.shape[:-1], 2, 2)
 
 
+def is_positive_semidefinite(stiffness: ArrayLike) -> NDArray[np.bool_]:
+    """Whether a joint (k11, k12, k22), shape (..., 3), releases no energy, shape (...)."""
+    k11, k12, k22 = np.moveaxis(np.asarray(stiffness, dtype=float), -1, 0)
+    possible: NDArray[np.bool_] = (k11 >= 0) & (k22 >= 0) & (k12**2 <= k11 * k22)
+    return possible
+
+
 def check_positive_semidefinite(stiffness: ArrayLike) -> None:
     """Refuse a joint that could release energy.
 
@@ -111,7 +119,7 @@ def check_positive_semidefinite(stiffness: ArrayLike) -> None:
     k11, k12, k22 = (float(k) for k in np.asarray(stiffness, dtype=float))
     if not np.isfinite([k11, k12, k22]).all():
         raise ModelError(f"joint: found k11 = {k11:g}, k12 = {k12:g}, k22 = {k22:g}; expected finite numbers")
-    if k11 < 0 or k22 < 0 or k12**2 > k11 * k22:
+    if not is_positive_semidefinite(stiffness):
         raise ModelError(
             f"joint: found k11 = {k11:g} N/m, k12 = {k12:g} N, k22 = {k22:g} N·m/rad; expected a positive "
             f"semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g}); lower |k12| or raise k11, k22"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jointbayes.case import case_from_text
 from jointbayes.errors import CaseError
-from jointbayes.posterior import Posterior, summarise
+from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.workflow import identify
 
@@ -59,7 +59,6 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
         paper_tables=bool(reference and reference.paper_audit),
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
-    summary = summarise(posterior, inputs.initial, inputs.measured_frequencies_hz)
 
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
@@ -67,7 +66,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
         (scratch / "report.html").write_text(render_html(report), encoding="utf-8", newline="\n")
         (scratch / "report.pdf").write_bytes(render_pdf(report))
         (scratch / "summary.json").write_text(
-            json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+            json.dumps(inputs.summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
         )
         (scratch / "case.toml").write_text(record.case_text, encoding="utf-8")
         posterior.save(scratch / "posterior.nc")

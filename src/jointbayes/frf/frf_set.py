@@ -61,12 +61,12 @@ class FrfSet:
     averages: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", _frozen(self.frequency_hz, np.float64))
-        object.__setattr__(self, "values", _frozen(self.values, np.complex128))
+        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
+        object.__setattr__(self, "values", read_only(self.values, np.complex128))
         object.__setattr__(self, "outputs", tuple(self.outputs))
         object.__setattr__(self, "inputs", tuple(self.inputs))
         if self.coherence is not None:
-            object.__setattr__(self, "coherence", _frozen(self.coherence, np.float64))
+            object.__setattr__(self, "coherence", read_only(self.coherence))
         _check_lines(self.frequency_hz)
         self._check_values()
 
@@ -144,7 +144,8 @@ class FrfSet:
         return replace(self, values=self.values * factor[:, None, None], quantity=quantity)
 
 
-def _frozen(array: NDArray[Any], dtype: type) -> NDArray[Any]:
+def read_only(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
+    """Copy of an array that cannot be written to."""
     out: NDArray[Any] = np.array(array, dtype=dtype)
     out.setflags(write=False)
     return out

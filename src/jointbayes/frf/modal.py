@@ -127,9 +127,10 @@ class AssembledModes:
         self._rest = self._modes.shapes.T @ rest
         self._n_out = len(ports.outputs)
         self._ratio = structure.damping.per_mode(structure.n_dofs)
+        self._band_end = self._omega.max()
         # jⁿ(ω/ω_max)ⁿ without its factor j in the odd rows
         order = np.arange(_TERMS)[:, None]
-        self._powers = (-1.0) ** (order // 2) * (self._omega / self._omega[-1]) ** order
+        self._powers = (-1.0) ** (order // 2) * (self._omega / self._band_end) ** order
 
     def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
@@ -149,7 +150,7 @@ class AssembledModes:
     def _modal_sum(self, eigenvalues: Array, constants: Array) -> NDArray[np.complex128]:
         """Σ_r R_r / (λ_r − ω² + 2jζ_r √λ_r ω), shape (lines, pairs), for modal constants R (m, ...)."""
         flat = constants.reshape(len(eigenvalues), -1).T
-        near = int(np.searchsorted(eigenvalues, (_FAR * self._omega[-1]) ** 2))
+        near = int(np.searchsorted(eigenvalues, (_FAR * self._band_end) ** 2))
         total = self._near_modes(eigenvalues[:near], self._ratio[:near], flat[:, :near])
         total += self._far_modes(eigenvalues[near:], self._ratio[near:], flat[:, near:])
         summed: NDArray[np.complex128] = total.T
@@ -181,7 +182,7 @@ class AssembledModes:
         1/(1 + 2ζx + x²) = Σ U_n(−ζ) xⁿ with Chebyshev's polynomials of the second kind: with |x| ≤ 1/_FAR the terms
         left out are below 1e-11, and the coefficients of all far modes add up before any line is looked at.
         """
-        scaled = self._omega[-1] / np.sqrt(eigenvalues)
+        scaled = self._band_end / np.sqrt(eigenvalues)
         chebyshev = [np.ones_like(ratio), -2 * ratio]
         while len(chebyshev) < _TERMS:
             chebyshev.append(-2 * ratio * chebyshev[-1] - chebyshev[-2])

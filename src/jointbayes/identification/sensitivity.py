@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.joint import STIFFNESS_PATTERN, Joint, joint_matrix
+from jointbayes.joint import STIFFNESS_PATTERN, Joint, is_positive_semidefinite, joint_matrix
 from jointbayes.structure import Structure
 
 __all__ = ["IterationHistory", "SensitivityKind", "sensitivity_iteration"]
@@ -172,8 +172,7 @@ def _step(to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray
 
 
 def _history(stiffness: Array, norms: Array, threshold: float) -> IterationHistory:
-    k11, k12, k22 = stiffness.T
-    outside = np.flatnonzero((k11 < 0) | (k22 < 0) | (k12**2 > k11 * k22))
+    outside = np.flatnonzero(~is_positive_semidefinite(stiffness))
     converged = bool(norms[-1] <= threshold)
     steps = len(norms) - 1
     if converged:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
+from jointbayes.frf.frf_set import read_only
 
 __all__ = ["FrequencyMeasurement", "FrfMeasurement", "Measurement"]
 
@@ -35,7 +36,7 @@ class FrfMeasurement:
     synthetic: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "variance", _frozen(self.variance))
+        object.__setattr__(self, "variance", read_only(self.variance))
         if self.variance.shape != self.frf.values.shape:
             raise MeasurementError(
                 f"noise: found a variance of shape {self.variance.shape}; expected {self.frf.values.shape}"
@@ -58,8 +59,8 @@ class FrequencyMeasurement:
     sd_hz: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency_hz", _frozen(self.frequency_hz))
-        object.__setattr__(self, "sd_hz", _frozen(self.sd_hz))
+        object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
+        object.__setattr__(self, "sd_hz", read_only(self.sd_hz))
         if self.frequency_hz.ndim != 1 or self.frequency_hz.shape != self.sd_hz.shape:
             raise MeasurementError("natural frequencies: expected as many standard deviations as frequencies")
         if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
@@ -72,9 +73,3 @@ class FrequencyMeasurement:
 
 
 Measurement = FrfMeasurement | FrequencyMeasurement
-
-
-def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    out = np.array(array, dtype=float)
-    out.setflags(write=False)
-    return out

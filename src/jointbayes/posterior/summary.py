@@ -109,14 +109,15 @@ def _frequencies(posterior: Posterior, initial: Sequence[float], measured: Seque
 def _fit(posterior: Posterior) -> dict[str, Any]:
     likelihood = posterior.problem.log_posterior.likelihood
     stiffness = joint_matrix(posterior.estimate.stiffness)
-    deviance = 2 * (likelihood.constant - float(likelihood.log_likelihood(stiffness[None])[0]))
+    log_likelihood = float(likelihood.log_likelihood(stiffness[None])[0])
+    deviance = 2 * (likelihood.constant - log_likelihood)
     measurement = posterior.problem.measurement
     # Σ|r|²/σ² is half the sum over real and imaginary parts: expected 1 per complex value and 1 per frequency
     frf = isinstance(measurement, FrfMeasurement)
     return {
         "n_data": likelihood.n_data,
         "chi2_per_line": (deviance / 2 if frf else deviance) / likelihood.n_data,
-        "log_likelihood_map": float(likelihood.log_likelihood(stiffness[None])[0]),
+        "log_likelihood_map": log_likelihood,
         "synthetic_data": bool(isinstance(measurement, FrfMeasurement) and measurement.synthetic),
     }
 

@@ -2,6 +2,8 @@
 
 import datetime
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from jointbayes.identification import IterationHistory
 from jointbayes.paper import audit
@@ -44,11 +46,15 @@ class ReportInputs:
     measured_frequencies_hz: tuple[float, ...] | None = None
     paper_tables: bool = False
 
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The numbers of the run, as in ``summary.json``."""
+        return summarise(self.posterior, self.initial, self.measured_frequencies_hz)
+
 
 def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     """Build the report, verdict first."""
-    posterior = inputs.posterior
-    summary = summarise(posterior, inputs.initial, inputs.measured_frequencies_hz)
+    posterior, summary = inputs.posterior, inputs.summary
     parts: list[Section] = [
         fit_section(posterior, inputs.initial, summary),
         sections.frequency_section(posterior, summary),

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports, receptance_model
+from jointbayes.frf import Ports, quantity_factor, receptance_model
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Posterior
@@ -40,7 +40,7 @@ def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Tri
     band = posterior.predict_frf()
     model = receptance_model(problem.structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
     receptance = model.receptance(joint_matrix(np.array([initial, posterior.estimate.stiffness])))
-    guess, best = receptance * (frf.values / frf.converted("receptance").values)
+    guess, best = receptance * quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     label = "synthetic" if measurement.synthetic else "measured"
     blocks: list[Block] = []
     for i, output in enumerate(frf.outputs):
