@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.frf.direct import dynamic_stiffness
-from jointbayes.frf.ports import Ports, as_batch, split_along
+from jointbayes.frf.pair import PairCoupling
+from jointbayes.frf.ports import Misfit, Ports, split_along
+from jointbayes.frf.sweep import SweepCoupling
 from jointbayes.joint import Joint
 from jointbayes.structure import ModalDamping, Structure
 
@@ -46,15 +48,14 @@ class LowRankCoupling:
         driven = np.hstack([joined, rest])
         blocks = dynamic_stiffness(structure, ports.omega)
         free = np.concatenate([driven.T @ np.linalg.solve(z, driven.astype(complex)) for z in blocks])
-        free = _symmetric(free)
-        r, self._n_out = joined.shape[1], len(ports.outputs)
-        self._jj, self._jp, self._pp = free[:, :r, :r], free[:, :r, r:], free[:, r:, r:]
-        self._along = along
+        # reciprocity holds to the last bits if it holds here
+        free = (free + free.swapaxes(-1, -2)) / 2
+        form = PairCoupling if joined.shape[1] <= 2 else SweepCoupling
+        self._form: PairCoupling | SweepCoupling = form(free, along, len(ports.outputs))
 
     def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        value, _ = self._solve(as_batch(stiffness)[:, None])
-        return value
+        return self._form.receptance(stiffness)
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike
@@ -72,25 +73,16 @@ class LowRankCoupling:
         -------
         receptance, derivative : ndarray, shapes (lines, outputs, inputs) and (p, lines, outputs, inputs)
         """
-        value, at_joint = self._solve(np.asarray(stiffness, dtype=float))
-        change = np.asarray(directions, dtype=float)[:, None]
-        from_joint = at_joint[..., : self._n_out].swapaxes(-1, -2)
-        return value, -from_joint @ change @ at_joint[..., self._n_out :]
+        return self._form.tangent(stiffness, directions)
 
-    def _solve(self, matrices: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Assembled receptance outputs × inputs, and from all ports (outputs, then inputs) to the joint."""
-        # products that are symmetric in exact arithmetic are made so, which keeps reciprocity to the last bits
-        remaining = np.linalg.inv(np.eye(matrices.shape[-1]) + self._jj @ matrices)
-        h_jj = _symmetric(remaining @ self._jj)  # (1 + A_jj K)⁻¹ A_jj
-        h_jp = remaining @ self._jp
-        n = self._n_out
-        at_joint = h_jj @ self._along + h_jp
-        out, into = self._along[:, :n].T, self._along[:, n:]
-        coupled = _symmetric(matrices @ remaining)
-        rest = self._pp[:, :n, n:] - self._jp[..., :n].swapaxes(-1, -2) @ coupled @ self._jp[..., n:]
-        crossed = h_jp[..., :n].swapaxes(-1, -2) @ into
-        return out @ at_joint[..., n:] + crossed + rest, at_joint
+    def misfit(self, measured: NDArray[np.complex128], weight: NDArray[np.float64]) -> Misfit:
+        """Weighted distance from measured receptances, Σ |H − H^x|² w², as a function of the joint.
 
-
-def _symmetric(matrices: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    return (matrices + matrices.swapaxes(-1, -2)) / 2
+        Parameters
+        ----------
+        measured
+            H^x, shape (lines, outputs, inputs), m/N and so on.
+        weight
+            1/σ, same shape.
+        """
+        return self._form.misfit(measured, weight)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.coupling import LowRankCoupling
 from jointbayes.frf.modal import AssembledModes
-from jointbayes.frf.ports import Ports
+from jointbayes.frf.ports import Misfit, Ports
 from jointbayes.joint import Joint
 from jointbayes.structure import ModalDamping, Structure
 
@@ -25,6 +25,10 @@ class ReceptanceModel(Protocol):
         self, stiffness: ArrayLike, directions: ArrayLike
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
+        ...
+
+    def misfit(self, measured: NDArray[np.complex128], weight: NDArray[np.float64]) -> Misfit:
+        """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         ...
 
 

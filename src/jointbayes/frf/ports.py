@@ -1,6 +1,7 @@
 """Where a structure is excited, observed and joined."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.joint import Joint
 from jointbayes.structure import Structure
 
-__all__ = ["Ports"]
+__all__ = ["Misfit", "Ports"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,3 +61,15 @@ def as_batch(stiffness: ArrayLike) -> NDArray[np.float64]:
     """Joint matrices with a leading batch axis, shape (batch, r, r)."""
     matrices = np.asarray(stiffness, dtype=float)
     return matrices[None] if matrices.ndim == 2 else matrices
+
+
+class Misfit(Protocol):
+    """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances."""
+
+    def chi2(self, stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
+        """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
+        ...
+
+    def chi2_gradient(self, stiffness: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
+        ...

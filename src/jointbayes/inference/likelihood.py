@@ -1,7 +1,7 @@
 """Likelihoods of joint matrices K^J: invariant to how the joint is parametrised.
 
-Each is Gaussian and offers ln L for a batch of joints, and for one joint the standardised residuals e, with
-ln L = constant − eᵀe/2, and their exact Jacobian.
+Each is Gaussian and offers ln L for a batch of joints, its gradient, and for one joint the standardised residuals e,
+with ln L = constant − eᵀe/2, and their exact Jacobian.
 """
 
 import math
@@ -42,16 +42,24 @@ class FrfLikelihood:
         self._model = model
         self._measured = frf.values / factor
         self._weight = np.abs(factor) / np.sqrt(measurement.variance)
+        self._misfit = model.misfit(self._measured, self._weight)
         self.constant = -float(np.log(math.pi * measurement.variance).sum())
         #: Number of complex values.
         self.n_data = frf.values.size
 
     def log_likelihood(self, stiffness: ArrayLike) -> Array:
-        """ln L, shape (batch,), of joint matrices, shape (batch, r, r)."""
-        difference = (self._model.receptance(stiffness) - self._measured) * self._weight
-        flat = difference.reshape(len(difference), -1)
-        value: Array = self.constant - (flat.real**2 + flat.imag**2).sum(axis=-1)
+        """ln L, shape (batch,), of joint matrices, shape (batch, r, r).
+
+        −inf where the model has no finite value: a joint that resonates, undamped, on a line.
+        """
+        value = self.constant - self._misfit.chi2(np.asarray(stiffness, dtype=float))
+        value[~np.isfinite(value)] = -np.inf
         return value
+
+    def gradient(self, stiffness: ArrayLike) -> tuple[Array, Array]:
+        """ln L (batch,) and its gradient S (batch, r, r): d ln L = Σ S_ij dK_ij for symmetric dK."""
+        chi2, slope = self._misfit.chi2_gradient(np.asarray(stiffness, dtype=float))
+        return self.constant - chi2, -slope
 
     def residuals(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p) along changes dK^J (p, r, r) of one joint."""

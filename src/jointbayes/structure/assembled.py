@@ -13,6 +13,10 @@ from jointbayes.structure.damping import DampingLaw
 __all__ = ["Modes", "Structure", "mode_shift"]
 
 
+#: An eigenvalue so far below the shift is that of a rigid-body mode: what is left is rounding of the stiffness matrix.
+_RIGID = 1e-13
+
+
 @dataclass(frozen=True, slots=True)
 class Modes:
     """Undamped modes in rising order of frequency, shapes normalised to unit modal mass.
@@ -118,7 +122,14 @@ class Structure:
         shift = mode_shift(self)
         inverse, shapes = linalg.eigh(self.mass, stiffness + shift * self.mass)
         inverse, shapes = inverse[::-1], shapes[:, ::-1]
-        return Modes(np.maximum(1 / inverse - shift, 0.0), shapes / np.sqrt(inverse))
+        shapes = shapes / np.sqrt(inverse)
+        eigenvalues = 1 / inverse - shift
+        # far below the shift the difference is all rounding; Rayleigh's quotient in extended precision is not
+        low = shapes[:, eigenvalues < 0.1 * shift]
+        strain = (low.T.astype(np.longdouble) @ stiffness.astype(np.longdouble) * low.T).sum(axis=1)
+        eigenvalues[: low.shape[1]] = strain / (low.T @ self.mass * low.T).sum(axis=1)
+        eigenvalues[eigenvalues < _RIGID * shift] = 0.0
+        return Modes(eigenvalues, shapes)
 
 
 def mode_shift(structure: Structure) -> float:
