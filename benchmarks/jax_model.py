@@ -73,8 +73,12 @@ def _modal(setup: Setup, problem: Problem) -> Callable[[Any], Any]:
         squared = shifted[::-1] - shift
         constants = ((out @ vectors) * (into @ vectors))[::-1]
         natural = jnp.sqrt(jnp.maximum(squared, 1e-12))
-        denominator = squared[:, None] - omega**2 + 2j * (ratio * natural)[:, None] * omega
-        return constants @ (1 / denominator)
+        # one product of real matrices: complex division and its derivative take three times as long
+        rate = 2 * ratio * natural
+        apart = squared[:, None] - omega**2
+        weights = jnp.stack([constants * squared, constants, constants * rate])
+        static, inertial, damped = weights @ (1 / (apart**2 + (rate**2)[:, None] * omega**2))
+        return static - omega**2 * inertial - 1j * omega * damped
 
     return receptance
 

@@ -84,11 +84,11 @@ def stretch_run(log_density: Callable[[Array], Array], start: Array, budget_seco
     sampler = emcee.EnsembleSampler(walkers, dimension, counted, vectorize=True)
     state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
     began = time.perf_counter()
-    block, tau, steps = 1000, float("inf"), 0
+    block, tau, steps = 100, float("inf"), 0
     while time.perf_counter() - began < budget_seconds:
         state = sampler.run_mcmc(state, block)
         steps += block
-        block = max(1000, steps // 10)  # looking at all draws must not cost more than making them
+        block = max(100, steps // 10)  # looking at all draws must not cost more than making them
         tau = float(autocorrelation_time(sampler.get_chain(discard=_burn_in(steps, tau))[None]).max())
         if steps - _burn_in(steps, tau) >= KEPT_TAUS * tau:
             break
@@ -197,7 +197,7 @@ def nautilus_run(problem: Problem, seed: int, wanted: float, live: int = 2000) -
     )
 
 
-def nuts_run(problem: Problem, start: Array, seed: int, warm_up: int = 1000, draws: int = 1000) -> Run:
+def nuts_run(problem: Problem, start: Array, seed: int, warm_up: int = 500, draws: int = 1000) -> Run:
     """NUTS with blackjax's window adaptation of a dense mass matrix; one chain from each row of `start`."""
     import arviz
     import blackjax

@@ -158,7 +158,7 @@ def nuts_row(case: jb.Case, reference: Run, start: tuple[np.ndarray, float], qui
     if any(importlib.util.find_spec(module) is None for module in ("jax", "blackjax")):
         return missing(method)
     points, map_seconds = start
-    warm_up, draws = (100, 100) if quick else (1000, 1000)
+    warm_up, draws = (100, 100) if quick else (500, 1000)
     done = nuts_run(case.problem, points[: 2 if quick else 4], SEED, warm_up, draws)
     return row(method, done, reference, 1e6 * done.likelihood_seconds / done.evaluations, map_seconds)
 
