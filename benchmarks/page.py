@@ -94,14 +94,15 @@ def _growth(growth: Iterable[Data]) -> list[str]:
 
 
 def _samplers(data: Data) -> list[str]:
-    lines = [_SAMPLER_NOTES.format(wanted=number(data["wanted"], 4))]
+    wanted = number(data["wanted"], 4)
+    lines = [_SAMPLER_NOTES.format(wanted=wanted)]
     for case in data["cases"]:
         lines += [
             f"### Samplers, {LAW[case['law']]}",
             "",
             f"`{CASE_FILE[case['law']]}`, {case['values']} values.",
             "",
-            *table(_SAMPLER_HEAD, (_sampler_row(r) for r in case["rows"])),
+            *table((h.format(wanted=wanted) for h in _SAMPLER_HEAD), (_sampler_row(r) for r in case["rows"])),
             "",
             *(f"- {r['method']}: {r['note']}" for r in case["rows"] if r.get("note")),
             "",
@@ -116,7 +117,7 @@ _SAMPLER_HEAD = (
     "ESS per second",
     "evaluations per effective sample",
     "compiling, s",
-    "seconds to the effective samples wanted",
+    "seconds to {wanted} ESS",
     "mean off by, sd",
     "sd ratio",
 )
@@ -125,7 +126,7 @@ _SAMPLER_NOTES = """\
 Each sampler draws from the posterior of (ln k11, ln k12, ln k22) on one core. ESS is the smallest over the three:
 draws/τ with τ averaged over walkers for ensembles (walkers of one ensemble are not independent chains), ArviZ's bulk
 ESS over the chains for NUTS, Kish's (Σw)²/Σw² for nested samplers. ESS per second counts the sampling alone, the
-evaluations all of it. Seconds to {wanted} effective samples count everything but compiling: finding the mode from which
+evaluations all of it. Seconds to {wanted} ESS count everything but compiling: finding the mode from which
 ensembles and NUTS start, burn-in or adaptation, and sampling. The last two columns compare with the jointbayes row:
 the largest difference of a mean in posterior standard deviations, and the ratio of standard deviations furthest from 1;
 both contain the Monte Carlo error, about 1/√ESS of either. A nested sampler also gives the evidence.
