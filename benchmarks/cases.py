@@ -2,6 +2,7 @@
 
 import os
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,20 @@ def joints(case: jb.Case, count: int) -> tuple[NDArray[np.float64], NDArray[np.f
 
 
 def one_core() -> None:
-    """Keep this process, and whatever threads its libraries start, on one core."""
+    """Keep this process, and whatever threads its libraries start, on the core that is least busy now."""
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+        before = _idle_ticks()
+        time.sleep(0.5)
+        after = _idle_ticks()
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {max(cores, key=lambda core: after.get(core, 0) - before.get(core, 0))})
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+
+
+def _idle_ticks() -> dict[int, int]:
+    """Ticks for which each core has been idle, by number of the core; empty where the system does not tell."""
+    try:
+        lines = Path("/proc/stat").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return {}
+    return {int(c[0][3:]): int(c[4]) for c in map(str.split, lines) if c and re.fullmatch(r"cpu\d+", c[0])}
