@@ -36,8 +36,9 @@ lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
 docs: $(VENV)/.stamp-docs  ## build the documentation into site/, warnings are errors
 	$(BIN)/mkdocs build --strict
 
-bench: $(VENV)/.stamp-test  ## time the likelihood
+bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against others (about ten minutes)
 	$(BIN)/python -m benchmarks.likelihood
+	$(BIN)/python -m benchmarks.samplers
 
 science: $(VENV)/.stamp-test  ## the long calibration of the posterior against known truths
 	$(BIN)/python -m benchmarks.calibration

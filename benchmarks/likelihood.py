@@ -1,83 +1,198 @@
-"""What a likelihood costs, as ratios within one run. Run by `make bench`; writes docs/benchmarks.md.
+"""What a likelihood costs, as ratios within one run, and how it grows with the data. Run by `make bench`.
 
-The main case's log-posterior over 48 joints is timed against what a user would write first: assemble, and solve the
-dense dynamic stiffness line by line.
+Joints about the true one are evaluated in a batch of 64, as a sampler asks for them, on one core.
 """
 
-import datetime
-import os
-import platform
-import statistics
-import time
-from collections.abc import Callable
-from pathlib import Path
+import argparse
+from typing import Any
 
 import numpy as np
 
 import jointbayes as jb
-from jointbayes.frf import DirectSolve
-from jointbayes.joint import joint_matrix
-from jointbayes.measurement import FrfMeasurement
+from benchmarks import cases, peers, record
+from benchmarks.timing import (
+    Contestant,
+    Timing,
+    interleaved,
+    log_log_slope,
+    peak_megabytes,
+    resident_peak_megabytes,
+)
+from jointbayes.frf import receptance_model
+from jointbayes.inference import Likelihood, likelihood_of
+from jointbayes.joint import Joint
+from jointbayes.measurement import FrfMeasurement, RelativeNoise
+from jointbayes.structure import BeamMaterial, DampingLaw, LossFactor, ModalDamping, Section, Structure, beam
 
-ROOT = Path(__file__).resolve().parents[1]
-TABLE = ROOT / "docs" / "benchmarks.md"
-BATCH = 48
+BATCH = 64
+#: A line-by-line solve of 64 joints takes seconds; it costs the same for each joint, so a few will do.
+FEW = 4
+#: Joints × values in one call of the growth series: the batch is cut down as the data grow.
+MOST_VALUES_AT_ONCE = 2_000_000
+
+STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
+LAWS: dict[str, DampingLaw] = {"loss_factor": LossFactor(0.02), "modal": ModalDamping((0.01,))}
+CLAMP = Joint(("1:y", "1:rz"))
+CLAMP_STIFFNESS = np.array([[5.05e9, 3.44e7], [3.44e7, 1.52e6]])
 
 
-def seconds(run: Callable[[], object], repeats: int) -> float:
-    """Median wall time of one call, after one to warm up."""
-    run()
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - began)
-    return statistics.median(times)
+def gradient_batch(likelihood: Likelihood) -> Any:
+    """HOOK for a likelihood that gives value and gradient of many joints in one call; None where there is none yet.
+
+    Expected: `likelihood.gradient_batch(matrices)` for K^J of shape (n, r, r). Adapt this one line if it is called
+    otherwise, e.g. if it takes directions as well.
+    """
+    return getattr(likelihood, "gradient_batch", None)
 
 
-def measure() -> list[tuple[str, float]]:
-    """Microseconds per joint of each way to compute the same thing."""
-    case = jb.load_case(ROOT / "configs" / "clamped_beam.toml")
-    problem = case.problem
-    assert isinstance(problem.measurement, FrfMeasurement)
-    assert case.reference is not None
-    frf = problem.measurement.frf
-    rng = np.random.default_rng(0)
-    theta = np.log(case.reference) + rng.normal(size=(BATCH, 3)) * [0.2, 0.05, 0.004]
-    one = theta[0]
-    direct = DirectSolve(problem.structure, problem.joint, jb.Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    stiffness = joint_matrix(np.exp(one))
-    micro = 1e6
+def contestants(law: str, f_step_hz: float, batch: int = BATCH) -> dict[str, Contestant]:
+    """Every way to compute the likelihood of the case with this damping law, 2 Hz and upwards."""
+    case = cases.case_with_lines(law, f_min_hz=2.0, f_step_hz=f_step_hz)
+    theta, matrices = cases.joints(case, batch)
+    setup = peers.Setup(case.problem)
+    likelihood = case.problem.log_posterior.likelihood
+    few = matrices[: min(FEW, batch)]
+
+    def peer(make: Any, joints: np.ndarray) -> Contestant:
+        log_likelihood = make(setup)
+        return Contestant(lambda: log_likelihood(joints), len(joints))
+
+    entries = {
+        "dense solve, line by line": peer(peers.dense_loop, few[:1]),
+        "dense solve, batched over lines": peer(peers.dense_batched, few),
+    }
+    if law == "loss_factor":
+        entries["2×2 coupling by batched numpy.linalg.solve"] = peer(peers.batched_solve, matrices)
+        entries["2×2 coupling in closed form, NumPy"] = peer(peers.closed_form, matrices)
+    else:
+        entries["SciPy eigh and modal sum, NumPy"] = peer(peers.modal_sum, matrices[: min(16, batch)])
+    entries["jointbayes"] = Contestant(lambda: likelihood.log_likelihood(matrices), batch)
+    entries["jointbayes, one joint"] = Contestant(lambda: likelihood.log_likelihood(matrices[:1]), 1)
+    with_gradient = gradient_batch(likelihood)
+    if with_gradient is not None:
+        entries["jointbayes, with gradient"] = Contestant(lambda: with_gradient(matrices), batch)
+    entries["jointbayes, residuals with Jacobian, one joint"] = Contestant(
+        lambda: case.problem.log_posterior.residuals(theta[0]), 1
+    )
+    return entries
+
+
+def synthetic(structure: Structure, joint: Joint, true: np.ndarray, ports: jb.Ports) -> Likelihood:
+    """Likelihood of FRFs computed from a joint, with noise added."""
+    exact = receptance_model(structure, joint, ports).receptance(true)[0]
+    variance = RelativeNoise(0.03, 0.01).variance(exact)
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
+    frf = jb.FrfSet(ports.frequency_hz, exact + np.sqrt(variance / 2) * noise, ports.outputs, ports.inputs)
+    return likelihood_of(structure, joint, FrfMeasurement(frf, variance, synthetic=True))
+
+
+def rod(law: str, dofs_per_node: int = 2) -> Structure:
+    """The main case's beam with another damping law."""
+    return beam(0.383, Section.circle(0.025), STEEL, LAWS[law], elements=10, dofs_per_node=dofs_per_node)
+
+
+def six_dof_contestants(f_step_hz: float, batch: int = BATCH) -> dict[str, Contestant]:
+    """A joint of six DOFs, coupled throughout: all five of the first node, and a spring at mid-span."""
+    joint = Joint(("1:x", "1:y", "1:z", "1:ry", "1:rz", "6:y"))
+    scale = np.sqrt([1e9, 5e9, 5e9, 1.5e6, 1.5e6, 1e6])
+    rng = np.random.default_rng(2)
+    factors = np.eye(6) + 0.1 * rng.normal(size=(batch, 6, 6))
+    matrices = scale[:, None] * (factors @ factors.swapaxes(-1, -2)) * scale
+    ports = jb.Ports(np.arange(2.0, 2500.5, f_step_hz), ("11:y",), ("11:y",))
+    entries = {}
+    for law in LAWS:
+        likelihood = synthetic(rod(law, 5), joint, matrices[0], ports)
+        entries[f"jointbayes, joint of 6 DOFs, {law}"] = Contestant(
+            lambda likelihood=likelihood: likelihood.log_likelihood(matrices), batch
+        )
+    return entries
+
+
+def growth_ports(quick: bool) -> dict[str, list[jb.Ports]]:
+    """Measurements of rising size: more lines of one FRF, and more FRFs at the same lines."""
+    lines = (100, 1000) if quick else (1000, 10_000, 100_000, 1_000_000)
+    sides = (1, 3) if quick else (1, 3, 10, 20)
+    at = tuple(f"{node}:{direction}" for node in range(11, 1, -1) for direction in ("y", "rz"))
+    fixed = np.linspace(2.0, 2500.0, 100 if quick else 2500)
+    return {
+        "lines": [jb.Ports(np.linspace(2.0, 2500.0, n), ("11:y",), ("11:y",)) for n in lines],
+        "FRFs": [jb.Ports(fixed, at[:n], at[:n]) for n in sides],
+    }
+
+
+def growth(law: str, quick: bool) -> list[dict[str, Any]]:
+    """Time and memory of the likelihood as the data grow."""
+    rows = []
+    for kind, series in growth_ports(quick).items():
+        points = []
+        for ports in series:
+            likelihood = synthetic(rod(law), CLAMP, CLAMP_STIFFNESS, ports)
+            values = ports.frequency_hz.size * len(ports.outputs) * len(ports.inputs)
+            batch = max(1, min(BATCH, MOST_VALUES_AT_ONCE // values))
+            matrices = CLAMP_STIFFNESS * np.linspace(0.9, 1.1, batch)[:, None, None]
+
+            def run(likelihood: Likelihood = likelihood, matrices: np.ndarray = matrices) -> object:
+                return likelihood.log_likelihood(matrices)
+
+            timing = interleaved({"": Contestant(run, batch)}, rounds=1 if quick else 3)[""]
+            points.append(
+                {
+                    "values": values,
+                    "batch": batch,
+                    "us": timing.median,
+                    "peak_mb": peak_megabytes(run),
+                    "resident_peak_mb": resident_peak_megabytes(run),
+                }
+            )
+        sizes = [float(p["values"]) for p in points]
+        slope = log_log_slope(sizes, [p["us"] for p in points])
+        rows.append({"law": law, "kind": kind, "slope": slope, "points": points})
+    return rows
+
+
+def rows_of(law: str, timings: dict[str, Timing], entries: dict[str, Contestant]) -> list[dict[str, Any]]:
+    """Results of one damping law as they are kept; ratios are against the line-by-line solve."""
+    slowest = timings.get("dense solve, line by line")
     return [
-        ("dense solve of the assembled beam at each line", micro * seconds(lambda: direct.receptance(stiffness), 5)),
-        ("log-posterior, one joint", micro * seconds(lambda: problem.log_posterior(one), 50)),
-        (f"log-posterior, batch of {BATCH}", micro * seconds(lambda: problem.log_posterior(theta), 20) / BATCH),
-        ("residuals with exact Jacobian, one joint", micro * seconds(lambda: problem.log_posterior.residuals(one), 20)),
+        {
+            "law": law,
+            "what": name,
+            "joints": entries[name].joints,
+            "us": t.median,
+            "us_least": t.least,
+            "rounds": t.rounds,
+            "ratio": slowest.median / t.median if slowest else None,
+        }
+        for name, t in timings.items()
     ]
 
 
-def main() -> None:
-    """Measure, print and write the table."""
-    rows = measure()
-    dense = rows[0][1]
-    lines = [
-        "# Benchmarks",
-        "",
-        f"Printed by `make bench` on {datetime.datetime.now(datetime.UTC).date()}, {platform.machine()}, "
-        f"{os.cpu_count()} cores (one used), Python {platform.python_version()}, NumPy {np.__version__}.",
-        "",
-        "Main case: 22 DOFs, 2481 lines, one FRF, modal damping of the assembled structure. Times vary from machine to",
-        "machine and with its load; the ratios within one run are what counts.",
-        "",
-        "| what | µs per joint | dense solve takes |",
-        "|---|---|---|",
-        *(f"| {name} | {t:.0f} | {dense / t:.1f} times as long |" for name, t in rows),
-        "",
-    ]
-    page = "\n".join(lines)
-    print(page)
-    TABLE.write_text(page, encoding="utf-8")
-    print(f"written: {TABLE.relative_to(ROOT)}")
+def measure(quick: bool) -> dict[str, Any]:
+    """All figures of this page section."""
+    step, rounds, batch = (50.0, 1, 8) if quick else (2.0, 9, BATCH)
+    rows = []
+    for law in cases.CASES:
+        entries = contestants(law, step, batch)
+        rows += rows_of(law, interleaved(entries, rounds), entries)
+    entries = six_dof_contestants(step, batch)
+    six = interleaved(entries, rounds)
+    rows += [row for law in LAWS for row in rows_of(law, {n: t for n, t in six.items() if n.endswith(law)}, entries)]
+    return {
+        "lines": len(np.arange(2.0, 2500.0 + 1e-9, step)),
+        "batch": batch,
+        "rows": rows,
+        "growth": [row for law in LAWS for row in growth(law, quick)],
+    }
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure, print and keep the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    record.add_options(parser)
+    options = parser.parse_args(arguments)
+    cases.one_core()
+    record.keep("likelihood", measure(options.quick), options)
 
 
 if __name__ == "__main__":

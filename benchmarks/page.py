@@ -1,0 +1,147 @@
+"""Results of the benchmarks as Markdown."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+__all__ = ["page", "section"]
+
+Data = Mapping[str, Any]
+
+LAW = {"modal": "modal damping of the assembled structure", "loss_factor": "structural loss factor"}
+CASE_FILE = {"modal": "configs/clamped_beam.toml", "loss_factor": "configs/clamped_beam_loss_factor.toml"}
+
+
+def page(results: Data) -> str:
+    """The whole page, from the sections that have been measured."""
+    parts = ["# Benchmarks\n", "Printed by `make bench`; the figures are in `benchmarks/results.json`.\n"]
+    parts += [section(name, results[name]) for name in _SECTIONS if name in results]
+    return "\n".join(parts)
+
+
+def section(name: str, data: Data) -> str:
+    """One section with where it was measured."""
+    title, body = _SECTIONS[name]
+    short = ["**A short run to try the script: these figures say nothing.**\n"] if data["quick"] else []
+    return "\n".join([f"## {title}\n", *short, _where(data["environment"]), "", *body(data)]) + "\n"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure with so many significant digits, written out; – where there is none."""
+    if value is None:
+        return "–"
+    if value != 0 and not 1e-3 <= abs(value) < 1e7:
+        return f"{value:.{digits - 1}e}"
+    rounded = float(f"{value:.{digits - 1}e}")
+    whole = len(f"{abs(rounded):.0f}") if abs(rounded) >= 1 else 0
+    decimals = digits - whole
+    if 0 < abs(rounded) < 1:
+        decimals = digits + len(f"{abs(rounded):.10f}"[2:]) - len(f"{abs(rounded):.10f}"[2:].lstrip("0"))
+    return f"{rounded:.{max(decimals, 0)}f}"
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Lines of a Markdown table."""
+    names = list(head)
+    return [f"| {' | '.join(r)} |" for r in (names, ["---"] * len(names), *map(list, rows))]
+
+
+def _where(environment: Data) -> str:
+    versions = ", ".join(f"{name} {v}" for name, v in environment["packages"].items() if v is not None)
+    return (
+        f"{environment['date']}, {environment['cpu']} ({environment['machine']}), {environment['cores']} cores of "
+        f"which one was used, {environment['system']}, Python {environment['python']}; {versions}."
+    )
+
+
+def _likelihood(data: Data) -> list[str]:
+    lines = [
+        f"One FRF at {data['lines']} lines, beam of 22 DOFs, joint of 2 DOFs where nothing else is said. Medians; all",
+        "rows of a table were timed in turn, round by round, so that the ratios hold also on a busy machine.",
+        f'"jointbayes" is a batch of {data["batch"]} joints, as a sampler asks for them; what is set up once for each',
+        "case is not part of it. The peers compute the same number to 1e-8, which `tests/test_benchmarks.py` checks.",
+    ]
+    for law in LAW:
+        rows = [r for r in data["rows"] if r["law"] == law]
+        body = ((r["what"], number(r["us"]), _times(r["ratio"]), str(r["rounds"])) for r in rows)
+        lines += ["", f"### Likelihood, {LAW[law]}", ""]
+        lines += table(("what", "µs per likelihood", "line-by-line solve takes", "rounds"), body)
+    return lines + _growth(data["growth"])
+
+
+def _times(ratio: float | None) -> str:
+    return "–" if ratio is None else f"{number(ratio)} times as long"
+
+
+def _growth(growth: Iterable[Data]) -> list[str]:
+    lines = [
+        "",
+        "### Growth with the data",
+        "",
+        "The exponent is the slope of the logarithms: 1 is proportional. Memory is the most that one call held beyond",
+        "what was there before, the data and the structure's own FRFs: traced by Python, and in brackets as the",
+        "resident memory of the process grew (– where the system does not tell).",
+        "",
+    ]
+    rows = []
+    for one in growth:
+        for i, p in enumerate(one["points"]):
+            first = (LAW[one["law"]], f"more {one['kind']}", f"{one['slope']:.2f}") if i == 0 else ("", "", "")
+            memory = f"{number(p['peak_mb'])} ({number(p['resident_peak_mb'])})"
+            nanoseconds = number(1e3 * p["us"] / p["values"])
+            rows.append((*first, str(p["values"]), str(p["batch"]), number(p["us"]), nanoseconds, memory))
+    head = ("damping", "series", "exponent", "values", "joints", "µs per likelihood", "ns per value", "memory, MB")
+    return lines + table(head, rows)
+
+
+def _samplers(data: Data) -> list[str]:
+    wanted = number(data["wanted"], 4)
+    lines = [_SAMPLER_NOTES.format(wanted=wanted)]
+    for case in data["cases"]:
+        lines += [
+            f"### Samplers, {LAW[case['law']]}",
+            "",
+            f"`{CASE_FILE[case['law']]}`, {case['values']} values.",
+            "",
+            *table((h.format(wanted=wanted) for h in _SAMPLER_HEAD), (_sampler_row(r) for r in case["rows"])),
+            "",
+            *(f"- {r['method']}: {r['note']}" for r in case["rows"] if r.get("note")),
+            "",
+        ]
+    return lines
+
+
+_SAMPLER_HEAD = (
+    "sampler",
+    "µs per likelihood",
+    "ESS",
+    "ESS per second",
+    "evaluations per effective sample",
+    "compiling, s",
+    "seconds to {wanted} ESS",
+    "mean off by, sd",
+    "sd ratio",
+)
+
+_SAMPLER_NOTES = """\
+Each sampler draws from the posterior of (ln k11, ln k12, ln k22) on one core. ESS is the smallest over the three:
+draws/τ with τ averaged over walkers for ensembles (walkers of one ensemble are not independent chains), ArviZ's bulk
+ESS over the chains for NUTS, Kish's (Σw)²/Σw² for nested samplers. ESS per second counts the sampling alone, the
+evaluations all of it. Seconds to {wanted} ESS count everything but compiling: finding the mode from which
+ensembles and NUTS start, burn-in or adaptation, and sampling. The last two columns compare with the jointbayes row:
+the largest difference of a mean in posterior standard deviations, and the ratio of standard deviations furthest from 1;
+both contain the Monte Carlo error, about 1/√ESS of either. A nested sampler also gives the evidence.
+"""
+
+
+def _sampler_row(row: Data) -> tuple[str, ...]:
+    name = row["method"] + (" (extrapolated)" if row["extrapolated"] else "")
+    if row.get("missing"):
+        return (name, row["missing"], *["–"] * (len(_SAMPLER_HEAD) - 2))
+    figures = (
+        *("us_per_likelihood", "ess", "ess_per_second", "evaluations_per_effective"),
+        *("compile_seconds", "seconds_to_wanted", "mean_difference", "sd_ratio"),
+    )
+    return (name, *(number(row[figure]) for figure in figures))
+
+
+_SECTIONS = {"likelihood": ("Cost of a likelihood", _likelihood), "samplers": ("Samplers", _samplers)}

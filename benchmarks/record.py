@@ -1,0 +1,82 @@
+"""Results of the benchmarks: kept as JSON with where they were measured, printed, and written as a page."""
+
+import argparse
+import datetime
+import json
+import os
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from benchmarks.page import page, section
+
+__all__ = ["add_options", "environment", "keep", "merged"]
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "results.json"
+PAGE = ROOT / "docs" / "benchmarks.md"
+
+#: Packages whose versions the figures depend on.
+PACKAGES = (
+    *("jointbayes", "numpy", "scipy", "numba", "emcee", "arviz"),
+    *("dynesty", "nautilus-sampler", "jax", "jaxlib", "blackjax"),
+)
+
+
+def environment() -> dict[str, Any]:
+    """Date, machine and package versions."""
+    return {
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "cpu": _cpu_model(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "packages": {name: _version(name) for name in PACKAGES},
+    }
+
+
+def _cpu_model() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        text = ""
+    names = [line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that every benchmark has."""
+    parser.add_argument("--quick", action="store_true", help="few lines and short runs, to try the script")
+    parser.add_argument("--json", type=Path, help="where to keep the results; a quick run keeps none by default")
+    parser.add_argument("--page", type=Path, help="where to write the page; a quick run writes none by default")
+
+
+def merged(path: Path | None, name: str, data: Mapping[str, Any], quick: bool) -> dict[str, Any]:
+    """The results kept at `path`, with this section replaced."""
+    kept = json.loads(path.read_text(encoding="utf-8")) if path is not None and path.exists() else {}
+    return {**kept, name: {"environment": environment(), "quick": quick, **data}}
+
+
+def keep(name: str, data: Mapping[str, Any], options: argparse.Namespace) -> None:
+    """Print one section; keep it among the others in the JSON file and write the page from all of them."""
+    json_path, page_path = options.json, options.page
+    if not options.quick:
+        json_path, page_path = json_path or RESULTS, page_path or PAGE
+    results = merged(json_path, name, data, options.quick)
+    print(section(name, results[name]))
+    if json_path is not None:
+        json_path.write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        print(f"written: {json_path}")
+    if page_path is not None:
+        page_path.write_text(page(results), encoding="utf-8")
+        print(f"written: {page_path}")

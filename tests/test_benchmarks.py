@@ -1,0 +1,215 @@
+"""The benchmarks compare like with like, and write what they measured."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+from benchmarks import cases, jax_model, likelihood, page, peers, record, timing
+from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
+from benchmarks.samplers import emcee_rows, extrapolated, missing, row
+
+PEERS = [
+    ("modal", peers.dense_loop),
+    ("modal", peers.dense_batched),
+    ("modal", peers.modal_sum),
+    ("loss_factor", peers.dense_loop),
+    ("loss_factor", peers.dense_batched),
+    ("loss_factor", peers.batched_solve),
+    ("loss_factor", peers.closed_form),
+]
+
+
+@pytest.fixture(scope="module")
+def quick():
+    return {law: cases.quick_case(law) for law in cases.CASES}
+
+
+def some_joints(case):
+    """Joints near the truth, much softer ones, and stiffer ones."""
+    _, matrices = cases.joints(case, 3)
+    softer, stiffer = [[1e-3, 1e-2], [1e-2, 0.1]], [[10.0, 3.0], [3.0, 10.0]]
+    return np.concatenate([matrices, matrices * softer, matrices * stiffer])
+
+
+@pytest.mark.parametrize(("law", "peer"), PEERS, ids=lambda value: getattr(value, "__name__", value))
+def test_a_peer_computes_the_same_likelihood(quick, law, peer):
+    matrices = some_joints(quick[law])
+    expected = quick[law].problem.log_posterior.likelihood.log_likelihood(matrices)
+    np.testing.assert_allclose(peer(peers.Setup(quick[law].problem))(matrices), expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("law", list(cases.CASES))
+def test_the_jax_model_computes_the_same_posterior_and_its_gradient(quick, law):
+    jax = pytest.importorskip("jax", reason="JAX is not installed: pip install 'jointbayes[bench]'")
+    problem = quick[law].problem
+    matrices = some_joints(quick[law])
+    value = jax.jit(jax_model.log_likelihood(problem))
+    found = [float(value(k)) for k in matrices[:, [0, 0, 1], [0, 1, 1]]]
+    np.testing.assert_allclose(found, problem.log_posterior.likelihood.log_likelihood(matrices), rtol=1e-8)
+
+    theta, _ = cases.joints(quick[law], 1)
+    unbounded = jax_model.to_unbounded(problem, theta[0])
+    np.testing.assert_allclose(jax_model.to_theta(problem, unbounded), theta[0], rtol=1e-12)
+    low, high = problem.prior.support
+    stretch = (theta[0] - low) * (high - theta[0]) / (high - low)  # dθ/d(unbounded)
+    # ln |dθ/du| = ln(θ − low) + ln(high − θ) + constant in each coordinate
+    volume_slope = 1 / (theta[0] - low) - 1 / (high - theta[0])
+    expected = (problem.log_posterior.gradient(theta[0]) + volume_slope) * stretch
+    np.testing.assert_allclose(jax.jit(jax.grad(jax_model.log_density(problem)))(unbounded), expected, rtol=1e-6)
+
+
+def test_off_the_cone_the_jax_density_is_zero_and_its_gradient_finite(quick):
+    jax = pytest.importorskip("jax", reason="JAX is not installed: pip install 'jointbayes[bench]'")
+    density = jax.jit(jax.value_and_grad(jax_model.log_density(quick["loss_factor"].problem)))
+    impossible = jax_model.to_unbounded(quick["loss_factor"].problem, np.log([2e6, 9e9, 2e3]))
+    value, gradient = density(impossible)
+    assert float(value) == -np.inf
+    assert np.isfinite(gradient).all()
+
+
+def test_nested_samplers_see_the_likelihood_on_the_box_of_the_prior(quick):
+    problem = quick["modal"].problem
+    theta, matrices = cases.joints(quick["modal"], 2)
+    off_the_cone = np.log([[2e6, 9e9, 2e3]])
+    found = log_likelihood_on_box(problem)(np.concatenate([theta, off_the_cone]))
+    np.testing.assert_allclose(found[:2], problem.log_posterior.likelihood.log_likelihood(matrices), rtol=1e-12)
+    assert found[2] == -np.inf
+    low, high = problem.prior.support
+    np.testing.assert_allclose(
+        prior_transform(problem)(np.array([0.0, 0.5, 1.0])), [low[0], sum((low[1], high[1])) / 2, high[2]]
+    )
+
+
+def test_a_case_at_other_lines_is_the_case_otherwise():
+    short = cases.case_with_lines("loss_factor", f_min_hz=2.0, f_step_hz=50.0)
+    lines = short.problem.measurement.frf.frequency_hz
+    assert (lines[0], lines[1], lines.size) == (2.0, 52.0, 50)
+    assert short.reference.tolist() == cases.quick_case("modal").reference.tolist()
+
+
+def test_the_effective_samples_of_the_stretch_move_are_those_of_a_gaussian_known_to_be_easy():
+    rng = np.random.default_rng(1)
+    run = stretch_run(lambda x: -0.5 * (x**2).sum(axis=-1), rng.normal(size=(32, 3)), 0.7, 1)
+    assert 15 < run.tau < 60  # about 30 steps in three dimensions
+    assert run.evaluations >= 32 * len(run.theta) / 32
+    np.testing.assert_allclose(run.mean, 0.0, atol=5 / np.sqrt(run.ess))
+    np.testing.assert_allclose(run.sd, 1.0, atol=5 / np.sqrt(run.ess))
+
+
+def made_up_run():
+    theta = np.random.default_rng(1).normal(size=(1000, 3))
+    return StretchRun(
+        theta, 100.0, 40_000, 10.0, start_up_seconds=2.0, tau=40.0, walkers=8, burn_in=200, overhead_per_step=1e-3
+    )
+
+
+def test_an_extrapolated_row_states_the_time_of_the_same_steps_at_another_price():
+    run = made_up_run()
+    slow = extrapolated(run, 1000.0, "slow")
+    # 100 effective samples of 8 walkers with τ = 40 are 500 steps, each 8 evaluations of 1 ms and 1 ms of emcee
+    assert slow.seconds == pytest.approx(500 * 9e-3)
+    assert slow.start_up_seconds == pytest.approx(200 * 9e-3)
+    found = row("slow", slow, run, 1000.0, 3.0, extrapolate=True)
+    assert found["seconds_to_wanted"] == pytest.approx(3.0 + 200 * 9e-3 + 2000 * 4.5 / 100)
+    assert (found["mean_difference"], found["sd_ratio"], found["extrapolated"]) == (0.0, 1.0, True)
+
+
+def test_a_sampler_that_misses_part_of_the_posterior_is_called_out():
+    reference, narrow = made_up_run(), made_up_run()
+    narrow.theta = narrow.theta * [1.0, 1.0, 0.7]
+    found = row("narrow", narrow, reference, 1.0, 0.0)
+    assert found["sd_ratio"] == pytest.approx(0.7)
+    assert "its spread is 0.70 of the reference's" in found["note"]
+    assert "spread" not in row("same", reference, reference, 1.0, 0.0)["note"]
+
+
+def test_kish_counts_equal_weights_in_full():
+    assert kish(np.full(7, 0.3)) == pytest.approx(7)
+    assert kish(np.array([1.0, 0.0, 0.0])) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        *(
+            (0.00412, "0.00412"),
+            (0.0512, "0.0512"),
+            (0.999, "0.999"),
+            (0.9999, "1.00"),
+            (0.0, "0.000"),
+            (3.14159, "3.14"),
+        ),
+        *((42.0, "42.0"), (123.4, "123"), (99_960.0, "100000"), (1.3e9, "1.30e+09"), (2e-7, "2.00e-07"), (None, "–")),
+    ],
+)
+def test_figures_are_written_with_three_digits(value, text):
+    assert page.number(value) == text
+
+
+def test_timings_slopes_and_memory():
+    calls = []
+    contestants = {"a": timing.Contestant(lambda: calls.append("a"), 1), "b": timing.Contestant(lambda: None, 2)}
+    timed = timing.interleaved(contestants, rounds=3, seconds=0.0)
+    assert (timed["a"].rounds, len(calls)) == (3, 5)
+    assert 0 < timed["b"].least <= timed["b"].median
+    assert timing.log_log_slope([1.0, 10.0, 100.0], [2.0, 200.0, 20_000.0]) == pytest.approx(2.0)
+    assert timing.peak_megabytes(lambda: np.ones(1_000_000)) == pytest.approx(8.0, rel=0.01)
+    resident = timing.resident_peak_megabytes(lambda: np.ones(4_000_000).sum())
+    assert resident is None or resident > 20
+
+
+def test_results_are_merged_kept_and_written(tmp_path, capsys):
+    options = argparse.Namespace(quick=True, json=tmp_path / "results.json", page=tmp_path / "page.md")
+    likelihood_row = {
+        "law": "modal",
+        "what": "made up",
+        "joints": 4,
+        "us": 12.34,
+        "us_least": 12.0,
+        "rounds": 3,
+        "ratio": 10,
+    }
+    point = {"values": 1000, "batch": 4, "us": 10.0, "peak_mb": 1.0, "resident_peak_mb": None}
+    grown = {"law": "modal", "kind": "lines", "slope": 0.98, "points": [point, {**point, "values": 2000}]}
+    record.keep("likelihood", {"lines": 50, "batch": 4, "rows": [likelihood_row], "growth": [grown]}, options)
+
+    run = made_up_run()
+    rows = [row("made-up sampler", run, run, 12.0, 1.0), missing("absent sampler")]
+    record.keep("samplers", {"wanted": 2000.0, "cases": [{"law": "modal", "values": 50, "rows": rows}]}, options)
+
+    kept = json.loads(options.json.read_text(encoding="utf-8"))
+    assert set(kept) == {"likelihood", "samplers"}
+    assert kept["samplers"]["environment"]["packages"]["numpy"] == np.__version__
+    text = options.page.read_text(encoding="utf-8")
+    for shown in (
+        *("| made up | 12.3 | 10.0 times as long | 3 |", "more lines | 0.98 | 1000 | 4 | 10.0 | 10.0 | 1.00 (–) |"),
+        *(
+            "| absent sampler | not installed: pip install 'jointbayes[bench]' |",
+            "| made-up sampler | 12.0 | 100 | 10.0 |",
+        ),
+        *("A short run to try the script", f"Python {kept['likelihood']['environment']['python']}"),
+    ):
+        assert shown in text, shown
+    assert "made-up sampler" in capsys.readouterr().out
+
+
+def test_the_likelihood_benchmark_runs_and_writes_nothing_it_is_not_asked_to(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(cases, "one_core", lambda: None)  # the other tests of this process keep their cores
+    monkeypatch.setattr(record, "RESULTS", tmp_path / "never.json")
+    monkeypatch.setattr(record, "PAGE", tmp_path / "never.md")
+    likelihood.main(["--quick"])
+    printed = capsys.readouterr().out
+    assert "| jointbayes |" in printed
+    assert "jointbayes, joint of 6 DOFs, modal" in printed
+    assert not list(tmp_path.iterdir())
+
+
+def test_emcee_is_run_on_our_likelihood_and_extrapolated_for_slow_ones(quick):
+    theta, _ = cases.joints(quick["modal"], 32)
+    rows = emcee_rows(quick["modal"], "modal", made_up_run(), (theta, 1.0), quick=True)
+    assert [r["extrapolated"] for r in rows] == [True, True, True, False]
+    slow, *_, ours = rows
+    assert slow["us_per_likelihood"] > ours["us_per_likelihood"]
+    assert slow["ess_per_second"] < ours["ess_per_second"]
+    assert "does not apply" in rows[2]["note"]
