@@ -138,15 +138,12 @@ class AssembledModes:
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
         shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0), into)
 
-        root, omega = np.sqrt(np.maximum(lam, 0.0))[:, None], self._omega
-        ratio = self._ratio[:, None]
-        f = 1 / (lam[:, None] - omega**2 + 2j * ratio * root * omega)
-        rate = np.divide(ratio, root, out=np.zeros_like(root), where=root > 0)
-        slope = -(f**2) * (1 + 1j * rate * omega)
-        value = np.einsum("oir,rl->loi", constants, f, optimize=True)
-        derivative = np.einsum("poir,rl->ploi", d_constants, f, optimize=True)
-        derivative += np.einsum("poir,rl->ploi", shared, slope, optimize=True)
-        return value, derivative
+        pairs = constants.shape[0] * constants.shape[1]
+        rows = np.concatenate([constants[None], d_constants]).reshape(-1, lam.size)
+        summed = self._sum.spread(lam, rows, shared.reshape(-1, lam.size))
+        summed = np.moveaxis(summed.reshape(-1, pairs, self._omega.size), 1, 2)
+        each = summed.reshape(-1, self._omega.size, *constants.shape[:2])
+        return each[0], each[1:]
 
 
 class AssembledMisfit:

@@ -161,7 +161,9 @@ class ModalSum:
         filled = np.append(omega, np.full(-omega.size % LANES, omega[-1]))
         self.omega = lane_blocks(filled[None])
         self.omega2 = lane_blocks(filled[None] ** 2)
-        self.basis = lane_blocks(_lagrange(self.nodes / end, filled**2 / end))
+        polynomials = _lagrange(self.nodes / end, filled**2 / end)
+        self.basis = lane_blocks(polynomials)
+        self._line_omega, self._polynomials = omega, polynomials[:, : omega.size]
 
     def receptance(self, eigenvalues: Array, shapes: Array) -> NDArray[np.complex128]:
         """Receptance, shape (batch, lines, outputs, inputs), of modes (batch, m) with shapes (batch, ports, m)."""
@@ -171,6 +173,27 @@ class ModalSum:
         value = lines[:, 0] - 1j * self.omega * lines[:, 1]
         pairs: NDArray[np.complex128] = np.moveaxis(value[..., : self._lines], 1, 2)
         return pairs.reshape(*pairs.shape[:2], self.n_out, n_in)
+
+    def spread(self, eigenvalues: Array, constants: Array, slopes: Array) -> NDArray[np.complex128]:
+        """Modal sums Σ R_r f_r, shape (rows, lines), for constants R (rows, m), f = 1/(λ − ω² + 2jζ√λω), and slopes.
+
+        To the last rows Σ Q_r ∂f_r/∂λ is added, with as many rows of slopes Q.
+        """
+        near = eigenvalues < self.limit
+
+        def part(chosen: NDArray[np.bool_], omega: Array) -> NDArray[np.complex128]:
+            lam, ratio = eigenvalues[chosen, None], self.ratio[chosen, None]
+            root = np.sqrt(np.maximum(lam, 0.0))
+            f = 1 / (lam - omega**2 + 2j * ratio * root * omega)
+            rate = np.divide(ratio, root, out=np.zeros_like(root), where=root > 0)
+            total = np.asarray(constants[:, chosen] @ f, dtype=complex)
+            total[len(total) - len(slopes) :] -= slopes[:, chosen] @ (f**2 * (1 + 1j * rate * omega))
+            return total
+
+        at = np.sqrt(self.nodes)
+        far = part(~near, at)
+        smooth = far.real @ self._polynomials + 1j * self._line_omega * (far.imag / at @ self._polynomials)
+        return part(near, self._line_omega) + smooth
 
     def run(self, eigenvalues: Array, shapes: Array, data: Array, chi2: Array, lines: Array) -> None:
         """Fill `chi2`, or `lines` if it has any row; see `_over_lines`."""
