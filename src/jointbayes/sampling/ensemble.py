@@ -96,22 +96,24 @@ def advance(
     jointbayes.errors.SamplingError
         If the log-density returns NaN, +inf or an array of the wrong shape.
     """
-    import emcee
+    from emcee import State
+
+    from jointbayes.sampling.driver import Driver
 
     walkers, dimension = state.theta.shape
     counted = {one.name: _Counted(one.move) for one in moves or mixture()}
     weighted = [(counted[one.name], one.weight) for one in moves or mixture()]
-    sampler = emcee.EnsembleSampler(walkers, dimension, None, moves=weighted, vectorize=True)
+    sampler = Driver(walkers, dimension, None, moves=weighted, vectorize=True)
     # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
     sampler.log_prob_fn = Checked(log_density)
     # The generator's state must travel with the positions: emcee otherwise copies NumPy's global one.
-    before = emcee.State(state.theta, log_prob=state.log_density, random_state=state.random_state)
+    before = State(state.theta, log_prob=state.log_density, random_state=state.random_state)
     after = sampler.run_mcmc(before, steps, skip_initial_state_check=True)
     return Block(
         theta=sampler.get_chain(),
         log_density=sampler.get_log_prob(),
         moves={name: MoveCount(move.accepted, move.proposed) for name, move in counted.items()},
-        end=EnsembleState(after.coords, after.log_prob, after.random_state),
+        end=EnsembleState(after.coords, after.log_prob, sampler.final_random_state),
     )
 
 
