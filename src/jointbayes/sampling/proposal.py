@@ -18,10 +18,10 @@ _DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
 _DRAWS = 2000
 _ROUNDS = 4
 _GOOD = 0.8  # a further round would cost more than it gains
-_STEP = 0.05  # of the finite differences, in standard deviations
-_NEWTON_STEPS = 10
+_STEP = 0.2  # of the finite differences, in standard deviations
+_NEWTON_STEPS = 20
 _CONVERGED = 1e-3  # gain in log-density that no longer matters beside a refinement
-_FLATTEST = 1 / 16  # least curvature: no direction is made wider than four of the first standard deviations
+_FLATTEST = 1 / 16  # least curvature: no step of the search makes a direction more than four times wider
 _EM_STEPS = 10  # each brings the fit four times nearer
 _FLOOR = 1e-3  # of the scale before that is added to a new one, so that few draws still span the space
 
@@ -194,32 +194,34 @@ def _whitened(log_density: LogDensity, chart: Chart, theta: Array, covariance: A
 def _laplace(target: _Whitened) -> tuple[Array, Array]:
     """Mode and covariance from the curvature there, in z, by Newton's method with a whole line of trial steps at once.
 
-    Where the density is cut off within reach of the differences, the search ends there with the first covariance.
+    Differences are taken along axes that follow the curvature, so that a first covariance of another size is no harm.
+    Where the density is cut off within their reach, the search ends with what it has.
     """
     dimension = len(target.origin)
-    place, covariance = np.zeros(dimension), np.eye(dimension)
+    place, axes = np.zeros(dimension), np.eye(dimension)
     lengths = 0.5 ** np.arange(8)
     for _ in range(_NEWTON_STEPS):
-        value, gradient, hessian = _derivatives(target, place)
+        value, gradient, hessian = _derivatives(target, place, axes)
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break
         curvature, vectors = np.linalg.eigh(-hessian)
-        covariance = (vectors / np.maximum(curvature, _FLATTEST)) @ vectors.T
-        trials = place + lengths[:, None] * (covariance @ gradient)
+        turned = axes @ vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
+        trials = place + lengths[:, None] * (turned @ (turned.T @ np.linalg.solve(axes.T, gradient)))
         found = target(trials)
         best = int(np.argmax(found))
-        if not found[best] > value + _CONVERGED:
-            break
-        place = trials[best]
-    return place, covariance
+        axes = turned
+        if found[best] > value + _CONVERGED:
+            place = trials[best]
+        elif (curvature > 0.25).all() and (curvature < 4.0).all():
+            break  # at the mode, and the differences were taken over about a standard deviation
+    return place, axes @ axes.T
 
 
-def _derivatives(target: _Whitened, place: Array) -> tuple[float, Array, Array]:
-    """Value, gradient and Hessian at z, shape (d,), by central differences from one call."""
+def _derivatives(target: _Whitened, place: Array, axes: Array) -> tuple[float, Array, Array]:
+    """Value, gradient and Hessian along axes, the columns of (d, d), at z, shape (d,): differences from one call."""
     d = place.size
     rows, columns = np.triu_indices(d, 1)
-    axes = np.eye(d)
-    offsets = np.concatenate([axes, axes[rows] + axes[columns]]) * _STEP
+    offsets = np.concatenate([axes.T, axes.T[rows] + axes.T[columns]]) * _STEP
     values = target(np.concatenate([place[None], place + offsets, place - offsets]))
     centre, up, down = values[0], *np.split(values[1:], 2)
     if not np.isfinite(values).all():
