@@ -12,7 +12,7 @@ from jointbayes.sampling import Proposal, fit_proposal
 from jointbayes.sampling.mixture import independence_share, mixture
 from jointbayes.sampling.proposal import importance_efficiency
 from jointbayes.sampling.student_t import StudentT
-from tests.conftest import TABLE_3
+from tests.worker_densities import GaussianInCompliance
 
 MEAN, SCALE = np.array([1.0, -2.0, 0.5]), np.array([[2.0, 0.9, 0.0], [0.9, 1.0, -0.3], [0.0, -0.3, 0.5]])
 
@@ -57,31 +57,6 @@ class TestStudentT:
         with pytest.raises(SamplingError, match=r"^Student-t: found .*; expected .*; correct") as caught:
             StudentT(mean, scale, dof)
         assert "\n" not in str(caught.value)
-
-
-class GaussianInCompliance:
-    """Gaussian with independent coordinates in compliance about Table 3, as a density over θ."""
-
-    def __init__(self, parametrisation, relative):
-        self.chart = ComplianceChart(parametrisation)
-        self.theta = parametrisation.coordinates(TABLE_3)
-        self.mean = self.chart.forward(self.theta[None])[0]
-        self.sd = relative * np.abs(self.mean)
-
-    def __call__(self, theta):
-        out = np.full(len(theta), -np.inf)
-        inside = self.chart.parametrisation.feasible(theta)
-        z = (self.chart.forward(theta[inside]) - self.mean) / self.sd
-        out[inside] = -0.5 * np.sum(z**2, axis=1) - self.chart.log_volume(theta[inside])
-        return out
-
-    @property
-    def covariance(self):
-        """Of θ, to first order."""
-        step = 1e-5 * np.eye(3)
-        jacobian = (self.chart.forward(self.theta + step) - self.chart.forward(self.theta - step)).T / 2e-5
-        inverse = np.linalg.inv(jacobian)
-        return inverse @ np.diag(self.sd**2) @ inverse.T
 
 
 def fitted(log_density, theta, covariance, chart=None, seed=3):

@@ -13,21 +13,10 @@ import pytest
 from jointbayes.errors import SamplingError
 from jointbayes.joint import ComplianceChart, LogStiffness
 from jointbayes.sampling import SamplerSettings, fit_proposal, run_ensembles
-from tests.test_proposal import GaussianInCompliance
+from tests.worker_densities import GaussianInCompliance, failing, gaussian, leaving
 
 ONE = SamplerSettings(walkers=8, max_steps=100, check_every=50)
 TWO = dataclasses.replace(ONE, processes=2)
-
-
-def gaussian(theta):
-    return -0.5 * np.sum(theta**2, axis=1)
-
-
-def failing(error, main, theta):
-    """Fail in a worker only: the start is looked at by the caller's process."""
-    if os.getpid() != main:
-        raise error
-    return gaussian(theta)
 
 
 def run(log_density, settings):
@@ -61,12 +50,6 @@ def test_an_error_in_a_worker_reaches_the_caller_and_ends_all_processes(error, c
     assert str(caught.value) == str(error)
     assert multiprocessing.active_children() == []
     assert capfd.readouterr() == ("", "")
-
-
-def leaving(main, theta):
-    if os.getpid() != main:
-        os._exit(3)
-    return gaussian(theta)
 
 
 def test_a_process_that_ends_by_itself_is_one_line():

@@ -66,13 +66,28 @@ def mover(log_density: LogDensity, moves: tuple[WeightedMove, ...], processes: i
 
 
 def _move_on(pool: ProcessPoolExecutor, states: list[EnsembleState], steps: int) -> list[Block]:
-    return list(pool.map(_advance, states, [steps] * len(states)))
+    with _interrupts_held():  # the pool starts its processes when it gets tasks
+        blocks = pool.map(_advance, states, [steps] * len(states))
+    return list(blocks)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back for the moment; processes started in it inherit that and never see one, not even at birth."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _receive(work: bytes) -> None:
     """Start a worker."""
     global _work
-    # Ctrl-C goes to every process of a terminal; the first one answers it and ends the others.
+    # Ctrl-C goes to every process of a terminal; the caller's answers it and ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _work = pickle.loads(work)
 
