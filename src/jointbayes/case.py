@@ -92,7 +92,9 @@ class Case:
     def sampler(self) -> SamplerSettings:
         """Sampler settings."""
         spec = self.spec.sampling
-        return SamplerSettings(ensembles=spec.ensembles, walkers=spec.walkers, max_steps=spec.max_steps)
+        return SamplerSettings(
+            ensembles=spec.ensembles, walkers=spec.walkers, max_steps=spec.max_steps, processes=spec.processes
+        )
 
 
 def load_case(path: str | os.PathLike[str]) -> Case:

@@ -299,6 +299,7 @@ class SamplingSpec(Spec):
     ensembles: Annotated[int, count_field("the number of ensembles", 4, 4)] = 4
     walkers: Annotated[int, count_field("the number of walkers", 24, 8, step=2)] = 24
     max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200)] = 20000
+    processes: Annotated[int, count_field("the number of processes", 2, 1)] = 1
 
 
 class ReferenceSpec(StiffnessSpec):
@@ -326,9 +327,7 @@ class CaseSpec(Spec):
     joint: Annotated[JointSpec, Field(description="the joint: dofs, initial")]
     prior: Annotated[PriorsSpec, Field(description="a table for the prior of each parameter, as [prior.k11]")]
     data: DataSpec
-    identification: Annotated[IdentificationSpec, Field(description="settings of the paper's iteration")] = (
-        IdentificationSpec()
-    )
+    identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
     sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
 

@@ -34,6 +34,8 @@ STIFFNESS_NAMES = ("k11", "k12", "k22")
 #: The paper prints N/m for all three; a translation-rotation joint has these.
 STIFFNESS_UNITS = ("N/m", "N", "N·m/rad")
 
+_ADJUGATE_SIGNS = np.array([1.0, -1.0, 1.0])
+
 #: ∂K^J/∂(k11, k12, k22), the paper's K_i, shape (3, 2, 2).
 STIFFNESS_PATTERN = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
 STIFFNESS_PATTERN.setflags(write=False)
@@ -159,6 +161,17 @@ class LogStiffness:
         derivative: Array = np.exp(np.asarray(theta, dtype=float))[..., None] * np.eye(3)
         return derivative
 
+    def log_slope(self, theta: Array) -> Array:
+        """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3)."""
+        slope: Array = theta.sum(axis=-1)
+        return slope
+
+    def log_determinant(self, theta: Array) -> Array:
+        """ln det K^J, shape (...), at feasible θ, shape (..., 3)."""
+        diagonal = theta[..., 0] + theta[..., 2]
+        determinant: Array = diagonal + np.log1p(-np.exp(2 * theta[..., 1] - diagonal))
+        return determinant
+
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite, shape (...); θ has shape (..., 3)."""
         t = np.asarray(theta, dtype=float)
@@ -204,6 +217,16 @@ class SignedCoupling:
         out[..., 1, 2] = np.sqrt(k11 * k22)
         return out
 
+    def log_slope(self, theta: Array) -> Array:
+        """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3)."""
+        slope: Array = 1.5 * (theta[..., 0] + theta[..., 1])
+        return slope
+
+    def log_determinant(self, theta: Array) -> Array:
+        """ln det K^J, shape (...), at feasible θ, shape (..., 3)."""
+        determinant: Array = theta[..., 0] + theta[..., 1] + np.log1p(-(theta[..., 2] ** 2))
+        return determinant
+
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite, shape (...); θ has shape (..., 3)."""
         inside: NDArray[np.bool_] = np.abs(np.asarray(theta, dtype=float)[..., 2]) < 1.0
@@ -229,22 +252,21 @@ class ComplianceChart:
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, 3), and whether φ is a joint that θ can describe, shape (n,)."""
-        inside = (phi[:, 0] > 0) & (phi[:, 2] > 0) & (phi[:, 0] * phi[:, 2] > phi[:, 1] ** 2)
+        c11, c12, c22 = phi.T
+        inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)
         if "k12" in self.parametrisation.names:
-            inside &= phi[:, 1] < 0  # k12 > 0
-        possible = np.where(inside[:, None], phi, [1.0, -0.5, 1.0])
+            inside &= c12 < 0  # k12 > 0
+        possible = phi if inside.all() else np.where(inside[:, None], phi, [1.0, -0.5, 1.0])
         return self.parametrisation.coordinates(_inverse_2x2(possible)), inside
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric 2 × 2 matrix is (det K)⁻³."""
-        k11, k12, k22 = np.moveaxis(self.parametrisation.stiffness(theta), -1, 0)
-        _, log_slope = np.linalg.slogdet(self.parametrisation.derivative(theta))
-        volume: Array = 3 * np.log(k11 * k22 - k12**2) - log_slope
-        return volume
+        return 3 * self.parametrisation.log_determinant(theta) - self.parametrisation.log_slope(theta)
 
 
 def _inverse_2x2(matrix: Array) -> Array:
     """(m11, m12, m22) of the inverse, shape (..., 3)."""
-    m11, m12, m22 = np.moveaxis(matrix, -1, 0)
-    inverse: Array = np.stack([m22, -m12, m11], axis=-1) / (m11 * m22 - m12**2)[..., None]
+    m12 = matrix[..., 1]
+    determinant = matrix[..., 0] * matrix[..., 2] - m12 * m12
+    inverse: Array = matrix[..., ::-1] * _ADJUGATE_SIGNS / determinant[..., None]
     return inverse

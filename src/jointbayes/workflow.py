@@ -22,7 +22,7 @@ from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record
-from jointbayes.sampling import Chains, Progress, SamplerSettings, run_ensembles
+from jointbayes.sampling import Chains, Progress, SamplerSettings, fit_proposal, run_ensembles
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
@@ -148,7 +148,9 @@ def sample(
     estimate = find_map(case, seed=seed)
     start = laplace_ball(case, estimate, settings, rng)
     chart = ComplianceChart(case.problem.parametrisation)
-    chains = run_ensembles(case.problem.log_posterior, start, rng, settings, progress, chart=chart)
+    log_posterior = case.problem.log_posterior
+    proposal = fit_proposal(log_posterior, chart, estimate.theta, estimate.covariance, rng)
+    chains = run_ensembles(log_posterior, start, rng, settings, progress, chart=chart, proposal=proposal)
     return _posterior(case, seed, settings, estimate, chains, rng)
 
 

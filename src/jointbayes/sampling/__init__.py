@@ -1,8 +1,11 @@
 """Draws from a posterior of which nothing but the log-density is known."""
 
 from jointbayes.sampling.chains import Chains, Draws, Progress
+from jointbayes.sampling.chart import Chart
+from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
-from jointbayes.sampling.ensemble import LogDensity, run_ensembles
+from jointbayes.sampling.proposal import Proposal, fit_proposal
+from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Check
 
@@ -11,6 +14,10 @@ __all__ = [
     "LogDensity",
     "SamplerSettings",
     "run_ensembles",
+    # Coordinates and proposal
+    "Chart",
+    "Proposal",
+    "fit_proposal",
     # Results
     "Chains",
     "Check",

@@ -1,5 +1,6 @@
 """What a run of the ensembles leaves behind."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +73,8 @@ class Chains:
         Log-density at ``theta``.
     acceptance : ndarray, shape (ensembles,)
         Mean fraction of accepted proposals of each ensemble, over all steps.
+    move_acceptance : mapping of str to float
+        Mean fraction of accepted proposals of each move that was made, by its name.
     thin : int
         Distance of thinned draws in steps, half the smallest τ.
     converged : bool
@@ -89,6 +92,7 @@ class Chains:
     theta: NDArray[np.float64]
     log_density: NDArray[np.float64]
     acceptance: NDArray[np.float64]
+    move_acceptance: Mapping[str, float]
     thin: int
     converged: bool
     reason: str

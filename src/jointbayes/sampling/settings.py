@@ -35,6 +35,9 @@ class SamplerSettings:
         would leave the end of the run to chance.
     r_hat_max : float
         R̂ of every parameter must be below this; above 1.
+    processes : int
+        Number of processes among which the ensembles are divided, at least 1; no more than ensembles are started.
+        The draws do not depend on it.
 
     Raises
     ------
@@ -54,12 +57,14 @@ class SamplerSettings:
     tau_factor: float = 50.0
     tau_tolerance: float = 0.02
     r_hat_max: float = 1.01
+    processes: int = 1
 
     def __post_init__(self) -> None:
         self._require_integer("ensembles", 4, "R̂ compares independent ensembles with each other")
         self._require_integer("walkers", 4, "each half of the walkers moves along differences within the other")
         self._require_integer("check_every", 10, "fewer steps say nothing about the autocorrelation")
         self._require_integer("max_steps", 2 * self.check_every, "the stop rule compares two checks")
+        self._require_integer("processes", 1, "the ensembles need a process to run in")
         if self.walkers % 2:
             raise SamplingError(
                 f"sampler setting walkers: found {self.walkers}, expected an even number: "

@@ -1,0 +1,96 @@
+"""Ensembles side by side in processes."""
+
+import pickle
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from multiprocessing import get_context
+
+from jointbayes.errors import SamplingError
+from jointbayes.sampling.density import LogDensity
+from jointbayes.sampling.ensemble import Block, EnsembleState, advance
+from jointbayes.sampling.mixture import WeightedMove
+
+__all__ = ["MoveOn", "mover"]
+
+MoveOn = Callable[[list[EnsembleState], int], list[Block]]
+"""Moves each ensemble on by so many steps."""
+
+# What a worker works on. It is sent once when the worker starts; a task then carries a state only.
+_work: tuple[LogDensity, tuple[WeightedMove, ...]]
+
+
+@contextmanager
+def mover(log_density: LogDensity, moves: tuple[WeightedMove, ...], processes: int) -> Iterator[MoveOn]:
+    """Give a function that moves ensembles on, in this process or in several; the draws are the same bit for bit.
+
+    Parameters
+    ----------
+    log_density : callable
+        Log of the unnormalised density, (n, d) array to (n,) array; picklable if there are several processes.
+    moves : tuple of WeightedMove
+        Moves of each ensemble.
+    processes : int
+        Number of processes; with 1 no other is started.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If the log-density cannot be sent to another process, or if a process ends by itself. Whatever the
+        log-density raises in a worker is raised here.
+    """
+    if processes == 1:
+        yield lambda states, steps: [advance(log_density, state, steps, moves) for state in states]
+        return
+    try:
+        work = pickle.dumps((log_density, moves))
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise SamplingError(
+            f"sampler setting processes: found {processes} with a log-density that cannot be sent to another process "
+            f"({error}); expected one that can be pickled; define it at the top of a module or use processes = 1"
+        ) from error
+    # A forked process would inherit locks in whatever state they are: each starts afresh on every system.
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), _receive, (work,))
+    try:
+        yield partial(_move_on, pool)
+    except BrokenProcessPool as error:
+        raise SamplingError(
+            f"sampler setting processes: found that one of {processes} processes ended by itself; expected all to "
+            'last; put the script\'s calls under if __name__ == "__main__": or use processes = 1'
+        ) from error
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _move_on(pool: ProcessPoolExecutor, states: list[EnsembleState], steps: int) -> list[Block]:
+    with _interrupts_held():  # the pool starts its processes when it gets tasks
+        blocks = pool.map(_advance, states, [steps] * len(states))
+    return list(blocks)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back for the moment; processes started in it inherit that and never see one, not even at birth."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _receive(work: bytes) -> None:
+    """Start a worker."""
+    global _work
+    # Ctrl-C goes to every process of a terminal; the caller's answers it and ends the others.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _work = pickle.loads(work)
+
+
+def _advance(state: EnsembleState, steps: int) -> Block:
+    return advance(_work[0], state, steps, _work[1])

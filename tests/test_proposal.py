@@ -1,0 +1,196 @@
+"""The proposal: its distribution, its fit from a log-density alone, and its share of the moves."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jointbayes.errors import SamplingError
+from jointbayes.joint import ComplianceChart, LogStiffness, SignedCoupling
+from jointbayes.sampling import Proposal, fit_proposal
+from jointbayes.sampling.mixture import independence_share, mixture
+from jointbayes.sampling.proposal import importance_efficiency
+from jointbayes.sampling.student_t import StudentT
+from tests.worker_densities import GaussianInCompliance
+
+MEAN, SCALE = np.array([1.0, -2.0, 0.5]), np.array([[2.0, 0.9, 0.0], [0.9, 1.0, -0.3], [0.0, -0.3, 0.5]])
+
+
+class TestStudentT:
+    t = StudentT(MEAN, SCALE, 5.0)
+
+    def test_log_density_is_that_of_scipy(self):
+        x = np.random.default_rng(1).normal(scale=4.0, size=(50, 3))
+        np.testing.assert_allclose(self.t.log_density(x), stats.multivariate_t(MEAN, SCALE, 5.0).logpdf(x), rtol=1e-12)
+
+    @pytest.mark.parametrize("random", [np.random.default_rng(2), np.random.RandomState(2)], ids=["new", "old"])
+    def test_draws_have_their_moments_with_either_generator(self, random):
+        x = self.t.draw(random, 20_000)
+        covariance = SCALE * 5 / 3
+        error = np.sqrt(np.diag(covariance) / 20_000)
+        assert (np.abs(x.mean(axis=0) - MEAN) < 4 * error).all()
+        whitened = (x - MEAN) @ np.linalg.inv(np.linalg.cholesky(SCALE)).T
+        # each whitened coordinate and their squared length have known distributions
+        assert min(stats.kstest(whitened[:, k], stats.t(5).cdf).pvalue for k in range(3)) > 1e-4
+        assert stats.kstest((whitened**2).sum(axis=1) / 3, stats.f(3, 5).cdf).pvalue > 1e-4
+
+    def test_survives_pickling(self):
+        copy = pickle.loads(pickle.dumps(self.t))
+        x = np.ones((2, 3))
+        np.testing.assert_array_equal(copy.log_density(x), self.t.log_density(x))
+
+    @pytest.mark.parametrize(
+        ("mean", "scale", "dof"),
+        [
+            (MEAN, np.eye(2), 5.0),
+            (MEAN[None], SCALE, 5.0),
+            (np.zeros(0), np.zeros((0, 0)), 5.0),
+            (np.full(3, np.nan), SCALE, 5.0),
+            (MEAN, np.full((3, 3), np.inf), 5.0),
+            (MEAN, SCALE, 0.0),
+            (MEAN, SCALE, np.nan),
+            (MEAN, np.diag([1.0, 1.0, -1.0]), 5.0),
+        ],
+    )
+    def test_impossible_parameters_are_refused_in_one_line(self, mean, scale, dof):
+        with pytest.raises(SamplingError, match=r"^Student-t: found .*; expected .*; correct") as caught:
+            StudentT(mean, scale, dof)
+        assert "\n" not in str(caught.value)
+
+
+def fitted(log_density, theta, covariance, chart=None, seed=3):
+    return fit_proposal(log_density, chart, np.asarray(theta), np.asarray(covariance), np.random.default_rng(seed))
+
+
+class TestFit:
+    @pytest.mark.parametrize("parametrisation", [LogStiffness(), SignedCoupling()], ids=lambda p: type(p).__name__)
+    def test_finds_a_gaussian_in_the_chart(self, parametrisation):
+        density = GaussianInCompliance(parametrisation, 0.03)
+        found = fitted(density, density.theta, density.covariance, density.chart)
+        assert found.efficiency > 0.85  # of a t distribution with 5 degrees of freedom for a Gaussian: 0.89
+        np.testing.assert_allclose(found.density.mean, density.mean, atol=0.05 * density.sd.min(), rtol=0.01)
+        np.testing.assert_allclose(np.sqrt(np.diag(found.density.scale)), density.sd, rtol=0.05)
+        # the mode over θ is not that over φ, and the fit is not the Laplace approximation over θ
+        assert found.evaluations < 2200
+
+    def test_mode_and_width_are_found_from_a_wrong_start(self):
+        precision = np.linalg.inv(SCALE)
+
+        def gaussian(x):
+            return -0.5 * np.einsum("ni,ij,nj->n", x - MEAN, precision, x - MEAN)
+
+        found = fitted(gaussian, MEAN + np.array([3.0, -1.0, 1.0]), 9.0 * np.eye(3))
+        assert found.efficiency > 0.85
+        np.testing.assert_allclose(found.density.mean, MEAN, atol=0.02)
+
+    def test_evaluations_are_those_made(self):
+        calls = []
+
+        def counted(x):
+            calls.append(len(x))
+            return -0.5 * np.sum(x**2, axis=1)
+
+        assert fitted(counted, np.zeros(2), np.eye(2)).evaluations == sum(calls)
+
+    def test_refinement_raises_the_efficiency_of_a_skewed_density(self):
+        # a gamma density in each coordinate: the curvature at the mode tells little of the tail
+        def gamma(x):
+            inside = (x > 0).all(axis=1)
+            safe = np.where(x > 0, x, 1.0)
+            return np.where(inside, np.sum(np.log(safe) - safe, axis=1), -np.inf)
+
+        found = fitted(gamma, np.ones(2), np.eye(2))
+        laplace = StudentT(np.ones(2), np.eye(2), 5.0)
+        x = laplace.draw(np.random.default_rng(4), 20_000)
+        assert found.efficiency > importance_efficiency(gamma(x) - laplace.log_density(x)) + 0.1
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_the_same_generator_gives_the_same_fit(self, seed):
+        first, second = (fitted(lambda x: -np.abs(x[:, 0]), [0.5], [[1.0]], seed=seed) for _ in range(2))
+        np.testing.assert_array_equal(first.density.mean, second.density.mean)
+        assert first.efficiency == second.efficiency
+
+
+def wall(x):
+    return np.where(x[:, 0] >= 0.0, -3.0 * x[:, 0] - 0.5 * x[:, 1] ** 2, -np.inf)
+
+
+def ridge(x):
+    return np.where(np.abs(x[:, 0]) < 50.0, -0.5 * x[:, 1] ** 2, -np.inf)
+
+
+def valley(x):
+    """Curved upwards along the first axis where the fit starts: two modes at ±2."""
+    return -0.25 * (x[:, 0] ** 2 - 4.0) ** 2 - 0.5 * x[:, 1] ** 2
+
+
+def thin_banana(x):
+    return -0.5 * (x[:, 0] ** 2 + ((x[:, 1] - 5.0 * x[:, 0] ** 2) / 0.02) ** 2)
+
+
+def point(x):
+    return np.where((x == 0.0).all(axis=1), 0.0, -np.inf)
+
+
+def far_off(x):
+    return np.where(np.abs(x[:, 0] - 100.0) < 1.0, 0.0, -np.inf)
+
+
+class TestRobustness:
+    @pytest.mark.parametrize(
+        ("density", "least"),
+        [(wall, 0.2), (ridge, 0.2), (valley, 0.2), (thin_banana, 0.0), (point, 0.0), (far_off, 0.0)],
+    )
+    @pytest.mark.parametrize("width", [1e-4, 1.0, 1e4])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_a_difficult_density_gives_a_finite_proposal(self, density, least, width, seed):
+        found = fitted(density, np.zeros(2), width * np.eye(2), seed=seed)
+        assert np.isfinite(found.density.mean).all()
+        assert np.linalg.eigvalsh(found.density.scale).min() > 0.0
+        assert 0.0 <= found.efficiency <= 1.0
+        if width == 1.0:
+            assert found.efficiency > least or least == 0.0
+
+    @pytest.mark.parametrize("covariance", [np.zeros((2, 2)), np.ones((2, 2)), np.diag([1.0, -1.0])])
+    def test_a_covariance_that_is_not_positive_definite_is_a_rough_guess_like_any(self, covariance):
+        found = fitted(lambda x: -0.5 * np.sum(x**2, axis=1), np.zeros(2), covariance)
+        assert found.efficiency > 0.8
+
+    def test_a_joint_at_the_edge_of_the_chart(self):
+        chart = ComplianceChart(LogStiffness())
+        theta = np.array([20.0, 17.0 - 1e-9, 14.0])  # k12² within 2e-9 of k11 k22
+        found = fitted(lambda t: np.where(chart.parametrisation.feasible(t), 0.0, -np.inf), theta, np.eye(3), chart)
+        assert 0.0 <= found.efficiency <= 1.0
+
+    @pytest.mark.parametrize(
+        ("theta", "covariance"), [(np.zeros(2), np.eye(3)), (np.full(2, np.nan), np.eye(2)), (np.zeros((1, 2)), 1.0)]
+    )
+    def test_impossible_guesses_are_refused_in_one_line(self, theta, covariance):
+        with pytest.raises(SamplingError, match=r"^proposal: found .*; expected .*; correct"):
+            fitted(wall, theta, covariance)
+
+    def test_a_log_density_that_is_nan_is_refused(self):
+        with pytest.raises(SamplingError, match="log-density: found nan"):
+            fitted(lambda x: np.full(len(x), np.nan), np.zeros(2), np.eye(2))
+
+
+class TestMixture:
+    def test_share_falls_with_the_efficiency(self):
+        shares = [independence_share(e) for e in (0.0, 0.1, 0.3, 0.5, 0.9, 1.0)]
+        assert shares == sorted(shares)
+        assert (shares[0], shares[-1]) == (0.0, 0.9)
+
+    @pytest.mark.parametrize("efficiency", [0.0, 0.2, 0.9])
+    @pytest.mark.parametrize("chart", [None, ComplianceChart(LogStiffness())], ids=["plain", "charted"])
+    def test_weights_sum_to_one_and_names_differ(self, chart, efficiency):
+        moves = mixture(chart, Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), efficiency, 0))
+        assert sum(move.weight for move in moves) == pytest.approx(1.0, rel=1e-12)
+        assert len({move.name for move in moves}) == len(moves)
+        assert ("independence" in [move.name for move in moves]) == (efficiency > 0.0)
+        # whatever the fit, some steps are made where the density is, not where it was fitted
+        assert {"differential evolution", "whole difference", "stretch"} <= {move.name for move in moves}
+
+    def test_moves_survive_pickling(self):
+        proposal = Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), 0.9, 0)
+        pickle.loads(pickle.dumps(mixture(ComplianceChart(SignedCoupling()), proposal)))

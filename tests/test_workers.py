@@ -1,0 +1,105 @@
+"""Ensembles in several processes: the same draws, the same errors, and nobody left behind."""
+
+import dataclasses
+import multiprocessing
+import os
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+
+from jointbayes.errors import SamplingError
+from jointbayes.joint import ComplianceChart, LogStiffness
+from jointbayes.sampling import SamplerSettings, fit_proposal, run_ensembles
+from tests.worker_densities import GaussianInCompliance, failing, gaussian, leaving
+
+ONE = SamplerSettings(walkers=8, max_steps=100, check_every=50)
+TWO = dataclasses.replace(ONE, processes=2)
+
+
+def run(log_density, settings):
+    start = np.random.default_rng(0).normal(size=(4, 8, 2))
+    return run_ensembles(log_density, start, np.random.default_rng(1), settings)
+
+
+def test_two_processes_give_the_same_bits_as_one():
+    density = GaussianInCompliance(LogStiffness(), 0.03)
+    proposal = fit_proposal(density, density.chart, density.theta, density.covariance, np.random.default_rng(2))
+    start = np.random.default_rng(3).multivariate_normal(density.theta, density.covariance / 4, size=(4, 8))
+    one, two = (
+        run_ensembles(density, start, np.random.default_rng(1), settings, chart=density.chart, proposal=proposal)
+        for settings in (ONE, TWO)
+    )
+    assert isinstance(density.chart, ComplianceChart)
+    assert one.theta.tobytes() == two.theta.tobytes()
+    assert one.log_density.tobytes() == two.log_density.tobytes()
+    assert one.tau.tobytes() == two.tau.tobytes()
+    assert one.move_acceptance == two.move_acceptance
+    assert one.evaluations == two.evaluations
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize(
+    "error", [SamplingError("here: found a; expected b; do c"), KeyboardInterrupt()], ids=["error", "interrupt"]
+)
+def test_an_error_in_a_worker_reaches_the_caller_and_ends_all_processes(error, capfd):
+    with pytest.raises(type(error)) as caught:
+        run(partial(failing, error, os.getpid()), TWO)
+    assert str(caught.value) == str(error)
+    assert multiprocessing.active_children() == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_process_that_ends_by_itself_is_one_line():
+    with pytest.raises(SamplingError, match=r"^sampler setting processes: found .*; expected .*; ") as caught:
+        run(partial(leaving, os.getpid()), TWO)
+    assert "\n" not in str(caught.value)
+    assert multiprocessing.active_children() == []
+
+
+def test_a_log_density_that_cannot_be_sent_is_refused_in_one_line():
+    with pytest.raises(SamplingError, match="expected one that can be pickled") as caught:
+        run(lambda theta: gaussian(theta), TWO)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_process_starts_no_other(monkeypatch):
+    monkeypatch.setattr("jointbayes.sampling.workers.ProcessPoolExecutor", None)
+    run(gaussian, ONE)
+
+
+def test_ctrl_c_ends_the_run_and_its_processes(tmp_path):
+    # a terminal sends the interrupt to the whole group of processes
+    script = tmp_path / "long_run.py"
+    script.write_text(
+        "import sys, numpy as np\n"
+        "from jointbayes.sampling import SamplerSettings, run_ensembles\n"
+        "def gaussian(theta):\n"
+        "    return -0.5 * np.sum(theta**2, axis=1)\n"
+        "def started(progress):\n"
+        "    print('running', flush=True)\n"
+        "if __name__ == '__main__':\n"
+        "    start = np.random.default_rng(0).normal(size=(4, 8, 2))\n"
+        "    settings = SamplerSettings(walkers=8, max_steps=10**6, tau_factor=1e6, processes=2)\n"
+        "    try:\n"
+        "        run_ensembles(gaussian, start, np.random.default_rng(1), settings, started)\n"
+        "    except KeyboardInterrupt:\n"
+        "        import multiprocessing\n"
+        "        print('stopped', len(multiprocessing.active_children()))\n",
+        encoding="utf-8",
+    )
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "running\n"
+    os.killpg(process.pid, 2)
+    out, err = process.communicate(timeout=60)
+    assert out.splitlines()[-1] == "stopped 0"
+    assert err == ""
