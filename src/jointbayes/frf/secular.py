@@ -77,7 +77,7 @@ def _step(inverse: float, lanes: int, w: Array) -> float:
         kept = new if new > low else 0.5 * (low + high)
         kept = kept if new < high else 0.5 * (low + high)
         kept = new if abs(new - x) < 1e-10 * x else kept
-        moving += 1.0 if abs(kept - x) > 1e-7 * x else 0.0
+        moving += 1.0 if abs(kept - x) > 1e-4 * x else 0.0
         w[_LOW + k], w[_HIGH + k], w[_TAU + k] = low, high, side * kept
     return moving
 
@@ -100,7 +100,7 @@ def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Arra
             for k in range(min(lanes, n - 1 - start)):
                 if inverse + w[_F + k] < 0.0:  # nearer to the pole on the right: measured from there
                     w[_ORIGIN + k], w[_TAU + k], w[_SIDE + k] = lam[start + k + 1], -w[_TAU + k], -1.0
-        if _step(inverse, lanes, w) == 0.0:  # what a step of third order leaves of 1e-7 is below rounding
+        if _step(inverse, lanes, w) == 0.0:  # what a step of third order leaves of 1e-4 is near rounding
             break
 
 
