@@ -36,15 +36,6 @@ CLAMP = Joint(("1:y", "1:rz"))
 CLAMP_STIFFNESS = np.array([[5.05e9, 3.44e7], [3.44e7, 1.52e6]])
 
 
-def gradient_batch(likelihood: Likelihood) -> Any:
-    """HOOK for a likelihood that gives value and gradient of many joints in one call; None where there is none yet.
-
-    Expected: `likelihood.gradient_batch(matrices)` for K^J of shape (n, r, r). Adapt this one line if it is called
-    otherwise, e.g. if it takes directions as well.
-    """
-    return getattr(likelihood, "gradient_batch", None)
-
-
 def contestants(law: str, f_step_hz: float, batch: int = BATCH) -> dict[str, Contestant]:
     """Every way to compute the likelihood of the case with this damping law, 2 Hz and upwards."""
     case = cases.case_with_lines(law, f_min_hz=2.0, f_step_hz=f_step_hz)
@@ -68,9 +59,7 @@ def contestants(law: str, f_step_hz: float, batch: int = BATCH) -> dict[str, Con
         entries["SciPy eigh and modal sum, NumPy"] = peer(peers.modal_sum, matrices[: min(16, batch)])
     entries["jointbayes"] = Contestant(lambda: likelihood.log_likelihood(matrices), batch)
     entries["jointbayes, one joint"] = Contestant(lambda: likelihood.log_likelihood(matrices[:1]), 1)
-    with_gradient = gradient_batch(likelihood)
-    if with_gradient is not None:
-        entries["jointbayes, with gradient"] = Contestant(lambda: with_gradient(matrices), batch)
+    entries["jointbayes, with gradient"] = Contestant(lambda: likelihood.gradient(matrices), batch)
     entries["jointbayes, residuals with Jacobian, one joint"] = Contestant(
         lambda: case.problem.log_posterior.residuals(theta[0]), 1
     )

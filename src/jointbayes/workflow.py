@@ -22,7 +22,7 @@ from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record
-from jointbayes.sampling import Chains, Progress, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.sampling import Chains, Progress, Proposal, SamplerSettings, fit_proposal, run_ensembles
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
@@ -151,7 +151,7 @@ def sample(
     log_posterior = case.problem.log_posterior
     proposal = fit_proposal(log_posterior, chart, estimate.theta, estimate.covariance, rng)
     chains = run_ensembles(log_posterior, start, rng, settings, progress, chart=chart, proposal=proposal)
-    return _posterior(case, seed, settings, estimate, chains, rng)
+    return _posterior(case, seed, settings, estimate, proposal, chains, rng)
 
 
 def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
@@ -175,6 +175,7 @@ def _posterior(
     seed: int,
     settings: SamplerSettings,
     estimate: MapEstimate,
+    proposal: Proposal,
     chains: Chains,
     rng: np.random.Generator,
 ) -> Posterior:
@@ -190,10 +191,14 @@ def _posterior(
         "max_steps": settings.max_steps,
         "burn_in": chains.burn_in,
         "thin": chains.thin,
+        "processes": settings.processes,
         "acceptance": float(chains.acceptance.mean()),
+        "move_acceptance": dict(chains.move_acceptance),
+        "proposal_efficiency": proposal.efficiency,
         "tau": dict(zip(names, chains.tau.tolist(), strict=True)),
         "ess": dict(zip(names, ess.tolist(), strict=True)),
         "evaluations": chains.evaluations,
+        "singular": chains.singular,
         "seconds": chains.seconds,
         "ess_per_second": float(ess.min() / chains.seconds),
     }

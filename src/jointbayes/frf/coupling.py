@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.direct import dynamic_stiffness
+from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, split_along
 from jointbayes.frf.sweep import SweepCoupling
@@ -46,8 +46,7 @@ class LowRankCoupling:
         joined, outputs, inputs = ports.selections(structure, joint)
         along, rest = split_along(np.hstack([outputs, inputs]), joined)
         driven = np.hstack([joined, rest])
-        blocks = dynamic_stiffness(structure, ports.omega)
-        free = np.concatenate([driven.T @ np.linalg.solve(z, driven.astype(complex)) for z in blocks])
+        free = driven.T @ solve_lines(structure, ports.omega, driven)
         # reciprocity holds to the last bits if it holds here
         free = (free + free.swapaxes(-1, -2)) / 2
         form = PairCoupling if joined.shape[1] <= 2 else SweepCoupling

@@ -161,15 +161,11 @@ class AssembledMisfit:
     def chi2_gradient(self, stiffness: Array) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
         r = stiffness.shape[-1]
-        pairs = [(i, j) for i in range(r) for j in range(i, r)]
-        changes = np.zeros((len(pairs), r, r))
-        for change, (i, j) in zip(changes, pairs, strict=True):
-            change[i, j] = change[j, i] = 1.0 if i == j else 0.5
+        unit = np.eye(r * r).reshape(-1, r, r)
+        changes = (unit + unit.swapaxes(1, 2)) / 2
         gradient = np.empty_like(stiffness)
         for matrix, slope in zip(stiffness, gradient, strict=True):
             value, derivative = self._model.tangent(matrix, changes)
             residual = (value - self._measured) * self._weight**2
-            along = 2 * np.einsum("loi,ploi->p", residual.conj(), derivative).real
-            for part, (i, j) in zip(along, pairs, strict=True):
-                slope[i, j] = slope[j, i] = part
+            slope[:] = 2 * np.einsum("loi,ploi->p", residual.conj(), derivative).real.reshape(r, r)
         return self.chi2(stiffness), gradient

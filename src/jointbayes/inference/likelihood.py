@@ -93,6 +93,18 @@ class FrequencyLikelihood:
         value: Array = self.constant - 0.5 * (standardised**2).sum(axis=-1)
         return value
 
+    def gradient(self, stiffness: ArrayLike) -> tuple[Array, Array]:
+        """ln L (batch,) and its gradient S (batch, r, r): d ln L = Σ S_ij dK_ij for symmetric dK."""
+        matrices = np.asarray(stiffness, dtype=float)
+        slope = np.empty_like(matrices)
+        r = matrices.shape[-1]
+        unit = np.eye(r * r).reshape(-1, r, r)
+        changes = (unit + unit.swapaxes(1, 2)) / 2
+        for one, out in zip(matrices, slope, strict=True):
+            residual, jacobian = self.residuals(one, changes)
+            out[:] = -(residual @ jacobian).reshape(r, r)
+        return self.log_likelihood(matrices), slope
+
     def residuals(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p) along changes dK^J (p, r, r) of one joint."""
         value, derivative = self._model.tangent(stiffness, directions)

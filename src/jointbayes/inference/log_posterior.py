@@ -25,16 +25,20 @@ class LogPosterior:
 
     def __init__(self, prior: JointPrior, likelihood: Likelihood) -> None:
         self.prior, self.likelihood = prior, likelihood
+        #: Number of joints inside the prior's support at which the model had no finite value so far.
+        self.singular = 0
         self._parametrisation = prior.parametrisation
 
     def __call__(self, theta: ArrayLike) -> Array:
-        """Log density, shape (n,), of θ, shape (n, d); −inf outside the prior's support."""
+        """Log density, shape (n,), of θ, shape (n, d); −inf outside the prior's support and where H is not finite."""
         t = np.atleast_2d(np.asarray(theta, dtype=float))
         out = self.prior.log_density(t)
         inside = np.isfinite(out)
         if inside.any():
             stiffness = joint_matrix(self._parametrisation.stiffness(t[inside]))
-            out[inside] += self.likelihood.log_likelihood(stiffness)
+            value = self.likelihood.log_likelihood(stiffness)
+            out[inside] += value
+            self.singular += int(np.isneginf(value).sum())
         return out
 
     def residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
@@ -56,6 +60,11 @@ class LogPosterior:
         )
 
     def gradient(self, theta: ArrayLike) -> Array:
-        """∇ ln p at one θ inside the support, shape (d,)."""
-        residual, jacobian = self.residuals(theta)
-        return -jacobian.T @ residual
+        """∇ ln p, shape (n, d), of θ, shape (n, d), inside the support; shape (d,) of one θ, shape (d,)."""
+        t = np.asarray(theta, dtype=float)
+        many = np.atleast_2d(t)
+        _, slope = self.likelihood.gradient(joint_matrix(self._parametrisation.stiffness(many)))
+        by_stiffness = np.einsum("nij,kij->nk", slope, STIFFNESS_PATTERN)
+        by_theta = np.einsum("nk,nkt->nt", by_stiffness, self._parametrisation.derivative(many))
+        gradient: Array = by_theta - self.prior.precision * (many - self.prior.mean)
+        return gradient.reshape(t.shape)

@@ -83,6 +83,8 @@ class Chains:
         One sentence with the figures that met the rule, or that did not.
     evaluations : int
         Number of points at which the log-density was computed, starts included.
+    singular : int
+        Number of those at which the density had no finite value although its prior is above zero.
     seconds : float
         Wall time of the run.
     history : tuple of Check
@@ -97,6 +99,7 @@ class Chains:
     converged: bool
     reason: str
     evaluations: int
+    singular: int
     seconds: float
     history: tuple[Check, ...]
 

@@ -58,6 +58,8 @@ class Block:
         Log-density at the positions.
     moves : mapping of str to MoveCount
         Accepted proposals of each move, by its name.
+    singular : int
+        Number of points at which the log-density says (by its counter ``singular``) that it had no finite value.
     end : EnsembleState
         State after the last step.
     """
@@ -65,6 +67,7 @@ class Block:
     theta: NDArray[np.float64]
     log_density: NDArray[np.float64]
     moves: Mapping[str, MoveCount]
+    singular: int
     end: EnsembleState
 
 
@@ -107,12 +110,14 @@ def advance(
     # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
     sampler.log_prob_fn = Checked(log_density)
     # The generator's state must travel with the positions: emcee otherwise copies NumPy's global one.
+    singular = getattr(log_density, "singular", 0)
     before = State(state.theta, log_prob=state.log_density, random_state=state.random_state)
     after = sampler.run_mcmc(before, steps, skip_initial_state_check=True)
     return Block(
         theta=sampler.get_chain(),
         log_density=sampler.get_log_prob(),
         moves={name: MoveCount(move.accepted, move.proposed) for name, move in counted.items()},
+        singular=getattr(log_density, "singular", 0) - singular,
         end=EnsembleState(after.coords, after.log_prob, sampler.final_random_state),
     )
 

@@ -153,6 +153,7 @@ class _Run:
             thin=thinning(self.checks[-1].tau),
             converged=verdict.converged,
             reason=verdict.reason,
+            singular=sum(block.singular for block in chain.from_iterable(self.blocks)),
             evaluations=settings.ensembles * settings.walkers * (self.step + 1),
             seconds=seconds,
             history=tuple(self.checks),
