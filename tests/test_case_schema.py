@@ -124,6 +124,7 @@ seed = 1\n=>seed = 1.5\n ;; sampling.seed ;; a whole number
 ensembles = 4=>ensembles = 3 ;; sampling.ensembles ;; from 4
 walkers = 24=>walkers = 25 ;; sampling.walkers ;; an even number from 8
 walkers = 24=>walkers = 6 ;; sampling.walkers ;; an even number from 8
+walkers = 24=>processes = 0 ;; sampling.processes ;; a whole number from 1
 max_steps = 20000=>max_steps = 199 ;; sampling.max_steps ;; from 200
 source = =># && [reference]=>@[reference] ;; reference.source ;; add source
 [120.0, 762.0, 2101.0]=>[120.0,\n@119.0] ;; reference.natural_frequencies_hz ;; after 120.0
@@ -391,7 +392,8 @@ def test_optional_tables_have_the_documented_defaults():
     case = parse_case(GOOD[: GOOD.index("[identification]")])
     assert (case.identification.sensitivity, case.identification.max_steps) == ("measured", 30)
     sampling = case.sampling
-    assert (sampling.seed, sampling.ensembles, sampling.walkers, sampling.max_steps) == (1, 4, 24, 20000)
+    assert (sampling.seed, sampling.ensembles, sampling.walkers, sampling.max_steps) == (1, 4, 48, 20000)
+    assert sampling.processes == 1
     assert case.reference is None
 
 

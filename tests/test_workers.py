@@ -10,9 +10,11 @@ from functools import partial
 import numpy as np
 import pytest
 
+from jointbayes import case_from_text
 from jointbayes.errors import SamplingError
 from jointbayes.joint import ComplianceChart, LogStiffness
 from jointbayes.sampling import SamplerSettings, fit_proposal, run_ensembles
+from tests.conftest import CONFIGS
 from tests.worker_densities import GaussianInCompliance, failing, gaussian, leaving
 
 ONE = SamplerSettings(walkers=8, max_steps=100, check_every=50)
@@ -63,6 +65,13 @@ def test_a_log_density_that_cannot_be_sent_is_refused_in_one_line():
     with pytest.raises(SamplingError, match="expected one that can be pickled") as caught:
         run(lambda theta: gaussian(theta), TWO)
     assert "\n" not in str(caught.value)
+
+
+def test_the_case_file_sets_the_number_of_processes():
+    text = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+    assert "\n[sampling]" in text
+    case = case_from_text("two processes", text.replace("\n[sampling]", "\n[sampling]\nprocesses = 2\n#"))
+    assert case.sampler.processes == 2
 
 
 def test_one_process_starts_no_other(monkeypatch):

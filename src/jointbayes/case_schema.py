@@ -297,7 +297,7 @@ class SamplingSpec(Spec):
 
     seed: Annotated[int, count_field("the seed", 1, 0)] = 1
     ensembles: Annotated[int, count_field("the number of ensembles", 4, 4)] = 4
-    walkers: Annotated[int, count_field("the number of walkers", 24, 8, step=2)] = 24
+    walkers: Annotated[int, count_field("the number of walkers", 48, 8, step=2)] = 48
     max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200)] = 20000
     processes: Annotated[int, count_field("the number of processes", 2, 1)] = 1
 

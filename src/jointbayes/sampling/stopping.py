@@ -142,8 +142,8 @@ def next_check(step: int, settings: SamplerSettings) -> int:
 
     Examples
     --------
-    >>> [next_check(step, SamplerSettings()) for step in (0, 100, 4000, 18600)]
-    [100, 200, 4200, 20000]
+    >>> [next_check(step, SamplerSettings()) for step in (0, 50, 4000, 18600)]
+    [50, 100, 4200, 20000]
     """
     following = _one_distance_on(step, settings)
     return following if _one_distance_on(following, settings) <= settings.max_steps else settings.max_steps
