@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LANES", "aligned", "compiled", "inner", "lane_blocks"]
+__all__ = ["LANES", "aligned", "compiled", "in_order", "inner", "lane_blocks"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -16,20 +16,27 @@ R = TypeVar("R")
 LANES = 64
 
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
+# Sums may be reordered, which is what vector units need, but NaN and infinity keep their meaning: a singular line
+# must be seen.
+_FAST = {"contract", "arcp", "nsz"}
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile to machine code at the first call, kept on disk for the next process.
 
-    Sums may be reordered (that is what vector units need), but NaN and infinity keep their meaning: a singular
-    line must be seen.
+    What is kept is compiled anew when the function's own file changes, so its parts belong into the same file.
     """
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")(function))
+    fast = _FAST | {"reassoc"}
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, fastmath=fast, error_model="numpy")(function))
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
     """A part of compiled functions, compiled and kept with each of them."""
+    return cast("Callable[P, R]", numba.njit(nogil=True, fastmath=_FAST | {"reassoc"}, error_model="numpy")(function))
+
+
+def in_order(function: Callable[P, R]) -> Callable[P, R]:
+    """A part of compiled functions whose sums are taken as written, (a − b) − c not as a − (b + c)."""
     return cast("Callable[P, R]", numba.njit(nogil=True, fastmath=_FAST, error_model="numpy")(function))
 
 

@@ -7,8 +7,7 @@ diagonal plus rank r, with as many rows as modes kept and no FE matrix in sight.
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf.compiled import compiled
-from jointbayes.frf.secular import add_spring, separate, workspace
+from jointbayes.frf.secular import add_springs, separate, workspace
 from jointbayes.frf.springs import springs
 from jointbayes.joint import Joint
 from jointbayes.structure import Structure, mode_shift
@@ -16,35 +15,6 @@ from jointbayes.structure import Structure, mode_shift
 __all__ = ["JoinedModes"]
 
 Array = NDArray[np.float64]
-
-
-@compiled
-def _join(
-    free: Array,
-    joined: Array,
-    rest: Array,
-    directions: Array,
-    stiffness: Array,
-    shift: float,
-    lam: Array,
-    rows: Array,
-    work: Array,
-    w: Array,
-) -> None:
-    """Assembled eigenvalues (batch, m) and rows (batch, r + q, m): stretch of each spring, then `rest`."""
-    r, m = joined.shape
-    for i in range(len(lam)):
-        for k in range(m):
-            lam[i, k] = free[k]
-            for p in range(r):
-                rows[i, p, k] = 0.0
-                for a in range(r):
-                    rows[i, p, k] += directions[i, a, p] * joined[a, k]
-            for a in range(len(rest)):
-                rows[i, r + a, k] = rest[a, k]
-        for p in range(r):
-            if stiffness[i, p] > 0.0:
-                add_spring(lam[i], rows[i], p, stiffness[i, p], shift, work, w)
 
 
 class JoinedModes:
@@ -80,7 +50,7 @@ class JoinedModes:
         lam = np.empty((batch, m))
         rows = np.empty((batch, r + len(self._rest), m))
         work, w = workspace(m, rows.shape[1])
-        _join(self._free, self._joined, self._rest, directions, stiffness, self._shift, lam, rows, work, w)
+        add_springs(self._free, self._joined, self._rest, directions, stiffness, self._shift, lam, rows, work, w)
         for i in np.flatnonzero((stiffness < 0).any(axis=1)):
             # a joint that releases energy is met on the way to another one only: the plain eigenproblem will do
             dense = np.diag(self._free) + self._joined.T @ matrices[i] @ self._joined

@@ -17,15 +17,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf.compiled import LANES, aligned, inner
+from jointbayes.frf.compiled import LANES, aligned, compiled, in_order
 
-__all__ = ["add_spring", "separate", "workspace"]
+__all__ = ["add_springs", "separate", "workspace"]
 
 Array = NDArray[np.float64]
 
 _ROUNDS = 40  # a bracket that the iteration leaves is halved: never seen to need more than a dozen
 _APART = 1e-15
-_UNMOVED = 1e-30  # a mode whose share in the stretch is less takes part with this much, and no bit notices
+_UNMOVED = 1e-20  # a mode whose share in the stretch is less takes part with this much, and no bit notices
 
 # Scratch memory of so many roots at a time: vectors of LANES numbers one after the other in one stretch of memory,
 # which is how a compiler sees that they do not overlap and uses the processor's vector unit.
@@ -33,11 +33,11 @@ _TAU, _F, _F1, _F2, _GAP, _SIDE, _LOW, _HIGH, _ORIGIN, _NORM, _SIZE = (LANES * k
 
 
 def workspace(modes: int, rows: int) -> tuple[Array, Array]:
-    """Scratch memory of `add_spring`: turned rows with v and the new eigenvalues, and vectors over the roots."""
+    """Scratch memory of `add_springs`: turned rows with v and the new eigenvalues, and vectors over the roots."""
     return aligned((rows + 2, -(-modes // 8) * 8)), aligned((_SIZE,))
 
 
-@inner
+@in_order
 def _sums(lam: Array, v: Array, lanes: int, w: Array) -> None:
     """f = Σ v_s²/(λ_s − μ), f' and f''/2 at μ = origin + tau of every root."""
     for k in range(lanes):
@@ -53,10 +53,10 @@ def _sums(lam: Array, v: Array, lanes: int, w: Array) -> None:
             w[_F2 + k] += m * t
 
 
-@inner
-def _step(inverse: float, lanes: int, w: Array) -> float:
+@in_order
+def _step(inverse: float, lanes: int, w: Array) -> int:
     """Move every root by rational interpolation of third order; returns how many moved by more than rounding."""
-    moving = 0.0
+    moving = 0
     for k in range(lanes):
         # seen from the origin outwards every root looks the same: x > 0, near pole at 0, far pole at gap
         side, gap = w[_SIDE + k], w[_GAP + k]
@@ -77,12 +77,12 @@ def _step(inverse: float, lanes: int, w: Array) -> float:
         kept = new if new > low else 0.5 * (low + high)
         kept = kept if new < high else 0.5 * (low + high)
         kept = new if abs(new - x) < 1e-10 * x else kept
-        moving += 1.0 if abs(kept - x) > 1e-4 * x else 0.0
+        moving += 1 if abs(kept - x) > 1e-4 * x else 0
         w[_LOW + k], w[_HIGH + k], w[_TAU + k] = low, high, side * kept
     return moving
 
 
-@inner
+@in_order
 def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Array) -> None:
     """Roots μ = origin + tau of inverse + Σ v_s²/(λ_s − μ), from number `start` on."""
     n = len(lam)
@@ -100,18 +100,18 @@ def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Arra
             for k in range(min(lanes, n - 1 - start)):
                 if inverse + w[_F + k] < 0.0:  # nearer to the pole on the right: measured from there
                     w[_ORIGIN + k], w[_TAU + k], w[_SIDE + k] = lam[start + k + 1], -w[_TAU + k], -1.0
-        if _step(inverse, lanes, w) == 0.0:  # what a step of third order leaves of 1e-4 is near rounding
+        if _step(inverse, lanes, w) == 0:  # what a step of third order leaves of 1e-4 is near rounding
             break
 
 
-@inner
+@in_order
 def separate(lam: Array, shift: float) -> None:
     """Part eigenvalues that are equal by a rounding error: between two of them there must be room for a root."""
     for s in range(len(lam) - 1):
         lam[s + 1] = max(lam[s + 1], lam[s] + _APART * (abs(lam[s]) + 1e-8 * shift))
 
 
-@inner
+@in_order
 def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, out: Array) -> None:
     """Motions in the new modes, Σ_s y_s v_s/(λ_s − μ_k) over their norm, into `out`."""
     for k in range(lanes):
@@ -135,25 +135,9 @@ def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, o
             out[i, start + k] *= scale
 
 
-@inner
-def add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: Array, w: Array) -> None:
-    """Add a spring to a structure known by its modes.
-
-    Parameters
-    ----------
-    lam
-        Eigenvalues, strictly rising, shape (modes,); replaced.
-    rows
-        Motions of interest in each mode, shape (rows, modes); replaced.
-    p
-        The row that is the spring's stretch.
-    d
-        The spring's stiffness, above zero.
-    shift
-        Size below which eigenvalues differ by rounding only.
-    work, w
-        From `workspace`.
-    """
+@in_order
+def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: Array, w: Array) -> None:
+    """Add spring number p, of stiffness d > 0, whose stretch is row p; eigenvalues and rows are replaced."""
     n, count, inverse = len(lam), len(rows), 1.0 / d
     v, new = work[count], work[count + 1]
     largest = 0.0
@@ -174,3 +158,48 @@ def add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: Ar
         for i in range(count):
             rows[i, k] = work[i, k]
     separate(lam, shift)
+
+
+@compiled
+def add_springs(
+    free: Array,
+    joined: Array,
+    rest: Array,
+    directions: Array,
+    stiffness: Array,
+    shift: float,
+    lam: Array,
+    rows: Array,
+    work: Array,
+    w: Array,
+) -> None:
+    """Add the springs of each joint of a batch to the free structure.
+
+    Parameters
+    ----------
+    free
+        Eigenvalues without the joint, strictly rising, shape (m,).
+    joined, rest
+        Motion of the joint's DOFs (r, m) and other motions (q, m) in the free modes.
+    directions, stiffness
+        Springs, shapes (batch, r, r) and (batch, r), see `springs`.
+    shift
+        Size below which eigenvalues differ by rounding only.
+    lam, rows
+        Results: eigenvalues (batch, m), and the stretch of each spring, then `rest`, in each mode (batch, r + q, m).
+    work, w
+        From `workspace`.
+    """
+    r, m = joined.shape
+    for i in range(len(lam)):
+        for k in range(m):
+            lam[i, k] = free[k]
+            for p in range(r):
+                rows[i, p, k] = 0.0
+                for a in range(r):
+                    rows[i, p, k] += directions[i, a, p] * joined[a, k]
+            for a in range(len(rest)):
+                rows[i, r + a, k] = rest[a, k]
+        for p in range(r):
+            if stiffness[i, p] > 0.0:
+                _add_spring(lam[i], rows[i], p, stiffness[i, p], shift, work, w)

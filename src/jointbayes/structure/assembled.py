@@ -126,7 +126,9 @@ class Structure:
         eigenvalues = 1 / inverse - shift
         # far below the shift the difference is all rounding; Rayleigh's quotient in extended precision is not
         low = shapes[:, eigenvalues < 0.1 * shift]
-        strain = (low.T.astype(np.longdouble) @ stiffness.astype(np.longdouble) * low.T).sum(axis=1)
+        exact = self.stiffness.astype(np.longdouble)
+        exact = exact if added_stiffness is None else exact + added_stiffness
+        strain = (low.T.astype(np.longdouble) @ exact * low.T).sum(axis=1)
         eigenvalues[: low.shape[1]] = strain / (low.T @ self.mass * low.T).sum(axis=1)
         eigenvalues[eigenvalues < _RIGID * shift] = 0.0
         return Modes(eigenvalues, shapes)

@@ -1,0 +1,255 @@
+"""The compiled kernels: exact against the direct solve, honest about singular joints, bounded in memory, fast."""
+
+import time
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import AssembledModes, DirectSolve, FrfSet, LowRankCoupling, Ports
+from jointbayes.frf.joined_modes import JoinedModes
+from jointbayes.frf.springs import springs
+from jointbayes.inference import JointPrior, LogPosterior, Normal
+from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
+from jointbayes.joint import Joint, LogStiffness, joint_matrix
+from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
+from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
+from tests.conftest import CLAMP, TABLE_3, rod
+
+pytestmark = pytest.mark.science
+
+LAWS = {"loss factor": LossFactor(0.02), "Rayleigh": Rayleigh(2.0, 1e-7), "modal": ModalDamping((0.01,))}
+
+
+def with_law(law):
+    return replace(rod(), damping=LAWS[law])
+
+
+def model_of(structure, joint, ports):
+    modal = isinstance(structure.damping, ModalDamping)
+    return (AssembledModes if modal else LowRankCoupling)(structure, joint, ports)
+
+
+def random_joints(count, seed):
+    """K^J over twelve decades in each stiffness, any coupling; absent, half absent and rigid ones among them."""
+    rng = np.random.default_rng(seed)
+    k11, k22 = 10 ** rng.uniform(2, 14, count), 10 ** rng.uniform(-2, 10, count)
+    k12 = rng.uniform(-1, 1, count) * np.sqrt(k11 * k22)
+    k = np.stack([k11, k12, k22], axis=-1)
+    k[:5] = [[0, 0, 0], [1e8, 0, 0], [0, 0, 1e4], [1e14, 0, 1e10], [1e8, 1e6, 1e4]]
+    return joint_matrix(k)
+
+
+@pytest.mark.parametrize("law", ["loss factor", "modal"])
+def test_ten_thousand_joints_over_twelve_decades_agree_with_the_direct_solve(law):
+    structure = with_law(law)
+    ports = Ports(np.geomspace(20.0, 2500.0, 6), ("11:y",), ("11:y",))
+    model, direct = model_of(structure, CLAMP, ports), DirectSolve(structure, CLAMP, ports)
+    for batch in np.array_split(random_joints(10_000, seed=5), 20):
+        expected = direct.receptance(batch)
+        error = np.abs(model.receptance(batch) - expected).max(axis=1) / np.abs(expected).max(axis=1)
+        assert error.max() < 1e-9
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_misfit_kernel_computes_the_distance_of_the_direct_solve(law):
+    structure = with_law(law)
+    ports = Ports(np.geomspace(20.0, 2500.0, 70), ("11:y", "6:rz", "1:y"), ("11:y", "4:y"))
+    model, direct = model_of(structure, CLAMP, ports), DirectSolve(structure, CLAMP, ports)
+    for matrix in random_joints(40, seed=6):
+        expected = direct.receptance(matrix)[0]
+        per_peak = np.broadcast_to(1 / np.abs(expected).max(axis=0), expected.shape)
+        # the distance is the sum over 420 values of the squared errors, each relative to its FRF's peak
+        assert np.sqrt(model.misfit(expected, per_peak).chi2(matrix[None])[0]) < 1e-8
+        moved = expected * 1.01
+        distance = (np.abs(expected - moved) ** 2 * per_peak**2).sum()
+        np.testing.assert_allclose(model.misfit(moved, per_peak).chi2(matrix[None]), distance, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "dofs", [("1:y",), ("1:y", "1:rz"), ("1:y", "1:rz", "5:y"), tuple(f"{n}:y" for n in range(1, 7))]
+)
+@pytest.mark.parametrize("law", LAWS)
+def test_joints_of_any_number_of_dofs(law, dofs):
+    structure, joint, r = with_law(law), Joint(dofs), len(dofs)
+    ports = Ports(np.geomspace(20.0, 2500.0, 40), ("11:y", "1:y"), ("11:y",))
+    model, direct = model_of(structure, joint, ports), DirectSolve(structure, joint, ports)
+    rng = np.random.default_rng(r)
+    factors = rng.normal(size=(12, r, r)) * 10 ** rng.uniform(1, 5, size=(12, r, 1))
+    matrices = factors @ factors.swapaxes(1, 2)
+    matrices[0] = 0.0
+    matrices[1] = 1e7  # one spring across all DOFs
+    expected = direct.receptance(matrices)
+    error = np.abs(model.receptance(matrices) - expected).max(axis=1) / np.abs(expected).max(axis=1)
+    assert error.max() < 1e-9
+
+
+@pytest.mark.parametrize("dofs", [("1:y", "1:rz"), ("1:y", "1:rz", "5:y")])
+@pytest.mark.parametrize("law", LAWS)
+def test_the_gradient_is_the_slope_of_the_likelihood(law, dofs):
+    structure, joint, r = with_law(law), Joint(dofs), len(dofs)
+    ports = Ports(np.geomspace(20.0, 2500.0, 100), ("11:y", "1:rz"), ("11:y",))
+    model = model_of(structure, joint, ports)
+    rng = np.random.default_rng(3)
+    size = np.array([1e8, 1e5, 1e7])[:r]
+    matrices = np.stack([np.diag(size) + 0.2 * s * np.sqrt(np.outer(size, size)) for s in (-1, 1)])
+    measured = model.receptance(matrices[0] * 1.3)[0]
+    misfit = model.misfit(measured, 1 / np.abs(measured))
+    value, slope = misfit.chi2_gradient(matrices)
+    np.testing.assert_allclose(value, misfit.chi2(matrices), rtol=1e-12)
+    np.testing.assert_allclose(slope, slope.swapaxes(1, 2), rtol=1e-12)
+    change = rng.normal(size=(r, r))
+    change = (change + change.T) * np.sqrt(np.outer(size, size)) * 1e-7
+    difference = (misfit.chi2(matrices + change) - misfit.chi2(matrices - change)) / 2
+    np.testing.assert_allclose((slope * change).sum(axis=(1, 2)), difference, rtol=1e-4)
+
+
+def test_the_gradient_of_the_posterior_is_that_of_its_residuals():
+    structure = with_law("loss factor")
+    ports = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",))
+    measurement = synthesise_frf(
+        structure, CLAMP, TABLE_3, ports, RelativeNoise(0.03, 0.01), rng=np.random.default_rng(1)
+    )
+    prior = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 2.0) for k in TABLE_3))
+    posterior = LogPosterior(prior, likelihood_of(structure, CLAMP, measurement))
+    theta = np.log(TABLE_3 * [1.3, 0.9, 1.02])
+    residual, jacobian = posterior.residuals(theta)
+    np.testing.assert_allclose(posterior.gradient(theta), -jacobian.T @ residual, rtol=1e-8)
+    both = posterior.gradient(np.stack([theta, theta]))
+    np.testing.assert_array_equal(both[0], both[1])
+
+
+def two_masses(law):
+    """Two free unit masses without any spring between: their receptance is −1/ω² each."""
+    return Structure(np.zeros((2, 2)), np.eye(2), law, ("1:y", "2:y"))
+
+
+def test_a_joint_that_resonates_undamped_on_a_line_is_impossible_and_counted():
+    omega = 8.0  # a power of two: 1 − k/ω² is exactly zero at k = ω²
+    frequency = np.array([omega / (2 * np.pi)])
+    ports = Ports(frequency, ("1:y",), ("1:y",))
+    assert ports.omega[0] == omega
+    model = LowRankCoupling(two_masses(LossFactor(0.0)), Joint(("1:y", "2:y")), ports)
+    measured = model.receptance(np.diag([100.0, 100.0]))[0]
+    frf = synthetic_of(ports, measured)
+    likelihood = FrfLikelihood(model, frf)
+    k = omega**2
+    values = likelihood.log_likelihood(np.stack([np.diag([k, 3 * k]), np.diag([2 * k, 3 * k])]))
+    assert np.isneginf(values[0])
+    assert np.isfinite(values[1])
+
+    prior = JointPrior(LogStiffness(), tuple(Normal(0.0, 10.0) for _ in range(3)))
+    posterior = LogPosterior(prior, likelihood)
+    posterior.likelihood = Stub(values)
+    assert np.isneginf(posterior(np.log([[k, 1.0, 3 * k], [2 * k, 1.0, 3 * k]]))[0])
+    assert posterior.singular == 1
+
+
+class Stub:
+    def __init__(self, values):
+        self.values = values
+
+    def log_likelihood(self, stiffness):
+        return self.values
+
+
+def synthetic_of(ports, values):
+    return FrfMeasurement(FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs), np.abs(values) ** 2)
+
+
+def test_a_line_on_an_undamped_free_resonance_is_refused():
+    structure = Structure(np.diag([64.0, 0.0]), np.eye(2), LossFactor(0.0), ("1:y", "2:y"))
+    with pytest.raises(ModelError, match="undamped natural frequency"):
+        LowRankCoupling(structure, Joint(("2:y",)), Ports(np.array([8.0 / (2 * np.pi)]), ("1:y",), ("1:y",)))
+
+
+class TestSecularEquation:
+    """Assembled modes without an eigensolution, against one."""
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_eigenvalues_and_orthonormal_modes(self, seed):
+        structure = rod()
+        free = structure.modes()
+        solver = JoinedModes(structure, CLAMP, structure.mass @ free.shapes)  # the modes in the free modes
+        at_joint = free.shapes.T @ CLAMP.selection(structure)
+        for matrix in random_joints(50, seed):
+            (lam,), (rows,), _ = solver.solve(matrix[None])
+            dense = np.diag(free.eigenvalues) + at_joint @ matrix @ at_joint.T
+            vectors, top = rows[2:], np.abs(dense).max()
+            np.testing.assert_allclose(lam, np.linalg.eigvalsh(dense), atol=1e-13 * top)
+            assert (np.diff(lam) > 0).all()
+            np.testing.assert_allclose(vectors.T @ vectors, np.eye(len(lam)), atol=1e-10)
+            np.testing.assert_allclose(dense @ vectors, vectors * lam, atol=1e-11 * top)
+
+    def test_equal_eigenvalues_and_modes_that_the_spring_does_not_see(self):
+        structure = Structure(
+            np.diag([0.0, 0.0, 4.0, 4.0]), np.eye(4), ModalDamping((0.01,)), ("1:y", "2:y", "3:y", "4:y")
+        )
+        solver = JoinedModes(structure, Joint(("1:y",)), np.eye(4))
+        (lam,), (rows,), _ = solver.solve(np.array([[[9.0]]]))
+        np.testing.assert_allclose(lam, [0.0, 4.0, 4.0, 9.0], atol=1e-9)
+        np.testing.assert_allclose(rows[1:] @ rows[1:].T, np.eye(4), atol=1e-9)
+        np.testing.assert_allclose(np.abs(rows[1]), [0, 0, 0, 1], atol=1e-9)
+
+    def test_a_joint_that_releases_energy_is_still_an_eigenproblem(self):
+        structure = rod()
+        matrix = joint_matrix([1e6, 1e6, 1e4])
+        (lam,), _, _ = JoinedModes(structure, CLAMP, np.empty((structure.n_dofs, 0))).solve(matrix[None])
+        free = structure.modes()
+        at = free.shapes.T @ CLAMP.selection(structure)
+        np.testing.assert_allclose(
+            lam, np.linalg.eigvalsh(np.diag(free.eigenvalues) + at @ matrix @ at.T), rtol=1e-9, atol=1e-3
+        )
+
+    def test_springs_put_the_joint_together_again(self):
+        matrices = np.concatenate([random_joints(200, seed=1), joint_matrix([[0.0, 3.0, 0.0], [1.0, 5.0, 2.0]])])
+        turn, stiffness = springs(matrices)
+        again = (turn * stiffness[:, None, :]) @ turn.swapaxes(1, 2)
+        scale = np.sqrt(np.abs(matrices[:, [0, 1], [0, 1]]))
+        tolerance = (
+            1e-12 * scale[:, :, None] * scale[:, None, :] + 1e-14 * np.abs(matrices).max(axis=(1, 2))[:, None, None]
+        )
+        assert (np.abs(again - matrices) <= tolerance).all()
+        assert (stiffness[:-2] >= 0).all()
+
+
+@pytest.mark.parametrize("law", ["loss factor", "modal"])
+def test_memory_does_not_grow_with_walkers_times_lines(law):
+    lines, joints = 50_000, 64
+    structure = with_law(law)
+    ports = Ports(np.linspace(20.0, 2500.0, lines), ("11:y",), ("11:y",))
+    model = model_of(structure, CLAMP, ports)
+    matrices = joint_matrix(np.array(TABLE_3) * np.ones((joints, 1)))
+    measured = model.receptance(matrices[0])[0]
+    misfit = model.misfit(measured, 1 / np.abs(measured))
+    misfit.chi2(matrices[:1])
+    tracemalloc.start()
+    misfit.chi2(matrices)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 8 * lines  # one number per line would be that much; walkers × lines is 64 times more
+
+
+def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
+    """The guard against a regression: a ratio within one process, no absolute time."""
+    structure = with_law("loss factor")
+    ports = Ports(np.arange(2.0, 2502.0, 2.0), ("11:y",), ("11:y",))
+    model = model_of(structure, CLAMP, ports)
+    matrices = joint_matrix(np.array(TABLE_3) * np.exp(0.1 * np.random.default_rng(0).normal(size=(64, 1))))
+    measured = model.receptance(matrices[0])[0]
+    weight = 1 / np.abs(measured)
+    misfit = model.misfit(measured, weight)
+
+    def closed_form():
+        return (np.abs((model.receptance(matrices) - measured) * weight) ** 2).sum(axis=(1, 2, 3))
+
+    np.testing.assert_allclose(misfit.chi2(matrices), closed_form(), rtol=1e-9, atol=1e-9)
+    fastest = {}
+    for _ in range(15):  # in turns, so that a busy machine slows both
+        for name, run in (("kernel", lambda: misfit.chi2(matrices)), ("numpy", closed_form)):
+            began = time.perf_counter()
+            run()
+            fastest[name] = min(fastest.get(name, np.inf), time.perf_counter() - began)
+    assert fastest["numpy"] > 5 * fastest["kernel"]
