@@ -110,7 +110,7 @@ def test_the_gradient_of_the_posterior_is_that_of_its_residuals():
     structure = with_law("loss factor")
     ports = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",))
     measurement = synthesise_frf(
-        structure, CLAMP, TABLE_3, ports, RelativeNoise(0.03, 0.01), rng=np.random.default_rng(1)
+        structure, CLAMP, joint_matrix(TABLE_3), ports, RelativeNoise(0.03, 0.01), rng=np.random.default_rng(1)
     )
     prior = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 2.0) for k in TABLE_3))
     posterior = LogPosterior(prior, likelihood_of(structure, CLAMP, measurement))
@@ -181,7 +181,7 @@ class TestSecularEquation:
             np.testing.assert_allclose(lam, np.linalg.eigvalsh(dense), atol=1e-13 * top)
             assert (np.diff(lam) > 0).all()
             np.testing.assert_allclose(vectors.T @ vectors, np.eye(len(lam)), atol=1e-10)
-            np.testing.assert_allclose(dense @ vectors, vectors * lam, atol=1e-11 * top)
+            np.testing.assert_allclose(dense @ vectors, vectors * lam, atol=1e-10 * top)
 
     def test_equal_eigenvalues_and_modes_that_the_spring_does_not_see(self):
         structure = Structure(

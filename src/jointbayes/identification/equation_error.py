@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import LowRankCoupling, Ports
+from jointbayes.frf import LowRankCoupling, Ports, quantity_factor
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping, Structure
@@ -48,8 +48,8 @@ def compliance_start(structure: Structure, joint: Joint, measurement: FrfMeasure
     if isinstance(law, ModalDamping):
         structure = replace(structure, damping=LossFactor(2 * law.ratios[0]))
     frf = measurement.frf.converted("receptance")
-    ratio = np.abs(measurement.frf.values) / np.sqrt(measurement.variance)
-    sigma = np.abs(frf.values) / np.maximum(ratio, np.finfo(float).tiny)
+    factor = quantity_factor(frf.frequency_hz, measurement.frf.quantity)[:, None, None]
+    sigma = np.sqrt(measurement.variance) / np.abs(factor)
     free = _FreeReceptance(structure, joint, frf.frequency_hz, frf.outputs, frf.inputs)
 
     scale = free.scale
