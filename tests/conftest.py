@@ -60,14 +60,14 @@ def cheap_text() -> str:
         ("f_step_hz = 1.0", "f_step_hz = 10.0"),
         ("relative = 0.03", "relative = 0.01"),
         ("floor = 0.01", "floor = 0.002"),
-        ("walkers = 24", "walkers = 8"),
+        ("walkers = 48", "walkers = 8"),
     )
 
 
 def cheap_frequencies_text() -> str:
     """The repository's natural-frequency case at 360 mm made small."""
     text = (CONFIGS / "clamped_beam_frequencies_360mm.toml").read_text(encoding="utf-8")
-    return edited(text, ("elements = 10", "elements = 4"), ("walkers = 24", "walkers = 8"))
+    return edited(text, ("elements = 10", "elements = 4"), ("walkers = 48", "walkers = 8"))
 
 
 @pytest.fixture(scope="session")

@@ -122,9 +122,9 @@ max_steps = 30=>max_steps = 10001 ;; identification.max_steps ;; from 1 to 10000
 threshold = 1.0e-10=>threshold = 0.0 ;; identification.threshold ;; greater than 0
 seed = 1\n=>seed = 1.5\n ;; sampling.seed ;; a whole number
 ensembles = 4=>ensembles = 3 ;; sampling.ensembles ;; from 4
-walkers = 24=>walkers = 25 ;; sampling.walkers ;; an even number from 8
-walkers = 24=>walkers = 6 ;; sampling.walkers ;; an even number from 8
-walkers = 24=>processes = 0 ;; sampling.processes ;; a whole number from 1
+walkers = 48=>walkers = 25 ;; sampling.walkers ;; an even number from 8
+walkers = 48=>walkers = 6 ;; sampling.walkers ;; an even number from 8
+walkers = 48=>processes = 0 ;; sampling.processes ;; a whole number from 1
 max_steps = 20000=>max_steps = 199 ;; sampling.max_steps ;; from 200
 source = =># && [reference]=>@[reference] ;; reference.source ;; add source
 [120.0, 762.0, 2101.0]=>[120.0,\n@119.0] ;; reference.natural_frequencies_hz ;; after 120.0
@@ -208,7 +208,7 @@ def test_text_that_is_no_case_is_one_line(text, number, key, words):
 
 
 def test_several_faults_come_one_line_each_in_the_order_of_the_file():
-    text = GOOD.replace("walkers = 24", "walkers = 1").replace("low = 1.0e4", "low = -1")
+    text = GOOD.replace("walkers = 48", "walkers = 1").replace("low = 1.0e4", "low = -1")
     text = text.replace("elements = 10", 'elements = "ten"').replace("length_mm = 383.0", "")
     numbers = [int(line.split(":")[1]) for line in faults_of(text)]
     assert len(numbers) == 4

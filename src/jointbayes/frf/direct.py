@@ -1,7 +1,6 @@
 """Receptances by solving the assembled dynamic stiffness at each line: slow, and the reference."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,11 +17,8 @@ _REFINEMENTS = 2
 
 
 def dynamic_stiffness(
-    structure: Structure,
-    omega: NDArray[np.float64],
-    joint_stiffness: NDArray[np.float64] | None = None,
-    precision: type[np.floating[Any]] = np.float64,
-) -> Iterator[NDArray[np.complexfloating[Any]]]:
+    structure: Structure, omega: NDArray[np.float64], joint_stiffness: NDArray[np.float64] | None = None
+) -> Iterator[NDArray[np.complex128]]:
     """Z(ω) = K − ω²M + jωC (or K(1 + jη) − ω²M), in blocks of lines.
 
     Parameters
@@ -33,8 +29,6 @@ def dynamic_stiffness(
         Angular frequencies, shape (lines,), rad/s.
     joint_stiffness
         B K^J Bᵀ at the structure's DOFs, shape (n, n); None is the structure without joint.
-    precision
-        Of the sum: far below the highest mode its terms nearly cancel in double precision.
 
     Yields
     ------
@@ -45,17 +39,10 @@ def dynamic_stiffness(
     Cao et al., Eq. (2).
     """
     added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
-    law = structure.damping
-    static = (structure.stiffness.astype(precision) + added).astype(np.result_type(precision, np.complex64))
-    if isinstance(law, LossFactor):
-        static += 1j * (precision(law.loss_factor) * structure.stiffness.astype(precision))
-        viscous = np.zeros_like(structure.stiffness)
-    elif isinstance(law, Rayleigh):
-        viscous = law.alpha * structure.mass + law.beta * structure.stiffness
-    else:
-        viscous = _modal_damping_matrix(structure, added, law)
+    viscous = _viscous(structure, added)
+    static = _loss(structure) * structure.stiffness + added
     for start in range(0, omega.size, _LINES_AT_ONCE):
-        w = omega[start : start + _LINES_AT_ONCE, None, None].astype(precision)
+        w = omega[start : start + _LINES_AT_ONCE, None, None]
         yield static - w**2 * structure.mass + 1j * w * viscous
 
 
@@ -67,30 +54,50 @@ def solve_lines(
 ) -> NDArray[np.complex128]:
     """Z⁻¹ f at each line, shape (lines, n, loads), for loads f of shape (n, loads).
 
-    The residual is computed in extended precision and solved for twice more: a structure that is nearly free loses
-    six of double precision's digits at low frequency otherwise.
+    A structure that is nearly free loses six of double precision's digits at low frequency, because K x nearly
+    cancels. So K x is computed in extended precision, and what is left of the load is solved for twice more.
 
     Raises
     ------
     ModelError
         If a line is an undamped natural frequency.
     """
+    added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
+    exact, viscous, loss = structure.stiffness.astype(np.longdouble), _viscous(structure, added), _loss(structure)
     parts = []
-    blocks = dynamic_stiffness(structure, omega, joint_stiffness, np.longdouble)
-    for index, z in enumerate(blocks):
-        rounded = z.astype(complex)
+    for index, z in enumerate(dynamic_stiffness(structure, omega, joint_stiffness)):
+        lines = omega[index * _LINES_AT_ONCE :][: len(z)]
+        w = lines[:, None, None]
         try:
-            x = np.linalg.solve(rounded, loads.astype(complex)).astype(z.dtype)
+            x = np.linalg.solve(z, loads.astype(complex)).astype(np.clongdouble)
             for _ in range(_REFINEMENTS):
-                x = x + np.linalg.solve(rounded, (loads - z @ x).astype(complex))
+                elastic = loss * (exact @ x.real + 1j * (exact @ x.imag))
+                rounded = x.astype(complex)
+                others = added @ rounded - w**2 * (structure.mass @ rounded) + 1j * w * (viscous @ rounded)
+                x = x + np.linalg.solve(z, (loads - elastic - others).astype(complex))
         except np.linalg.LinAlgError:
-            first = omega[index * _LINES_AT_ONCE] / (2 * np.pi)
             raise ModelError(
-                f"FRF: found an undamped natural frequency on one of the lines from {first:g} Hz on; expected damping "
-                "or lines beside it; give the structure damping or drop the line"
+                f"FRF: found an undamped natural frequency on a line between {lines[0] / (2 * np.pi):g} and "
+                f"{lines[-1] / (2 * np.pi):g} Hz; expected damping, or lines beside it; give the structure damping or "
+                "move the lines"
             ) from None
         parts.append(x.astype(complex))
     return np.concatenate(parts)
+
+
+def _loss(structure: Structure) -> complex:
+    """1 + jη of the stiffness."""
+    law = structure.damping
+    return 1 + 1j * (law.loss_factor if isinstance(law, LossFactor) else 0.0)
+
+
+def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.float64]:
+    law = structure.damping
+    if isinstance(law, LossFactor):
+        return np.zeros_like(structure.stiffness)
+    if isinstance(law, Rayleigh):
+        return law.alpha * structure.mass + law.beta * structure.stiffness
+    return _modal_damping_matrix(structure, added, law)
 
 
 def _modal_damping_matrix(structure: Structure, added: NDArray[np.float64], law: ModalDamping) -> NDArray[np.float64]:

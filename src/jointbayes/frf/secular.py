@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf.compiled import LANES, aligned, compiled, in_order
+from jointbayes.frf.compiled import LANES, compiled, in_order
 
 __all__ = ["add_springs", "separate", "workspace"]
 
@@ -34,7 +34,7 @@ _TAU, _F, _F1, _F2, _GAP, _SIDE, _LOW, _HIGH, _ORIGIN, _NORM, _SIZE = (LANES * k
 
 def workspace(modes: int, rows: int) -> tuple[Array, Array]:
     """Scratch memory of `add_springs`: turned rows with v and the new eigenvalues, and vectors over the roots."""
-    return aligned((rows + 2, -(-modes // 8) * 8)), aligned((_SIZE,))
+    return np.zeros((rows + 2, -(-modes // 8) * 8)), np.zeros(_SIZE)
 
 
 @in_order

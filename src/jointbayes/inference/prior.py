@@ -163,7 +163,7 @@ class JointPrior:
         The constant that the cut adds is left out: it matters only for evidence.
         """
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        total = np.sum([m.log_density(t[:, i]) for i, m in enumerate(self.marginals)], axis=0)
+        total = sum((m.log_density(t[:, i]) for i, m in enumerate(self.marginals)), np.zeros(len(t)))
         return np.where(self.parametrisation.feasible(t), total, -np.inf)
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
