@@ -46,7 +46,7 @@ class LowRankCoupling:
         joined, outputs, inputs = ports.selections(structure, joint)
         along, rest = split_along(np.hstack([outputs, inputs]), joined)
         driven = np.hstack([joined, rest])
-        free = driven.T @ solve_lines(structure, ports.omega, driven)
+        free = solve_lines(structure, ports.omega, driven, driven)
         # reciprocity holds to the last bits if it holds here
         free = (free + free.swapaxes(-1, -2)) / 2
         form = PairCoupling if joined.shape[1] <= 2 else SweepCoupling

@@ -49,10 +49,11 @@ def dynamic_stiffness(
 def solve_lines(
     structure: Structure,
     omega: NDArray[np.float64],
+    observed: NDArray[np.float64],
     loads: NDArray[np.float64],
     joint_stiffness: NDArray[np.float64] | None = None,
 ) -> NDArray[np.complex128]:
-    """Z⁻¹ f at each line, shape (lines, n, loads), for loads f of shape (n, loads).
+    """oᵀZ⁻¹f at each line, shape (lines, motions, loads), for motions o (n, motions) and loads f (n, loads).
 
     A structure that is nearly free loses six of double precision's digits at low frequency, because K x nearly
     cancels. So K x is computed in extended precision, and what is left of the load is solved for twice more.
@@ -81,7 +82,7 @@ def solve_lines(
                 f"{lines[-1] / (2 * np.pi):g} Hz; expected damping, or lines beside it; give the structure damping or "
                 "move the lines"
             ) from None
-        parts.append(x.astype(complex))
+        parts.append(observed.T @ x.astype(complex))
     return np.concatenate(parts)
 
 
@@ -131,4 +132,4 @@ class DirectSolve:
 
     def _one(self, matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
         added = self._joined @ matrix @ self._joined.T
-        return self._outputs.T @ solve_lines(self._structure, self._omega, self._inputs, added)
+        return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added)
