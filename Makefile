@@ -26,7 +26,7 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 	@find reports/$(CASE) -type f | LC_ALL=C sort | sed 's/^/  /'
 
 test: $(VENV)/.stamp-test  ## run the tests
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
 
 lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
 	$(BIN)/ruff check .

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from jointbayes import case_schema as schema
 from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.frf import FrfSet, Ports
+from jointbayes.identification import compliance_start
 from jointbayes.inference import JointPrior, Marginal, Normal, Problem, Uniform
 from jointbayes.joint import Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
 from jointbayes.measurement import (
@@ -87,6 +88,14 @@ class Case:
             return tuple(measured.frequency_hz.tolist())
         reference = self.spec.reference
         return reference.natural_frequencies_hz if reference else None
+
+    @cached_property
+    def compliance_fit(self) -> Array | None:
+        """Joint (k11, k12, k22) fitted without any guess, shape (3,); None where the data are natural frequencies."""
+        measured = self.problem.measurement
+        if isinstance(measured, FrequencyMeasurement):
+            return None
+        return compliance_start(self.problem.structure, self.problem.joint, measured)
 
     @cached_property
     def sampler(self) -> SamplerSettings:

@@ -13,7 +13,6 @@ from jointbayes.errors import ModelError, SamplingError
 from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
-    compliance_start,
     maximise_posterior,
     refine,
     sensitivity_iteration,
@@ -102,9 +101,8 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     guess = case.initial if initial is None else np.asarray(initial, dtype=float)
     check_positive_semidefinite(guess)
     starts: dict[str, Array] = {"first guess": guess}
-    measurement = problem.measurement
-    if isinstance(measurement, FrfMeasurement):
-        starts["compliance fit without a guess"] = compliance_start(problem.structure, problem.joint, measurement)
+    if case.compliance_fit is not None:
+        starts["compliance fit without a guess"] = case.compliance_fit
         starts["paper's iteration"] = identify(case, guess).stiffness
     rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
     drawn = problem.parametrisation.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
