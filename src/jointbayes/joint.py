@@ -26,6 +26,7 @@ __all__ = [
     "check_positive_semidefinite",
     "is_positive_semidefinite",
     "joint_matrix",
+    "symmetric_changes",
 ]
 
 Array = NDArray[np.float64]
@@ -96,6 +97,13 @@ def joint_matrix(stiffness: ArrayLike) -> Array:
     """
     k = np.asarray(stiffness, dtype=float)
     return k[..., [0, 1, 1, 2]].reshape(*k.shape[:-1], 2, 2)
+
+
+def symmetric_changes(r: int) -> Array:
+    """Symmetric change dK^J for each entry in turn, shape (r², r, r): one on the diagonal, two halves off it."""
+    unit = np.eye(r * r).reshape(-1, r, r)
+    changes: Array = (unit + unit.swapaxes(1, 2)) / 2
+    return changes
 
 
 def is_positive_semidefinite(stiffness: ArrayLike) -> NDArray[np.bool_]:

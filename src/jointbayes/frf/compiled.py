@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LANES", "aligned", "compiled", "in_order", "inner", "lane_blocks"]
+__all__ = ["LANES", "compiled", "in_order", "inner", "lane_blocks"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -41,7 +41,7 @@ def in_order(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", numba.njit(nogil=True, fastmath=_FAST, error_model="numpy")(function))
 
 
-def aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Zeros that begin at a cache line: a vector load across two lines costs a third of the kernel's speed."""
     size = math.prod(shape)
     buffer = np.zeros(size + 8)
@@ -56,7 +56,7 @@ def lane_blocks(rows: NDArray[np.float64], width: int = LANES) -> NDArray[np.flo
     """
     *lead, k, lines = rows.shape
     blocks = -(-lines // width)
-    out = aligned((*lead, blocks * k * width))
+    out = _aligned((*lead, blocks * k * width))
     padded = np.zeros((*lead, k, blocks * width))
     padded[..., :lines] = rows
     out[:] = padded.reshape(*lead, k, blocks, width).swapaxes(-3, -2).reshape(*lead, -1)

@@ -40,10 +40,22 @@ def dynamic_stiffness(
     """
     added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
     viscous = _viscous(structure, added)
-    static = _loss(structure) * structure.stiffness + added
+    for w in _line_blocks(omega):
+        yield _assembled(structure, added, viscous, w)
+
+
+def _line_blocks(omega: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Lines by blocks, shape (block, 1, 1)."""
     for start in range(0, omega.size, _LINES_AT_ONCE):
-        w = omega[start : start + _LINES_AT_ONCE, None, None]
-        yield static - w**2 * structure.mass + 1j * w * viscous
+        yield omega[start : start + _LINES_AT_ONCE, None, None]
+
+
+def _assembled(
+    structure: Structure, added: NDArray[np.float64], viscous: NDArray[np.float64], w: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    static = _loss(structure) * structure.stiffness + added
+    z: NDArray[np.complex128] = static - w**2 * structure.mass + 1j * w * viscous
+    return z
 
 
 def solve_lines(
@@ -66,9 +78,8 @@ def solve_lines(
     added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
     exact, viscous, loss = structure.stiffness.astype(np.longdouble), _viscous(structure, added), _loss(structure)
     parts = []
-    for index, z in enumerate(dynamic_stiffness(structure, omega, joint_stiffness)):
-        lines = omega[index * _LINES_AT_ONCE :][: len(z)]
-        w = lines[:, None, None]
+    for w in _line_blocks(omega):
+        z = _assembled(structure, added, viscous, w)
         try:
             x = np.linalg.solve(z, loads.astype(complex)).astype(np.clongdouble)
             for _ in range(_REFINEMENTS):
@@ -78,8 +89,8 @@ def solve_lines(
                 x = x + np.linalg.solve(z, (loads - elastic - others).astype(complex))
         except np.linalg.LinAlgError:
             raise ModelError(
-                f"FRF: found an undamped natural frequency on a line between {lines[0] / (2 * np.pi):g} and "
-                f"{lines[-1] / (2 * np.pi):g} Hz; expected damping, or lines beside it; give the structure damping or "
+                f"FRF: found an undamped natural frequency on a line between {w.min() / (2 * np.pi):g} and "
+                f"{w.max() / (2 * np.pi):g} Hz; expected damping, or lines beside it; give the structure damping or "
                 "move the lines"
             ) from None
         parts.append(observed.T @ x.astype(complex))

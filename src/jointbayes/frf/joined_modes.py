@@ -7,7 +7,7 @@ diagonal plus rank r, with as many rows as modes kept and no FE matrix in sight.
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf.secular import add_springs, separate, workspace
+from jointbayes.frf.secular import add_springs, workspace
 from jointbayes.frf.springs import springs
 from jointbayes.joint import Joint
 from jointbayes.structure import Structure, mode_shift
@@ -31,8 +31,7 @@ class JoinedModes:
     def __init__(self, structure: Structure, joint: Joint, motions: Array) -> None:
         modes = structure.modes()
         self._shift = mode_shift(structure)
-        self._free = modes.eigenvalues.copy()
-        separate(self._free, self._shift)
+        self._free = modes.eigenvalues
         self._joined = np.ascontiguousarray((modes.shapes.T @ joint.selection(structure)).T)
         self._rest = np.ascontiguousarray((modes.shapes.T @ motions).T)
 

@@ -7,7 +7,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf.joined_modes import JoinedModes
 from jointbayes.frf.modal_sum import ModalMisfit, ModalSum
 from jointbayes.frf.ports import Ports, as_batch, split_along
-from jointbayes.joint import Joint
+from jointbayes.joint import Joint, symmetric_changes
 from jointbayes.structure import ModalDamping, Structure
 
 __all__ = ["AssembledModes", "NaturalFrequencies"]
@@ -83,7 +83,6 @@ class AssembledModes:
         self._n_out, self._omega = len(ports.outputs), ports.omega
         self._ratio = structure.damping.per_mode(structure.n_dofs)
         self._sum = ModalSum(self._omega, self._ratio, self._n_out)
-        self._everything = structure, joint, rest
 
     def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
@@ -160,12 +159,10 @@ class AssembledMisfit:
 
     def chi2_gradient(self, stiffness: Array) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
-        r = stiffness.shape[-1]
-        unit = np.eye(r * r).reshape(-1, r, r)
-        changes = (unit + unit.swapaxes(1, 2)) / 2
+        changes = symmetric_changes(stiffness.shape[-1])
         gradient = np.empty_like(stiffness)
         for matrix, slope in zip(stiffness, gradient, strict=True):
             value, derivative = self._model.tangent(matrix, changes)
             residual = (value - self._measured) * self._weight**2
-            slope[:] = 2 * np.einsum("loi,ploi->p", residual.conj(), derivative).real.reshape(r, r)
+            slope[:] = 2 * np.einsum("loi,ploi->p", residual.conj(), derivative).real.reshape(matrix.shape)
         return self.chi2(stiffness), gradient

@@ -7,7 +7,7 @@ With A the receptance without the joint, D = det(1 + A_jj K) and N = D·H are su
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf.compiled import LANES, compiled, lane_blocks
+from jointbayes.frf.compiled import LANES, compiled, inner, lane_blocks
 from jointbayes.frf.ports import as_batch
 
 __all__ = ["PairCoupling", "PairMisfit"]
@@ -17,6 +17,17 @@ ComplexArray = NDArray[np.complex128]
 
 #: A joint stiffer than this (N/m and so on) is rigid to the last bit, and its determinant squared still a number.
 _RIGID = 1e60
+
+
+@inner
+def _parts(u1: float, u2: float, u3: float, u4: float, D: Array, E: Array, j: int) -> tuple[float, float, float, float]:
+    """Real and imaginary part of D = d·u and of E = e·u at line j of a block."""
+    dr = 1.0 + u1 * D[j] + u2 * D[2 * LANES + j] + u3 * D[4 * LANES + j] + u4 * D[6 * LANES + j]
+    di = u1 * D[LANES + j] + u2 * D[3 * LANES + j] + u3 * D[5 * LANES + j] + u4 * D[7 * LANES + j]
+    er = E[j] + u1 * E[2 * LANES + j] + u2 * E[4 * LANES + j] + u3 * E[6 * LANES + j]
+    er += u4 * E[8 * LANES + j]
+    ei = E[LANES + j] + u1 * E[3 * LANES + j] + u2 * E[5 * LANES + j] + u3 * E[7 * LANES + j]
+    return dr, di, er, ei
 
 
 @compiled
@@ -31,11 +42,7 @@ def _chi2(u: Array, d: Array, e: Array, out: Array) -> None:
                 u1, u2, u3, u4 = u[i, 0], u[i, 1], u[i, 2], u[i, 3]
                 total = 0.0
                 for j in range(LANES):
-                    dr = 1.0 + u1 * D[j] + u2 * D[2 * LANES + j] + u3 * D[4 * LANES + j] + u4 * D[6 * LANES + j]
-                    di = u1 * D[LANES + j] + u2 * D[3 * LANES + j] + u3 * D[5 * LANES + j] + u4 * D[7 * LANES + j]
-                    er = E[j] + u1 * E[2 * LANES + j] + u2 * E[4 * LANES + j] + u3 * E[6 * LANES + j]
-                    er += u4 * E[8 * LANES + j]
-                    ei = E[LANES + j] + u1 * E[3 * LANES + j] + u2 * E[5 * LANES + j] + u3 * E[7 * LANES + j]
+                    dr, di, er, ei = _parts(u1, u2, u3, u4, D, E, j)
                     total += (er * er + ei * ei) / (dr * dr + di * di)
                 out[i] += total
 
@@ -57,11 +64,7 @@ def _chi2_slope(u: Array, d: Array, e: Array, out: Array, slope: Array) -> None:
                 u1, u2, u3, u4 = u[i, 0], u[i, 1], u[i, 2], u[i, 3]
                 total = 0.0
                 for j in range(LANES):
-                    dr = 1.0 + u1 * D[j] + u2 * D[2 * LANES + j] + u3 * D[4 * LANES + j] + u4 * D[6 * LANES + j]
-                    di = u1 * D[LANES + j] + u2 * D[3 * LANES + j] + u3 * D[5 * LANES + j] + u4 * D[7 * LANES + j]
-                    er = E[j] + u1 * E[2 * LANES + j] + u2 * E[4 * LANES + j] + u3 * E[6 * LANES + j]
-                    er += u4 * E[8 * LANES + j]
-                    ei = E[LANES + j] + u1 * E[3 * LANES + j] + u2 * E[5 * LANES + j] + u3 * E[7 * LANES + j]
+                    dr, di, er, ei = _parts(u1, u2, u3, u4, D, E, j)
                     w = 1.0 / (dr * dr + di * di)
                     x = (er * er + ei * ei) * w
                     total += x

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf.compiled import LANES, compiled, in_order
 
-__all__ = ["add_springs", "separate", "workspace"]
+__all__ = ["add_springs", "workspace"]
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Arra
 
 
 @in_order
-def separate(lam: Array, shift: float) -> None:
+def _separate(lam: Array, shift: float) -> None:
     """Part eigenvalues that are equal by a rounding error: between two of them there must be room for a root."""
     for s in range(len(lam) - 1):
         lam[s + 1] = max(lam[s + 1], lam[s] + _APART * (abs(lam[s]) + 1e-8 * shift))
@@ -157,7 +157,7 @@ def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: A
         lam[k] = new[k]
         for i in range(count):
             rows[i, k] = work[i, k]
-    separate(lam, shift)
+    _separate(lam, shift)
 
 
 @compiled
@@ -178,7 +178,7 @@ def add_springs(
     Parameters
     ----------
     free
-        Eigenvalues without the joint, strictly rising, shape (m,).
+        Eigenvalues without the joint, rising, shape (m,).
     joined, rest
         Motion of the joint's DOFs (r, m) and other motions (q, m) in the free modes.
     directions, stiffness
@@ -200,6 +200,7 @@ def add_springs(
                     rows[i, p, k] += directions[i, a, p] * joined[a, k]
             for a in range(len(rest)):
                 rows[i, r + a, k] = rest[a, k]
+        _separate(lam[i], shift)
         for p in range(r):
             if stiffness[i, p] > 0.0:
                 _add_spring(lam[i], rows[i], p, stiffness[i, p], shift, work, w)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, quantity_factor, receptance_model
-from jointbayes.joint import Joint
+from jointbayes.joint import Joint, symmetric_changes
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.structure import Structure
 
@@ -97,12 +97,10 @@ class FrequencyLikelihood:
         """ln L (batch,) and its gradient S (batch, r, r): d ln L = Σ S_ij dK_ij for symmetric dK."""
         matrices = np.asarray(stiffness, dtype=float)
         slope = np.empty_like(matrices)
-        r = matrices.shape[-1]
-        unit = np.eye(r * r).reshape(-1, r, r)
-        changes = (unit + unit.swapaxes(1, 2)) / 2
+        changes = symmetric_changes(matrices.shape[-1])
         for one, out in zip(matrices, slope, strict=True):
             residual, jacobian = self.residuals(one, changes)
-            out[:] = -(residual @ jacobian).reshape(r, r)
+            out[:] = -(residual @ jacobian).reshape(one.shape)
         return self.log_likelihood(matrices), slope
 
     def residuals(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
