@@ -88,7 +88,7 @@ def identify(config: Path) -> None:
     k11, k12, k22 = estimate.stiffness
     click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
     sd = estimate.covariance.diagonal() ** 0.5
-    names = [n if n == "rho" else f"ln {n}" for n in case.problem.parametrisation.names]
+    names = [n if n == "rho" else f"ln {n}" for n in case.problem.names]
     click.echo("Laplace sd: " + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True)))
     if estimate.failed_starts:
         click.echo(f"Starts that ended elsewhere: {', '.join(estimate.failed_starts)}")

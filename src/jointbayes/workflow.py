@@ -17,11 +17,22 @@ from jointbayes.identification import (
     refine,
     sensitivity_iteration,
 )
+from jointbayes.inference import Problem
 from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record
-from jointbayes.sampling import Chains, Progress, Proposal, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.sampling import (
+    Chains,
+    Chart,
+    Identity,
+    ProductChart,
+    Progress,
+    Proposal,
+    SamplerSettings,
+    fit_proposal,
+    run_ensembles,
+)
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
@@ -105,7 +116,7 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
         starts["compliance fit without a guess"] = case.compliance_fit
         starts["paper's iteration"] = identify(case, guess).stiffness
     rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
-    drawn = problem.parametrisation.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
+    drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     return maximise_posterior(problem.log_posterior, starts)
 
@@ -145,11 +156,17 @@ def sample(
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed)
     start = laplace_ball(case, estimate, settings, rng)
-    chart = ComplianceChart(case.problem.parametrisation)
+    chart = chart_of(case.problem)
     log_posterior = case.problem.log_posterior
     proposal = fit_proposal(log_posterior, chart, estimate.theta, estimate.covariance, rng)
     chains = run_ensembles(log_posterior, start, rng, settings, progress, chart=chart, proposal=proposal)
     return _posterior(case, seed, settings, estimate, proposal, chains, rng)
+
+
+def chart_of(problem: Problem) -> Chart:
+    """Joint compliance for the joint's coordinates, all others as they are."""
+    compliance, count = ComplianceChart(problem.parametrisation), len(problem.parametrisation.names)
+    return ProductChart(compliance, count, Identity()) if len(problem.names) > count else compliance
 
 
 def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
@@ -180,7 +197,7 @@ def _posterior(
     problem = case.problem
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode_theta, mode_density = refine(problem.log_posterior, chains.theta[best])
-    names = problem.parametrisation.names
+    names = problem.names
     ess = chains.ess
     sampler = {
         "ensembles": settings.ensembles,

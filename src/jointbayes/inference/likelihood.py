@@ -120,13 +120,9 @@ class FrfLikelihood:
         known = as_factors(factors, len(matrices))
         return self._residual_of(self._predicted(matrices, known))
 
-    def whitened(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
-        """Residuals that are independent and of unit variance if the model holds, shape (batch, lines, pairs)."""
-        matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
-        z = self.standardised(matrices, known)
-        hyper = self._hyper(known)
-        return np.concatenate([self.noise.whiten(one[None], row) for one, row in zip(z, hyper, strict=True)])
+    def hyper(self, factors: ArrayLike) -> Array:
+        """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
+        return self._hyper(np.atleast_2d(np.asarray(factors, dtype=float)))
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, lines, pairs), where residuals are independent.
@@ -169,12 +165,8 @@ class FrfLikelihood:
         structural = known[:, : self._n_structure]
         gain = float(known[0, self._n_structure]) if self._gain else 1.0
         value, derivative = self._model.tangent(stiffness, directions, structural[0])
-        n = known.shape[1] - self.hyper_count
-        moved = np.repeat(known, 2 * n, axis=0)
-        rows = np.arange(n)
-        moved[rows, rows] *= math.exp(_STEP)
-        moved[n + rows, rows] *= math.exp(-_STEP)
-        up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], 2 * n, axis=0), moved), 2)
+        moved = _moved(known[:, : known.shape[1] - self.hyper_count])
+        up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
         along = np.concatenate([gain * derivative, (up - down) / (2 * _STEP)])
         hyper = self._hyper(known)[0]
         residual, slope = self._linearised((gain * value)[None], along)
@@ -184,11 +176,6 @@ class FrfLikelihood:
         columns = np.zeros((parts.shape[1], len(parts) - 1 + self.hyper_count))
         columns[:, : len(parts) - 1] = parts[1:].T
         return parts[0], columns
-
-    def draw(self, rng: np.random.Generator, factors: ArrayLike | None, batch: int) -> ComplexArray:
-        """Standardised residuals of data made by the noise model, shape (batch, lines, pairs)."""
-        lines, pairs = self._measured.shape[0], self._measured[0].size
-        return self.noise.draw(rng, self._hyper(as_factors(factors, batch)), lines, pairs)
 
     def _predicted(self, matrices: Array, factors: Array) -> ComplexArray:
         predicted = self._model.receptance(matrices, self._structural(factors))
@@ -227,14 +214,21 @@ class FrequencyLikelihood:
     measurement
         Frequencies with standard deviations.
     names
-        Uncertain quantities of the structure, in the order in which factors come.
+        Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
+    noise
+        Noise model of real residuals that are independent; Gaussian of known size by default.
     """
 
-    hyper_count = 0
-    gaussian = True
-
-    def __init__(self, model: NaturalFrequencies, measurement: FrequencyMeasurement, names: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: NaturalFrequencies,
+        measurement: FrequencyMeasurement,
+        names: Sequence[str] = (),
+        noise: NoiseModel | None = None,
+    ) -> None:
         self._model, self._measured, self._sd = model, measurement.frequency_hz, measurement.sd_hz
+        #: Noise model.
+        self.noise: NoiseModel = noise or GaussianNoise(1)
         self.names = tuple(names)
         self.constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
         #: Number of frequencies.
@@ -242,13 +236,32 @@ class FrequencyLikelihood:
 
     def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
-        standardised = self.standardised(stiffness, factors)
-        value: Array = self.constant - 0.5 * (standardised**2).sum(axis=-1)
-        return value
+        matrices = np.asarray(stiffness, dtype=float)
+        known = as_factors(factors, len(matrices))
+        chi2 = 0.5 * (self.standardised(matrices, known) ** 2).sum(axis=-1)
+        return self.constant + self.noise.from_chi2(chi2, self.n_data, self._hyper(known))
+
+    @property
+    def hyper_count(self) -> int:
+        """Number of the noise model's parameters, the last of `names`."""
+        return len(self.noise.names)
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
+        return isinstance(self.noise, GaussianNoise)
 
     def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Residuals over their standard deviation, shape (batch, n)."""
-        return (self._model.frequency_hz(stiffness, factors) - self._measured) / self._sd
+        matrices = np.asarray(stiffness, dtype=float)
+        structural = self._structural(as_factors(factors, len(matrices)))
+        return (self._model.frequency_hz(matrices, structural) - self._measured) / self._sd
+
+    def _structural(self, factors: Array) -> Array:
+        return factors[:, : factors.shape[1] - self.hyper_count]
+
+    def _hyper(self, factors: Array) -> Array:
+        return factors[:, factors.shape[1] - self.hyper_count :]
 
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
@@ -269,18 +282,24 @@ class FrequencyLikelihood:
         Along changes dK^J (p, r, r), exact, and along the logarithms of the factors (q,), by differences.
         """
         known = as_factors(factors, 1)
-        value, derivative = self._model.tangent(stiffness, directions, known)
-        n = known.shape[1]
-        moved = np.repeat(known, 2 * n, axis=0)
-        rows = np.arange(n)
-        moved[rows, rows] *= math.exp(_STEP)
-        moved[n + rows, rows] *= math.exp(-_STEP)
-        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], 2 * n, axis=0), moved), 2)
-        slope = np.concatenate([derivative, (up - down) / (2 * _STEP)])
-        return (value - self._measured) / self._sd, (slope / self._sd).T
+        structural, scale = self._structural(known), 1.0
+        if self.hyper_count:
+            (scale,) = self._hyper(known)[0]
+        value, derivative = self._model.tangent(stiffness, directions, structural)
+        moved = _moved(structural)
+        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
+        slope = np.concatenate([derivative, (up - down) / (2 * _STEP), np.zeros((self.hyper_count, value.size))])
+        sd = scale * self._sd
+        return (value - self._measured) / sd, (slope / sd).T
 
 
 Likelihood = FrfLikelihood | FrequencyLikelihood
+
+
+def _moved(factors: Array) -> Array:
+    """Factors (1, n) with each in turn a little larger, then a little smaller, shape (2n, n)."""
+    step = np.exp(_STEP * np.eye(factors.shape[1]))
+    return np.concatenate([factors * step, factors / step])
 
 
 def likelihood_of(
@@ -313,7 +332,7 @@ def likelihood_of(
     family = as_family(structure)
     if isinstance(measurement, FrequencyMeasurement):
         model = NaturalFrequencies(family, joint, measurement.frequency_hz.size)
-        return FrequencyLikelihood(model, measurement, family.names)
+        return FrequencyLikelihood(model, measurement, (*family.names, *(noise.names if noise else ())), noise)
     frf: FrfSet = measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))

@@ -16,7 +16,9 @@ ResidualKind = Literal["complex", "log_magnitude"]
 _NOISE_ALONE = math.pi**2 / 24
 
 
-def standardised_residuals(kind: ResidualKind, predicted: ComplexArray, measured: ComplexArray, variance: Array) -> ComplexArray:
+def standardised_residuals(
+    kind: ResidualKind, predicted: ComplexArray, measured: ComplexArray, variance: Array
+) -> ComplexArray:
     """Residuals over their standard deviation.
 
     Parameters

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports, quantity_factor, receptance_model
+from jointbayes.frf import Ports, quantity_factor
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Posterior
@@ -38,8 +38,10 @@ def fit_section(posterior: Posterior, initial: Triple, summary: Summary) -> Sect
 def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Triple) -> list[Block]:
     frf, problem = measurement.frf, posterior.problem
     band = posterior.predict_frf()
-    model = receptance_model(problem.structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    receptance = model.receptance(joint_matrix(np.array([initial, posterior.estimate.stiffness])))
+    theta, prior = posterior.estimate.theta, problem.prior
+    model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    factors = problem.structural(np.stack([np.ones(len(prior.nuisances)), prior.factors(theta)]))
+    receptance = model.receptance(joint_matrix(np.array([initial, prior.stiffness(theta)])), factors)
     guess, best = receptance * quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     label = "synthetic" if measurement.synthetic else "measured"
     blocks: list[Block] = []
