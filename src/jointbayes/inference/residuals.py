@@ -54,8 +54,8 @@ class LogMagnitudeResidual:
 
     sd² = min(σ²/(2|Hˣ|²), π²/24): the noise along Hˣ relative to it, and at most what ln|n| of pure noise n has. Where
     |H| is well above the noise ln|Hˣ| is unbiased; well below it Hˣ is noise and its logarithm lies above ln|H|, by
-    E₁(|H|²/σ²)/2 in the mean: leave such lines out. The density is that of ln|Hˣ|, not of Hˣ: evidences of the two kinds
-    are not comparable.
+    E₁(|H|²/σ²)/2 in the mean: leave such lines out. The density is that of ln|Hˣ|, not of Hˣ: evidences of the two
+    kinds are not comparable.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class LogMagnitudeResidual:
         if not (magnitude > 0).all():
             line, output, input_ = np.argwhere(~(magnitude > 0))[0]
             raise MeasurementError(
-                f"log-magnitude residuals: found an FRF of 0 at line {line + 1}, output {output + 1}, input {input_ + 1}; "
+                f"log-magnitude residuals: found 0 at line {line + 1}, output {output + 1}, input {input_ + 1}; "
                 "expected values other than 0; drop the line or use complex residuals"
             )
         sd = np.sqrt(np.minimum(variance / (2 * magnitude**2), _PURE_NOISE))

@@ -57,8 +57,8 @@ def coherence_variance(frf: FrfSet, floor: float = 1e-3) -> Array:
         )
     if frf.averages < 2:
         raise MeasurementError(
-            f"{where}: found {frf.averages} average; expected 2 or more, since coherence of one average is 1 whatever the "
-            "noise; average more or state the noise as relative"
+            f"{where}: found {frf.averages} average; expected 2 or more, since coherence of one average is 1 "
+            "whatever the noise; average more or state the noise as relative"
         )
     coherence, magnitude = frf.coherence, np.abs(frf.values)
     perfect = np.argwhere((coherence >= _ONE).all(axis=0))
