@@ -28,16 +28,19 @@ Residuals = NDArray[Any]
 
 
 def check_parts(parts: int) -> None:
+    """Refuse values that have neither one nor two parts (ModelError)."""
     if parts not in (1, 2):
         raise ModelError(f"noise: found {parts} parts; expected 2 (complex residuals) or 1 (real ones)")
 
 
 def check_positive(where: str, what: str, value: float) -> None:
+    """Refuse a number that is not finite and above zero (ModelError)."""
     if not 0 < value < math.inf:
         raise ModelError(f"{where}: found {what} {value:g}; expected a finite number above 0; correct it")
 
 
 def no_pointwise(what: str, remedy: str) -> ModelError:
+    """Error of a noise model whose values depend on each other."""
     return ModelError(f"noise: found {what}; expected independent values for pointwise densities; {remedy}")
 
 
@@ -60,6 +63,7 @@ def columns_of(z: Residuals, parts: int) -> Array:
 
 
 def from_columns(columns: Array, parts: int) -> Residuals:
+    """Reals (n, lines, pairs·parts) as residuals (n, lines, pairs)."""
     return columns.view(np.complex128) if parts == 2 else columns
 
 
