@@ -185,7 +185,8 @@ class Posterior:
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).
 
-        Whatever else is uncertain is integrated out: the density is then that of a kernel estimate. 0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible.
+        0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible. Whatever else
+        is uncertain is integrated out: the density is then that of a kernel estimate.
         """
         parametrisation = self.problem.parametrisation
         positive = [0, 1, 2] if "k12" in parametrisation.names else [0, 2]
