@@ -1,8 +1,9 @@
 """Eigen-directions of the information about a joint, named in words.
 
-An eigenvector of the information in ln k11, ln k12, ln k22 is a direction; an engineer wants a quantity. The gradient of
-ln q of each physical quantity q that can be made of a joint is compared with the direction. Where one fits, the words
-name it and say how well *that quantity* is known; where none does, they name the product of powers that the direction is.
+An eigenvector of the information in ln k11, ln k12, ln k22 is a direction; an engineer wants a quantity. The gradient
+of ln q of each physical quantity q that can be made of a joint is compared with the direction. Where one fits, the
+words name it and say how well *that quantity* is known; where none does, they name the product of powers that the
+direction is.
 """
 
 import itertools
@@ -183,17 +184,27 @@ def _candidates(names: tuple[str, ...], k: dict[str, float]) -> list[_Candidate]
         gradient = np.array(powers, dtype=float) @ unit[logs]
         text = _powers_text([names[i] for i in logs], powers)
         out.append(_Candidate(text, gradient, 0.8 + 0.2 * sum(map(abs, used))))
-    if set(STIFFNESS_NAMES) <= set(names) and k["k12"] ** 2 < k["k11"] * k["k22"]:
-        # r = k12²/det K; a condensed stiffness is the reciprocal of a compliance, c22 = 1/(k22 − k12²/k11)
-        r = k["k12"] ** 2 / (k["k11"] * k["k22"] - k["k12"] ** 2)
-        rows = unit[[names.index(name) for name in STIFFNESS_NAMES]]
-        for text, gradient, penalty in (
-            ("k22 − k12²/k11", (r, -2 * r, 1 + r), 1.1),
-            ("k11 − k12²/k22", (1 + r, -2 * r, r), 1.1),
-            ("k11·k22 − k12²", (1 + r, -2 * r, 1 + r), 1.6),
-            ("k12/(k11·k22 − k12²)", (-1 - r, 1 + 2 * r, -1 - r), 1.8),
-        ):
-            out.append(_Candidate(text, np.array(gradient) @ rows, penalty))
+    return out + _condensed(names, k)
+
+
+def _condensed(names: tuple[str, ...], k: dict[str, float]) -> list[_Candidate]:
+    """Stiffness of one DOF with the other free (the reciprocal of its compliance), det K^J and the cross compliance."""
+    determinant = k["k11"] * k["k22"] - k["k12"] ** 2
+    if len(names) < len(STIFFNESS_NAMES) or determinant <= 0:
+        return []
+    if "rho" in names:
+        bend = -2 * k["k12"] * math.sqrt(k["k11"] * k["k22"]) / determinant  # d ln(1 − ρ²)/dρ
+        rows = np.array([(0, 1, bend), (1, 0, bend), (1, 1, bend)])
+        order = [names.index(name) for name in ("k11", "k22", "rho")]
+    else:
+        r = k["k12"] ** 2 / determinant
+        rows = np.array([(r, -2 * r, 1 + r), (1 + r, -2 * r, r), (1 + r, -2 * r, 1 + r), (-1 - r, 1 + 2 * r, -1 - r)])
+        order = [names.index(name) for name in STIFFNESS_NAMES]
+    texts = ("k22 − k12²/k11", "k11 − k12²/k22", "k11·k22 − k12²", "k12/(k11·k22 − k12²)")
+    unit = np.eye(len(names))[order]
+    out = [_Candidate(text, row @ unit, p) for text, row, p in zip(texts, rows, (1.1, 1.1, 1.6, 1.8), strict=False)]
+    if "rho" not in names:
+        out.append(_Candidate("(k11·k22 − k12²)/k12", -out[-1].gradient, 1.8))
     return out
 
 
@@ -203,15 +214,15 @@ def _named(direction: EigenDirection, candidates: Sequence[_Candidate], covarian
     best, best_score = None, math.inf
     for candidate in candidates:
         length = float(np.linalg.norm(candidate.gradient))
-        if abs(candidate.gradient @ w) < _SAME_DIRECTION * length:
+        if candidate.gradient @ w < _SAME_DIRECTION * length:
             continue
-        sd = _sd_of(candidate.gradient, covariance) / length
-        if sd <= _LOOSE * direction.sd and sd * candidate.penalty < best_score:
-            best, best_score = candidate, sd * candidate.penalty
-    unknown = verdict_of(direction.sd * float(np.abs(w).max())) == "not identified"
-    if best is not None and not (unknown and best.quantity not in names):
+        sd = _sd_of(candidate.gradient, covariance)
+        known = verdict_of(sd) != "not identified" or candidate.quantity in names
+        if known and sd <= _LOOSE * direction.sd * length and sd / length * candidate.penalty < best_score:
+            best, best_score = candidate, sd / length * candidate.penalty
+    if best is not None:
         return _of(names, best.quantity, best.gradient, covariance)
-    if unknown or "rho" in names:
+    if verdict_of(direction.sd * float(np.abs(w).max())) != "identified":
         return _along(direction)
     exponents = _rounded_powers(direction, covariance)
     return _of(names, _powers_text(names, exponents), np.array(exponents), covariance)
@@ -250,21 +261,22 @@ def _rounded_powers(direction: EigenDirection, covariance: Array) -> list[float]
 
 
 def _powers_text(names: Sequence[str], powers: Sequence[float]) -> str:
-    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``."""
+    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``; where ρ leads, a sum with logarithms."""
+    by_name = dict(zip(names, powers, strict=True))
+    rho = by_name.pop("rho", 0.0)
+    if rho and abs(rho) == max(map(abs, powers)):
+        terms = [f" {'+' if p > 0 else '−'} {abs(p):g} ln {name}" for name, p in by_name.items() if p]
+        return "rho" + "".join(terms)
 
     def product(sign: int) -> list[str]:
-        terms = []
-        for name, power in zip(names, powers, strict=True):
-            size = abs(power)
-            if power * sign > 0:
-                terms.append(name + (_SUPERSCRIPT[int(size)] if size in _SUPERSCRIPT else f"^{size:g}"))
-        return terms
+        sizes = {name: abs(power) for name, power in by_name.items() if power * sign > 0}
+        return [name + _SUPERSCRIPT.get(int(p) if p == int(p) else 0, f"^{p:g}") for name, p in sizes.items()]
 
     above, below = product(1), product(-1)
-    if not below:
-        return "·".join(above)
-    bottom = below[0] if len(below) == 1 else f"({'·'.join(below)})"
-    return f"{'·'.join(above) or '1'}/{bottom}"
+    text = "·".join(above) or "1"
+    if below:
+        text += f"/{below[0]}" if len(below) == 1 else f"/({'·'.join(below)})"
+    return text if not rho else f"{text}·exp({'−' if rho < 0 else ''}{abs(rho):g} rho)"
 
 
 def _along(direction: EigenDirection) -> NamedDirection:
@@ -279,9 +291,7 @@ def _along(direction: EigenDirection) -> NamedDirection:
         if any(sign * w[i] * w[main] > 0 for i in movers)
     ]
     how = ", ".join(_moves_with(names[i], names[main], w[i] / w[main]) for i in movers)
-    quantity = " ".join([names[main], *parts[:1], *(f"and {part}" for part in parts[1:])]) + (
-        f" ({how})" if how else ""
-    )
+    quantity = f"{names[main]} {' and '.join(parts)} ({how})" if movers else names[main]
     sd = direction.sd * float(abs(w[main]))
     return NamedDirection(quantity, sd, verdict_of(sd), w, names, _sentence(quantity, sd))
 
@@ -292,4 +302,5 @@ def _moves_with(name: str, main: str, slope: float) -> str:
         return f"rho {slope * math.log(2):+.2g} as {main} doubles"
     if main == "rho":
         return f"{name} times {math.exp(0.1 * slope):.2g} as rho grows by 0.1"
-    return f"{name} ∝ {main}^{slope:.2g}".replace("-", "−")
+    power = f"{slope:.2g}".replace("-", "−")
+    return f"{name} ∝ {main}" + ("" if power == "1" else f"^{power}")

@@ -130,9 +130,9 @@ class FisherInformation:
 
     def sd(self, free: Sequence[str] | None = None, *, with_prior: bool = True) -> dict[str, float]:
         """Standard deviation of each parameter in `free`; infinite where it is not determined."""
-        rows = self._rows(free)
         information = self.total(free, with_prior=with_prior)
-        return dict(zip((self.names[i] for i in rows), map(float, _sd(information, inverse_information(information)))))
+        sd = _sd(information, inverse_information(information))
+        return {self.names[i]: float(s) for i, s in zip(self._rows(free), sd, strict=True)}
 
     def correlation(self, free: Sequence[str] | None = None, *, with_prior: bool = True) -> Array:
         """Correlation matrix of the parameters in `free`, shape (f, f)."""
@@ -152,7 +152,7 @@ class FisherInformation:
         rows = self._rows(free)
         information = self.total(free, with_prior=with_prior)
         covariance = inverse_information(information)
-        own = dict(zip((self.names[i] for i in rows), map(float, _sd(information, covariance))))
+        own = self.sd(free, with_prior=with_prior)
         names, slope = self._log_slope()
         out: dict[str, float] = {}
         for name, row in zip(names, slope, strict=True):

@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 _UNBOUNDED = 8.0
 #: Wanted fall of the log ratio from one point to the next.
 _FALL = 0.35
-_MOST_STEPS = 100
 #: Distance from the edge of the positive definite joints, 2 ln k12 = ln k11 + ln k22, that the climb keeps.
 _EDGE = 1e-9
 
@@ -131,34 +130,37 @@ def _side(
     edge = climb.high[climb.at] if step > 0 else climb.low[climb.at]
     limit = top_cost + quantile / 2
     points: list[tuple[Array, float]] = []
-    theta, cost, smallest = top, top_cost, abs(edge - top[climb.at]) / _MOST_STEPS
-    if smallest == 0:
-        return points, float(edge), True
-    while True:
+    theta, cost, smallest = top, top_cost, abs(step) / 4
+    while theta[climb.at] != edge:
         value = theta[climb.at] + step
         value = min(value, edge) if step > 0 else max(value, edge)
-        last, last_cost = theta, cost
-        theta, cost = climb.at_value(value, last)
-        points.append((theta, cost))
-        if cost > limit:
-            break
-        if value == edge:
-            return points, float(edge), True
-        fall = max(abs(cost - last_cost), 0.01 * _FALL)
+        there, there_cost = climb.at_value(value, theta)
+        if not np.isfinite(there_cost):  # no positive definite joint so far out: its edge ends the prior's support
+            step /= 4
+            if abs(step) < 1e-3 * smallest:
+                break
+            continue
+        points.append((there, there_cost))
+        if there_cost > limit:
+            points.insert(-1, _crossing(climb, theta, there, limit))
+            return points, float(points[-2][0][climb.at]), False
+        fall = max(abs(there_cost - cost), 0.01 * _FALL)
+        theta, cost = there, there_cost
         # towards the limit the ratio falls as a square: the next step shrinks where this one fell too far
         size = max(abs(step) * float(np.clip(np.sqrt(_FALL / fall), 0.5, 2.0)), smallest)
         step = size if step > 0 else -size
-    if not np.isfinite(cost):
-        return points[:-1], float(last[climb.at]), False
-    near = last
+    return points, float(theta[climb.at]), True
 
-    def above_limit(value: float) -> float:
-        return climb.at_value(value, near)[1] - limit
 
-    a, b = sorted((float(last[climb.at]), float(theta[climb.at])))
-    end = float(optimize.brentq(above_limit, a, b, xtol=1e-4 * abs(b - a), rtol=1e-10))
-    points.insert(-1, climb.at_value(end, near))
-    return points, end, False
+def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> tuple[Array, float]:
+    """Point at which the cost equals the limit, between one below and one above it."""
+
+    def excess(value: float) -> float:
+        return climb.at_value(value, inside)[1] - limit
+
+    low, high = sorted((float(inside[climb.at]), float(outside[climb.at])))
+    end = optimize.brentq(excess, low, high, xtol=1e-4 * (high - low), rtol=1e-10)
+    return climb.at_value(float(end), inside)
 
 
 class _Climb:
@@ -173,6 +175,8 @@ class _Climb:
         unbounded = _UNBOUNDED * prior.sd
         self.low = np.where(np.isfinite(low), low, prior.mean - unbounded)
         self.high = np.where(np.isfinite(high), high, prior.mean + unbounded)
+        inner = 1e-9 * (self.high - self.low)  # at its very ends ρ is no positive definite joint
+        self.low, self.high = self.low + inner, self.high - inner
         self._last: tuple[bytes, Array, Array] | None = None
         self._start = np.clip(theta, self.low, self.high)
         if not self._possible(self._start):
@@ -257,7 +261,7 @@ class _Climb:
             return self._both(whole(u))[1][:, free]
 
         low, high = self.low[free], self.high[free]
-        inner = 1e-9 * (high - low)
+        inner = 1e-12 * (high - low)
         scale = 1 / np.maximum(np.linalg.norm(jacobian(start[free]), axis=0), 1 / (high - low))
         found = optimize.least_squares(
             residual, np.clip(start[free], low + inner, high - inner), jac=jacobian, bounds=(low, high),
@@ -267,7 +271,7 @@ class _Climb:
         return self._along_edge(best, cost, free, scale)
 
     def _along_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
-        """Climb on along the edge of the positive definite joints, where least squares, that knows boxes only, stops."""
+        """Climb on along the edge of positive definite joints, where least squares, which knows boxes only, stops."""
         parametrisation = self._log_posterior.prior.parametrisation
         if not isinstance(parametrisation, LogStiffness) or 2 * theta[1] - theta[0] - theta[2] < -0.01:
             return theta, cost
@@ -279,21 +283,22 @@ class _Climb:
             full[free] = theta[free] + u * scale
             return full
 
-        def value(u: Array) -> tuple[float, Array]:
+        def value(u: Array) -> float:
+            residual, _ = self._both(whole(u))
+            return float(residual @ residual) / 2
+
+        def gradient(u: Array) -> Array:
             residual, jacobian = self._both(whole(u))
-            return float(residual @ residual) / 2, (residual @ jacobian[:, free]) * scale
+            slope: Array = residual @ jacobian[:, free] * scale
+            return slope
 
         found = optimize.minimize(
             value,
             np.zeros(scale.size),
-            jac=True,
+            jac=gradient,
             method="SLSQP",
             bounds=list(zip((self.low - theta)[free] / scale, (self.high - theta)[free] / scale, strict=True)),
-            constraints={
-                "type": "ineq",
-                "fun": lambda u: np.array([-_EDGE - normal @ whole(u)]),
-                "jac": lambda _: (-normal[free] * scale)[None],
-            },
+            constraints=optimize.LinearConstraint(normal[free] * scale, ub=-_EDGE - normal @ theta),
             options={"ftol": 1e-9, "maxiter": 100},
         )
         end = whole(found.x).copy()
