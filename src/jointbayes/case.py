@@ -1,7 +1,7 @@
 """A case: the TOML file turned into structure, joint, data and prior, with the settings of the run."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes import case_schema as schema
-from jointbayes.case_objects import beam_recipe, family_of, measurement_of, noise_model, prior_of, stiffness_of
+from jointbayes.case_objects import (
+    beam_recipe,
+    family_of,
+    measurement_of,
+    noise_model,
+    prior_of,
+    stiffness_of,
+    with_workshop_uncertainty,
+)
 from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.frf import FrfSet
 from jointbayes.identification import compliance_start
@@ -80,6 +88,17 @@ class Case:
         if isinstance(measured, FrequencyMeasurement):
             return None
         return compliance_start(self.problem.structure, self.problem.joint, measured)
+
+    @cached_property
+    def workshop_problem(self) -> Problem:
+        """The same problem, but with material, length and damping as uncertain as in a workshop.
+
+        E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
+        uncertain stays as it says.
+        """
+        recipe = beam_recipe(self.spec.structure, self.spec.data)
+        prior = with_workshop_uncertainty(self.problem.prior, self.spec)
+        return replace(self.problem, prior=prior, family=family_of(recipe, prior))
 
     @cached_property
     def sampler(self) -> SamplerSettings:

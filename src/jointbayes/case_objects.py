@@ -43,7 +43,15 @@ from jointbayes.structure import (
     Section,
 )
 
-__all__ = ["beam_recipe", "family_of", "measurement_of", "noise_model", "prior_of", "stiffness_of"]
+__all__ = [
+    "beam_recipe",
+    "family_of",
+    "measurement_of",
+    "noise_model",
+    "prior_of",
+    "stiffness_of",
+    "with_workshop_uncertainty",
+]
 
 Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
@@ -106,6 +114,23 @@ def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:
             return Normal.from_decades(spec.guess, spec.decades)
         case schema.UniformPriorSpec():
             return Uniform(spec.low, spec.high)
+
+
+def with_workshop_uncertainty(prior: JointPrior, spec: schema.CaseSpec) -> JointPrior:
+    """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
+    usual = {
+        "youngs_modulus": schema.FactorPriorSpec(sd_percent=2.0),
+        "density": schema.FactorPriorSpec(sd_percent=1.0),
+        "length": schema.FactorPriorSpec(sd_percent=0.5),
+    }
+    damping = spec.structure.damping
+    ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, schema.ModalDampingSpec) else (0.0, 0.0)
+    if ratio[0] > 0 and isinstance(spec.data, schema.SyntheticFrfSpec):
+        widest = min(10.0, 0.9 / ratio[1])
+        usual["damping_ratio"] = schema.FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
+    given = schema.UncertainSpec(**(usual | spec.uncertain.given))
+    everything = (*_quantities(spec.model_copy(update={"uncertain": given})), *_noise_parameters(spec.noise))
+    return replace(prior, nuisances=everything)
 
 
 def _quantities(spec: schema.CaseSpec) -> list[Nuisance]:

@@ -1,6 +1,8 @@
 """The posterior: draws, verdicts, predictions, summary, storage."""
 
+from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.knowledge import Knowledge, gather_knowledge
 from jointbayes.posterior.prediction import FrfPrediction
 from jointbayes.posterior.result import Posterior, RunRecord, data_sha256
 from jointbayes.posterior.summary import summarise
@@ -8,9 +10,12 @@ from jointbayes.posterior.summary import summarise
 __all__ = [
     "FrfPrediction",
     "Identifiability",
+    "Knowledge",
     "Posterior",
+    "PredictiveCheck",
     "RunRecord",
     "assess",
     "data_sha256",
+    "gather_knowledge",
     "summarise",
 ]

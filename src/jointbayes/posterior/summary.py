@@ -9,6 +9,8 @@ import numpy as np
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
+from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.knowledge import Knowledge, check_posterior_prediction
 from jointbayes.posterior.result import Posterior, data_sha256
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
@@ -18,7 +20,10 @@ SCHEMA_VERSION = 1
 
 
 def summarise(
-    posterior: Posterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None = None
+    posterior: Posterior,
+    initial: Sequence[float],
+    measured_frequencies_hz: Sequence[float] | None = None,
+    knowledge: Knowledge | None = None,
 ) -> dict[str, Any]:
     """Summarise a posterior.
 
@@ -30,6 +35,8 @@ def summarise(
         First guess of (k11, k12, k22), for the frequencies before identification.
     measured_frequencies_hz
         Measured natural frequencies to set beside the predicted ones, if known.
+    knowledge
+        What `gather_knowledge` found; without it only the check of the model is made here.
 
     Returns
     -------
@@ -51,6 +58,8 @@ def summarise(
         "map": _map(posterior),
         "natural_frequencies_hz": _frequencies(posterior, initial, measured_frequencies_hz),
         "fit": _fit(posterior),
+        "check": _check(knowledge.check if knowledge else check_posterior_prediction(posterior)),
+        "identifiability": _identifiability(knowledge) if knowledge else None,
         "sampler": dict(record.sampler),
         "versions": dict(record.versions),
         "data_sha256": data_sha256(posterior.problem.measurement),
@@ -147,6 +156,39 @@ def _fit(posterior: Posterior) -> dict[str, Any]:
         "chi2_per_line": deviance / likelihood.n_data,
         "log_likelihood_map": log_likelihood,
         "synthetic_data": bool(isinstance(measurement, FrfMeasurement) and measurement.synthetic),
+    }
+
+
+def _check(check: PredictiveCheck) -> dict[str, Any]:
+    return {
+        "explains": check.explains,
+        "sentence": check.sentence,
+        "chi2_per_line": check.chi2_per_line,
+        "chi2_band95": list(check.chi2_band),
+        "chi2_p_value": check.chi2_p_value,
+        "whiteness_p_value": check.whiteness_p_value,
+        "lag1": check.lag1,
+        "largest_residual_sd": check.largest,
+    }
+
+
+def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
+    return {
+        "sentence": knowledge.directions_sentence,
+        "directions": [
+            {"quantity": d.quantity, "sd_log": d.sd, "verdict": d.verdict, "sentence": d.sentence}
+            for d in knowledge.directions
+        ],
+        "profiles": {
+            p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
+            for p in knowledge.profiles
+        },
+        "freed": [
+            {"freed": list(row.freed), "sd_log": dict(row.sd_log), "verdict": dict(row.verdict)}
+            for row in knowledge.freed
+        ],
+        "freed_assumed": knowledge.assumed,
+        "freed_sentence": knowledge.freed_sentence,
     }
 
 

@@ -31,11 +31,14 @@ def lead(posterior: Posterior, reference: Triple | None, source: str, summary: S
         *_banners(posterior, summary),
         _verdict_table(reference, source, summary),
         Paragraph(coupling_sentence(summary)),
+        *([Paragraph(_bold_head(summary["check"]["sentence"]))] if summary["check"]["explains"] else []),
     )
 
 
 def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
     banners: list[Block] = []
+    if not summary["check"]["explains"]:
+        banners.append(Callout("bad", _bold_head(summary["check"]["sentence"])))
     if posterior.converged:
         banners.append(Callout("good", f"**The sampler converged.** {posterior.reason}"))
     else:
@@ -62,6 +65,11 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
             )
         )
     return banners
+
+
+def _bold_head(sentence: str) -> str:
+    head, colon, rest = sentence.partition(":")
+    return f"**{head}**{colon}{rest}"
 
 
 def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> Table:
