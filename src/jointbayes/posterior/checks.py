@@ -22,10 +22,9 @@ Array = NDArray[np.float64]
 FALSE_ALARM = 0.01
 #: Neighbours whose residuals are compared: model error spans the lines of a resonance, so a few suffice.
 _LAGS = 5
-#: Replicated records, for a p-value of 1/2001 at the least, and the values each need not exceed: the statistic's law
-#: depends on the length as 1/length only.
+#: Replicated records, for a p-value of 1/2001 at the least, and the most values in each: the standardised statistic's
+#: law hardly depends on the length.
 _REPLICATES, _LONG = 2000, 1000
-
 #: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
 _SLIGHT = 0.3
 
@@ -120,7 +119,8 @@ class PredictiveCheck:
         if "discrepancy_scale" in values:
             size, length = values["discrepancy_scale"], values["discrepancy_length"]
             words.append(
-                f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over {length:.3g} Hz."
+                f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over "
+                f"{length:.3g} Hz."
                 if size > _SLIGHT
                 else f"The model discrepancy that it includes is slight, {size:.2g} times the stated noise."
             )
