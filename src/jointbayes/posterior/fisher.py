@@ -280,9 +280,8 @@ def inverse_information(information: Array) -> Array:
 def _sd(information: Array, covariance: Array) -> Array:
     """Standard deviations, shape (d,), infinite where a parameter is not determined."""
     variance = np.diag(covariance)
-    scaled = variance * np.diag(information)
-    with np.errstate(invalid="ignore"):
-        return np.where(scaled < _UNDETERMINED, np.sqrt(variance), np.inf)
+    with np.errstate(invalid="ignore"):  # inf · 0 where there is no information at all
+        return np.where(variance * np.diag(information) < _UNDETERMINED, np.sqrt(variance), np.inf)
 
 
 def _pseudo_inverse(information: Array) -> Array:
