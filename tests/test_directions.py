@@ -60,6 +60,13 @@ def test_a_single_stiffness_is_named_singly():
     ]
 
 
+def test_a_direction_a_little_beside_a_stiffness_is_named_by_it_with_its_own_spread():
+    beside = np.array([0.0, -0.1, 0.995])
+    found = name_directions(fisher_of((beside, 0.003), ((0, 0.995, 0.1), 0.05), ((1, 0, 0), 0.5)))
+    assert found[0].quantity == "k22"
+    assert found[0].sd == pytest.approx(np.hypot(0.995 * 0.003, 0.1 * 0.05), rel=1e-3)
+
+
 def test_products_and_ratios_of_small_powers_are_recognised():
     found = name_directions(fisher_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((2, 1, 0), 2.0)))
     assert found[0].quantity == "k12²/k11"
@@ -147,6 +154,15 @@ def test_a_coupling_of_open_sign_is_spoken_of_as_rho():
     )  # fmt: skip
     assert mixed[0].sentence == "k22·exp(0.4 rho) is known to 1 %"
     assert "is not known" in mixed[1].sentence
+
+
+def test_the_condensed_stiffness_is_recognised_through_rho():
+    stiffness = np.array([1e9, 0.5e7 * np.sqrt(10), 1e6])  # ρ = 0.5, known to ±0.6 only
+    found = sentences(
+        ((0, 1, -4 / 3), 0.01), ((1, 0, 0), 1.0), ((0, 4 / 3, 1), 2.0),
+        stiffness=stiffness, parametrisation=SignedCoupling(),
+    )  # fmt: skip
+    assert found[0] == "k22 − k12²/k11 is known to 1 %"
 
 
 @pytest.mark.parametrize("sd", [1e-4, 0.0569, 0.057, 0.28, 0.281, 3.0])

@@ -77,6 +77,14 @@ def test_a_parameter_or_combination_that_nothing_determines_has_no_finite_sd():
     assert worst.sd == np.inf
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_rounding_does_not_make_a_direction_known(seed):
+    root = np.random.default_rng(seed).normal(size=(2, 3)) * 1e3  # two residuals, three stiffnesses
+    fisher = random_fisher(data=root.T @ root, prior=np.zeros((3, 3)), names=NAMES[:3])
+    assert [np.isinf(direction.sd) for direction in fisher.eigen_directions()] == [False, False, True]
+    assert set(fisher.sd().values()) == {np.inf}
+
+
 def test_nuisances_that_the_data_do_not_see_change_nothing():
     seen = random_fisher(names=NAMES[:3])
     data = np.zeros((5, 5))
