@@ -1,5 +1,10 @@
 """The table of what is identifiable: an independent Fisher information, and the package's, and sampling."""
 
+import contextlib
+import io
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,7 +13,9 @@ from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.inference import JointPrior, Problem, Uniform
 from jointbayes.joint import LogStiffness, joint_matrix
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.directions import name_directions
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.freeing import freeing_table
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, ModalDamping, Section, beam
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, rod
@@ -101,6 +108,48 @@ def test_with_geometry_material_and_damping_free_the_table_is_reproduced(columns
     information = independent_information(columns, outputs)
     information[range(3, 7), range(3, 7)] += PRIOR_SD**-2.0
     assert agrees(np.sqrt(np.diag(np.linalg.inv(information)))[:3], printed, unit).all()
+
+
+NUISANCES = ("youngs_modulus", "length", "density", "damping_ratio")
+DOCS = (Path(__file__).resolve().parents[2] / "docs" / "identifiability.md").read_text(encoding="utf-8")
+
+
+def independent_fisher(columns, outputs) -> FisherInformation:
+    data = independent_information(columns, outputs)
+    precision = np.diag(np.concatenate([np.zeros(3), PRIOR_SD**-2.0]))
+    prior_sd = np.concatenate([np.full(3, 5.0), PRIOR_SD])
+    return FisherInformation(("k11", "k12", "k22", *NUISANCES), POINT, data, precision, prior_sd, LogStiffness())
+
+
+@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
+def test_the_freeing_table_is_that_of_the_documentation(columns, outputs):
+    rows = freeing_table(independent_fisher(columns, outputs), NUISANCES)
+    _, printed, (_, unit) = TABLE[outputs]
+    assert agrees(list(rows[-1].sd_log.values()), printed, unit).all()
+    for row in rows if outputs in (("11:y",), ("11:y", "6:y")) else (rows[0], rows[-1]):
+        freed = ", ".join(row.freed) if len(row.freed) < len(NUISANCES) else "all four"
+        values = " | ".join(f"{sd:.3g}" for sd in row.sd_log.values())
+        assert f"| {', '.join(outputs)} | {freed or 'nothing'} | {values} |" in DOCS
+
+
+def test_the_tip_alone_loses_k12_and_k22_and_an_accelerometer_at_mid_span_brings_them_back(columns):
+    tip = freeing_table(independent_fisher(columns, ("11:y",)), NUISANCES)
+    assert tip[0].verdict == {"k11": "not identified", "k12": "weakly identified", "k22": "identified"}
+    assert set(tip[-1].verdict.values()) == {"not identified"}
+    both = freeing_table(independent_fisher(columns, ("11:y", "6:y")), NUISANCES)
+    assert both[-1].verdict == {"k11": "weakly identified", "k12": "weakly identified", "k22": "identified"}
+    for outputs in (("11:y",), ("11:y", "6:y")):
+        for named in name_directions(independent_fisher(columns, outputs)):
+            assert f"- {named.sentence}" in DOCS
+
+
+def test_the_example_of_the_documentation_prints_what_stands_below_it(monkeypatch):
+    monkeypatch.chdir(CONFIGS.parent)
+    code, printed = re.search(r"```python\n(.*?)```\n.*?```text\n(.*?)```", DOCS, re.DOTALL).groups()
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        exec(code, {})
+    assert out.getvalue() == printed
 
 
 def test_sampled_standard_deviations_agree_where_the_posterior_is_gaussian():

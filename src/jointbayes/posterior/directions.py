@@ -8,7 +8,7 @@ direction is.
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +110,8 @@ def spread_in_words(sd: float) -> str:
 def name_directions(fisher: FisherInformation, *, with_prior: bool = False) -> tuple[NamedDirection, ...]:
     """Name each eigen-direction of the information about the joint, best known first.
 
+    Where every single stiffness is identified the words name those: combinations would say nothing more.
+
     Parameters
     ----------
     fisher
@@ -127,13 +129,14 @@ def name_directions(fisher: FisherInformation, *, with_prior: bool = False) -> t
     covariance = inverse_information(information)
     stiffness = fisher.parametrisation.stiffness(fisher.theta[: len(fisher.joint_names)])
     candidates = _candidates(names, dict(zip(STIFFNESS_NAMES, map(float, stiffness), strict=True)))
+    alone = _singly(names, range(len(names)), covariance)
+    if all(named.verdict == "identified" for named in alone):
+        return tuple(alone)
     out: list[NamedDirection] = []
     for group in _groups(directions):
         singles = _spanning_singles(group)
         if singles is not None:
-            out += sorted(
-                (_of(names, names[i], np.eye(len(names))[i], covariance) for i in singles), key=lambda named: named.sd
-            )
+            out += _singly(names, singles, covariance)
         else:
             out += [_named(direction, candidates, covariance) for direction in group]
     return tuple(out)
@@ -179,8 +182,8 @@ def _candidates(names: tuple[str, ...], k: dict[str, float]) -> list[_Candidate]
     logs = [i for i, name in enumerate(names) if name != "rho"]
     for powers in itertools.product(range(-2, 3), repeat=len(logs)):
         used = [p for p in powers if p]
-        if len(used) < 2 or math.gcd(*used) != 1:
-            continue
+        if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1:
+            continue  # no simple quantity, or the reciprocal or a power of another one
         gradient = np.array(powers, dtype=float) @ unit[logs]
         text = _powers_text([names[i] for i in logs], powers)
         out.append(_Candidate(text, gradient, 0.8 + 0.2 * sum(map(abs, used))))
@@ -202,10 +205,7 @@ def _condensed(names: tuple[str, ...], k: dict[str, float]) -> list[_Candidate]:
         order = [names.index(name) for name in STIFFNESS_NAMES]
     texts = ("k22 − k12²/k11", "k11 − k12²/k22", "k11·k22 − k12²", "k12/(k11·k22 − k12²)")
     unit = np.eye(len(names))[order]
-    out = [_Candidate(text, row @ unit, p) for text, row, p in zip(texts, rows, (1.1, 1.1, 1.6, 1.8), strict=False)]
-    if "rho" not in names:
-        out.append(_Candidate("(k11·k22 − k12²)/k12", -out[-1].gradient, 1.8))
-    return out
+    return [_Candidate(text, row @ unit, p) for text, row, p in zip(texts, rows, (1.1, 1.1, 1.6, 1.8), strict=False)]
 
 
 def _named(direction: EigenDirection, candidates: Sequence[_Candidate], covariance: Array) -> NamedDirection:
@@ -214,7 +214,7 @@ def _named(direction: EigenDirection, candidates: Sequence[_Candidate], covarian
     best, best_score = None, math.inf
     for candidate in candidates:
         length = float(np.linalg.norm(candidate.gradient))
-        if candidate.gradient @ w < _SAME_DIRECTION * length:
+        if abs(candidate.gradient @ w) < _SAME_DIRECTION * length:
             continue
         sd = _sd_of(candidate.gradient, covariance)
         known = verdict_of(sd) != "not identified" or candidate.quantity in names
@@ -226,6 +226,12 @@ def _named(direction: EigenDirection, candidates: Sequence[_Candidate], covarian
         return _along(direction)
     exponents = _rounded_powers(direction, covariance)
     return _of(names, _powers_text(names, exponents), np.array(exponents), covariance)
+
+
+def _singly(names: tuple[str, ...], chosen: Iterable[int], covariance: Array) -> list[NamedDirection]:
+    """The chosen coordinates themselves, best known first."""
+    unit = np.eye(len(names))
+    return sorted((_of(names, names[i], unit[i], covariance) for i in chosen), key=lambda named: named.sd)
 
 
 def _of(names: tuple[str, ...], quantity: str, gradient: Array, covariance: Array) -> NamedDirection:
@@ -301,6 +307,6 @@ def _moves_with(name: str, main: str, slope: float) -> str:
     if name == "rho":
         return f"rho {slope * math.log(2):+.2g} as {main} doubles"
     if main == "rho":
-        return f"{name} times {math.exp(0.1 * slope):.2g} as rho grows by 0.1"
+        return f"{name} times {math.exp(0.1 * slope):.3g} as rho grows by 0.1"
     power = f"{slope:.2g}".replace("-", "−")
     return f"{name} ∝ {main}" + ("" if power == "1" else f"^{power}")

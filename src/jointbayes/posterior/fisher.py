@@ -22,10 +22,13 @@ __all__ = ["EigenDirection", "FisherInformation", "fisher_information"]
 
 Array = NDArray[np.float64]
 
-#: Eigenvalues of an information scaled to a unit diagonal are not trusted below this.
+#: Eigenvalues of an information, relative to the greatest, that are told from zero.
 _SMALLEST = 1e-13
-#: A parameter whose variance, in units of that with all else known, exceeds this is not determined at all.
-_UNDETERMINED = 1e12
+#: The least eigenvalue of an information scaled to a unit diagonal that is inverted: about what rounding leaves of zero.
+_ROUNDING = 1e-15
+#: A parameter whose variance, in units of that with all else known, exceeds this is not determined at all: far enough
+#: below 1/_ROUNDING that a hundredth of a direction without information is enough.
+_UNDETERMINED = 1e11
 #: So many standard deviations of ρ must lie between ρ and 0 for k12 to have a sign, and so a logarithm.
 _SIGNED = 2.0
 
@@ -117,7 +120,7 @@ class FisherInformation:
     def covariance(self, free: Sequence[str] | None = None, *, with_prior: bool = True) -> Array:
         """Inverse of `total`, shape (f, f): the smallest covariance that an unbiased estimate can have.
 
-        Combinations that neither data nor prior determine have a variance at the limit of double precision, 1e13 of
+        Combinations that neither data nor prior determine have a variance at the limit of double precision, 1e15 of
         what it would be with all else known, rather than infinity, so that correlations keep their limit of ±1.
         A parameter without any information has an infinite variance and no correlation.
 
@@ -273,16 +276,15 @@ def inverse_information(information: Array) -> Array:
     root = np.sqrt(diagonal[seen])
     values, vectors = np.linalg.eigh(information[np.ix_(seen, seen)] / np.outer(root, root))
     covariance = np.diag(np.full(diagonal.size, np.inf))
-    covariance[np.ix_(seen, seen)] = (vectors / np.maximum(values, _SMALLEST)) @ vectors.T / np.outer(root, root)
+    covariance[np.ix_(seen, seen)] = (vectors / np.maximum(values, _ROUNDING)) @ vectors.T / np.outer(root, root)
     return covariance
 
 
 def _sd(information: Array, covariance: Array) -> Array:
     """Standard deviations, shape (d,), infinite where a parameter is not determined."""
     variance = np.diag(covariance)
-    scaled = variance * np.diag(information)
-    with np.errstate(invalid="ignore"):
-        return np.where(scaled < _UNDETERMINED, np.sqrt(variance), np.inf)
+    with np.errstate(invalid="ignore"):  # inf · 0 where there is no information at all
+        return np.where(variance * np.diag(information) < _UNDETERMINED, np.sqrt(variance), np.inf)
 
 
 def _pseudo_inverse(information: Array) -> Array:
