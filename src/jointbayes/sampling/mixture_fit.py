@@ -11,13 +11,12 @@ __all__ = ["first_mixture", "most_likely_mixture", "split"]
 
 Array = NDArray[np.float64]
 
-_EM_STEPS = 12
+_EM_STEPS = 8
 _MOST = 12  # components beside the wide one
 _DEFENSIVE = 0.05  # weight of one wide component, which bounds the importance weights
 _WIDER = 3.0  # it than all others together
-_STARVED = 3  # effective draws per parameter of a component, below which it is dropped
+_STARVED = 2  # effective draws per parameter of a component, below which it is dropped
 _FLOOR = 1e-3  # of the overall covariance, added to each scale
-_NEGLIGIBLE = 1e-7  # share of the weight that draws left out of the fit may carry together
 
 
 def first_mixture(x: Array, weight: Array, components: int, rng: np.random.Generator) -> StudentMixture:
@@ -66,9 +65,6 @@ def most_likely_mixture(mixture: StudentMixture, x: Array, weight: Array) -> Stu
     """
     d = x.shape[1]
     mean, overall = _moments(x, weight)
-    order = np.argsort(weight)
-    kept = order[np.cumsum(weight[order]) > _NEGLIGIBLE]
-    x, weight = x[kept], weight[kept]
     for _ in range(_EM_STEPS):
         each = mixture.log_densities(x)
         belongs = np.exp(each - each.max(axis=1, keepdims=True))

@@ -1,7 +1,8 @@
 """Search for the chart and the mixture of Student-t distributions in it that propose best."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -11,14 +12,18 @@ from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture, 
 from jointbayes.sampling.pool import Pool
 from jointbayes.sampling.student_mixture import StudentMixture
 from jointbayes.sampling.student_t import StudentT
-from jointbayes.sampling.weights import tempered
+from jointbayes.sampling.weights import resampled, tempered
 
 __all__ = ["Fit", "search"]
 
 _DRAWS = 2000
-_TRIALS = 2  # rounds in each chart, before the best is refined
+_CONFIRMING = 4000
+_LOOKED_AT_AGAIN = 2
+_TRIALS = 3  # rounds in each chart, before the best is refined
 _ROUNDS = 7
 _GAIN = 0.02  # in efficiency, below which components are split
+_GOOD = 0.9  # of the efficiency at which a single bell is good: a mixture never gets quite there
+_FITTED = 6000  # draws to which a mixture is fitted, so that a round costs the same however many there are
 _ENOUGH = 10  # effective draws for each parameter of a bell
 
 
@@ -34,7 +39,7 @@ class Fit:
 def search(pool: Pool, charts: Sequence[Chart], components: int, rng: np.random.Generator) -> list[Fit]:
     """Fit mixtures to a pool of weighted draws, each in turn adding its draws to the pool.
 
-    Every chart is tried for two rounds, and that with the better mixture refined. Where a round gains nothing, the
+    Every chart is tried for three rounds, and that with the better mixture refined. Where a round gains nothing, the
     heavier components are split.
 
     Parameters
@@ -51,36 +56,50 @@ def search(pool: Pool, charts: Sequence[Chart], components: int, rng: np.random.
     Returns
     -------
     list of Fit
-        Every mixture that was tried; none if the pool holds too few draws where the density is above zero.
+        Those to choose from; none if the pool holds too few draws where the density is above zero.
     """
-    good = good_efficiency(pool.theta.shape[1])
+    good = _GOOD * good_efficiency(pool.theta.shape[1])
     fits: list[Fit] = []
     latest: dict[int, Fit] = {}
-    for _ in range(_TRIALS):
-        for index, chart in enumerate(charts):
-            mixture = latest[index].density if index in latest else components
-            found = _round(pool, chart, mixture, rng)
-            if found is None:
-                continue
-            fits.append(found)
-            latest[index] = found
-            if found.efficiency > good:
-                return fits
-    if not latest:
-        return fits
-    last = max(latest.values(), key=lambda fit: fit.efficiency)
+    for trial, index in product(range(_TRIALS), range(len(charts))):
+        found = _round(pool, charts[index], latest[index].density if trial and index in latest else components, rng)
+        if found is None:
+            continue
+        if found.efficiency > good:
+            found = _confirmed(pool, found, rng)
+        fits.append(found)
+        latest[index] = found
+        if found.efficiency > good:
+            return fits
+    if latest:
+        fits += _refined(pool, max(latest.values(), key=lambda fit: fit.efficiency), good, rng)
+    # the highest of several figures is too high by chance: the first few are looked at again
+    ranked = sorted(fits, key=lambda fit: -fit.efficiency)
+    return [_confirmed(pool, fit, rng) for fit in ranked[:_LOOKED_AT_AGAIN]]
+
+
+def _refined(pool: Pool, last: Fit, good: float, rng: np.random.Generator) -> list[Fit]:
+    """Further rounds in the chart of a fit, until one is good."""
+    fits: list[Fit] = []
     gained = True
     for _ in range(_ROUNDS):
         assert isinstance(last.density, StudentMixture)
         found = _round(pool, last.chart, last.density if gained else split(last.density), rng)
         if found is None:
             break
+        if found.efficiency > good:
+            found = _confirmed(pool, found, rng)
         gained = found.efficiency > last.efficiency + _GAIN
         fits.append(found)
         last = found
         if found.efficiency > good:
             break
     return fits
+
+
+def _confirmed(pool: Pool, fit: Fit, rng: np.random.Generator) -> Fit:
+    """The fit with the efficiency of more and new draws: few may miss the one that carries a large weight."""
+    return replace(fit, efficiency=pool.extend(fit.density, fit.chart, rng, _CONFIRMING))
 
 
 def _round(
@@ -94,6 +113,8 @@ def _round(
     if alive.sum() < enough:
         return None
     phi, weight = phi[alive], tempered(log_weight[alive], enough)
+    if len(phi) > _FITTED:
+        phi, weight = phi[resampled(weight, _FITTED, rng)], np.full(_FITTED, 1 / _FITTED)
     if not isinstance(mixture, StudentMixture):
         assert isinstance(mixture, int)
         mixture = first_mixture(phi, weight, mixture, rng)

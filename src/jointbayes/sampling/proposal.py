@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _SCATTERED = 1000  # draws about each start
 _WIDER = 2.0  # than a start's covariance are these
 _LEAST = 1e-4  # eigenvalue of its correlations
-_COMPONENTS = 4  # of a first mixture, or two for each start
+_COMPONENTS = 12  # of a first mixture, or two for each start: those that few draws belong to are dropped
 
 Start = tuple[Array, Array]
 """A point near a mode, shape (d,), and a rough covariance of θ there, shape (d, d)."""

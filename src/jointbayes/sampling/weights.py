@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["importance_efficiency", "tempered"]
+__all__ = ["importance_efficiency", "resampled", "tempered"]
 
 Array = NDArray[np.float64]
 
@@ -55,3 +55,30 @@ def tempered(log_weight: Array, enough: float) -> Array:
     weight: Array = np.exp(power * (log_weight - log_weight.max()))
     weight /= weight.sum()
     return weight
+
+
+def resampled(weight: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Indices, shape (n,), each drawn as often as its weight asks, to within one: systematic resampling.
+
+    Parameters
+    ----------
+    weight : ndarray, shape (m,)
+        Normalised weights.
+    n : int
+        Number of indices.
+    rng : numpy.random.Generator
+        Source of the one random number.
+
+    References
+    ----------
+    J. Carpenter, P. Clifford, P. Fearnhead, Improved particle filter for nonlinear problems (1999),
+    DOI 10.1049/ip-rsn:19990255.
+
+    Examples
+    --------
+    >>> resampled(np.array([0.5, 0.0, 0.5]), 4, np.random.default_rng(1)).tolist()
+    [0, 0, 2, 2]
+    """
+    steps = np.cumsum(weight)
+    found: NDArray[np.intp] = np.searchsorted(steps / steps[-1], (np.arange(n) + rng.random()) / n)
+    return found
