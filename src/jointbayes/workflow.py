@@ -17,8 +17,8 @@ from jointbayes.identification import (
     refine,
     sensitivity_iteration,
 )
-from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.inference import JointPrior, Problem
+from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record
@@ -92,7 +92,8 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are the first guess, the end of the paper's iteration from it, the compliance fit that needs no guess,
-    draws from the prior, and joints near the limits of signed coordinates. Each is refined; `MapEstimate.starts` says which of them reached the mode.
+    draws from the prior, and joints near the limits of signed coordinates. Each is refined; `MapEstimate.starts` says
+    which of them reached the mode, `MapEstimate.modes` what other modes there are.
 
     Parameters
     ----------

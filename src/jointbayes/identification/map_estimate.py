@@ -220,9 +220,7 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
         near = bool(np.abs((end - theta) / prior.sd).max() < _SAME_POINT)
         # along a ridge that data and prior leave flat many points are equally the mode
         same = near or best - density < _SAME_DENSITY
-        outcomes.append(
-            StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same)
-        )
+        outcomes.append(StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same))
     return MapEstimate(
         theta,
         prior.stiffness(theta),
