@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 #: Eigenvalues of an information, relative to the greatest, that are told from zero.
 _SMALLEST = 1e-13
-#: The least eigenvalue of an information scaled to a unit diagonal that is inverted: about what rounding leaves of zero.
+#: The least eigenvalue of an information scaled to a unit diagonal that is inverted: what rounding leaves of zero.
 _ROUNDING = 1e-15
 #: A parameter whose variance, in units of that with all else known, exceeds this is not determined at all: far enough
 #: below 1/_ROUNDING that a hundredth of a direction without information is enough.
