@@ -22,6 +22,7 @@ Method = Literal["exact", "importance", "nested"]
 PARETO_LIMIT = 0.7
 """Pareto k of importance weights above which their mean is not trusted."""
 
+_LEAST_SHARE = 0.1  # of the draws, effective
 _DRAWS = 20_000
 _LIVE = 400
 _STOP = 0.01  # ln Z that the live points may still add
@@ -206,7 +207,10 @@ def evidence(
     rng: np.random.Generator,
     draws: int = _DRAWS,
 ) -> Evidence:
-    """Evidence by importance sampling from a proposal fitted here; by nested sampling where its Pareto k is above 0.7.
+    """Evidence by importance sampling from a proposal fitted here; by nested sampling where that cannot be trusted.
+
+    It is not where the Pareto k of the weights is above 0.7, nor where fewer than a tenth of the draws are effective:
+    a density that the fit did not come near to may have parts where no draw ever fell, of which k knows nothing.
 
     Parameters
     ----------
@@ -230,7 +234,7 @@ def evidence(
     if not prior.names:
         return _without_parameters(log_posterior)
     found = importance_evidence(log_posterior, fit_proposal(log_posterior, charts, starts, rng), rng, draws)
-    if found.pareto_k <= PARETO_LIMIT:
+    if found.pareto_k <= PARETO_LIMIT and found.ess >= _LEAST_SHARE * draws:
         return found
 
     def log_likelihood(theta: Array) -> Array:
