@@ -80,6 +80,8 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
+    if not start.size:  # a rigid joint: nothing to climb
+        return start, float(log_posterior(start)[0])
     low, high = log_posterior.prior.support
     feasible = log_posterior.prior.parametrisation.feasible
 
@@ -152,7 +154,7 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
     outcomes = []
     for name, stiffness in starts.items():
         end, density = ends.get(name, (np.full_like(theta, np.nan), -np.inf))
-        near = bool(np.abs((end - theta) / log_posterior.prior.sd).max() < _SAME_POINT)
+        near = bool((np.abs((end - theta) / log_posterior.prior.sd) < _SAME_POINT).all())
         # along a ridge that data and prior leave flat many points are equally the mode
         same = near or best - density < _SAME_DENSITY
         outcomes.append(

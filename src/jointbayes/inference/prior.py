@@ -154,7 +154,7 @@ class JointPrior:
     @property
     def support(self) -> tuple[Array, Array]:
         """Lower and upper ends of the box outside which the density is zero, each shape (d,)."""
-        ends = np.array([m.support for m in self.marginals])
+        ends = np.array([m.support for m in self.marginals]).reshape(-1, 2)  # a rigid joint has no coordinate
         return ends[:, 0], ends[:, 1]
 
     def log_density(self, theta: ArrayLike) -> Array:
@@ -176,7 +176,7 @@ class JointPrior:
         """
         kept: list[Array] = []
         for _ in range(1000):
-            theta = np.stack([m.sample(rng, size) for m in self.marginals], axis=-1)
+            theta = np.stack([*(m.sample(rng, size) for m in self.marginals), np.empty(size)], axis=-1)[:, :-1]
             kept.append(theta[self.parametrisation.feasible(theta)])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]
