@@ -19,6 +19,57 @@ from jointbayes.toml_text import key_lines
 CONFIGS = Path(__file__).parents[1] / "configs"
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 SIGNED = (CONFIGS / "clamped_beam_frequencies.toml").read_text(encoding="utf-8")
+UNCERTAIN = (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8")
+LOSS_FACTOR = (CONFIGS / "clamped_beam_loss_factor.toml").read_text(encoding="utf-8")
+# One case with every optional table and, but for dof and the constants of other choices, every optional key.
+NOISE_LAW = """relative = 0.03              # this fraction of |H| at the line,
+floor = 0.01                 # plus this fraction of the median |H|
+"""
+FULL = (
+    UNCERTAIN.replace("[structure.section]", "accelerometer_mass_g = 2.0\n\n[structure.section]")
+    .replace(NOISE_LAW, "coherence = 0.98\naverages = 10\nfloor = 0.001\n")
+    .replace(
+        "\n[data.noise]",
+        """youngs_modulus_gpa = 208.0
+density_kg_m3 = 7850.0
+length_mm = 380.0
+accelerometer_mass_g = 2.5
+gain = 1.02
+damping_ratio = [0.02, 0.01]
+
+[data.noise]""",
+    )
+    .replace(
+        "[data]\n",
+        """[uncertain.accelerometer_mass]
+sd_percent = 5.0
+
+[uncertain.gain]
+sd_percent = 3.0
+
+[noise]
+residuals = "log_magnitude"
+distribution = "gaussian"
+scale = "sampled"
+scale_low_factor = 0.2
+scale_high_factor = 5.0
+
+[noise.discrepancy]
+scale_low = 0.05
+scale_high = 50.0
+length_low_hz = 5.0
+length_high_hz = 500.0
+
+[compare]
+hypotheses = ["springs", "full"]
+
+[data]
+""",
+    )
+    .replace(
+        "max_measurements = 1 ", "averages_factor = 8.0\nf_max_hz = 5000.0\nadded_mass_g = 50.0\nmax_measurements = 2 "
+    )
+)
 ONE_LINE = re.compile(r"case\.toml:[1-9]\d*: [^\n]+?: [^\n]+; expected [^\n]+; [^\n]+")
 JARGON = re.compile(r"input should|valid (number|integer|string)|literal|pydantic|type=|discriminator|NoneType")
 
@@ -150,6 +201,98 @@ s = 10=>s = 1 && supports = []=>supports = ["2:y", "2:rz"] && frequencies_hz =>@
 sd_hz = 0.5=>sd_hz = 0 && sd_relative = 0.005=>@sd_relative = 0 ;; data.sd_relative ;; both 0
 sd_hz = 0.5=>sd_hz = -0.5 ;; data.sd_hz ;; in Hz
 """  # noqa: E501
+BROKEN_FULL = r"""
+_mass_g = 2.0=>_mass_g = -1.0 ;; structure.accelerometer_mass_g ;; the mass in g added at each measured translation, a number of at least 0
+_mass_g = 2.0=>_mas_g = 2.0 ;; structure.accelerometer_mas_g ;; did you mean "accelerometer_mass_g"?
+_mass_g = 2.0=>_mass_g = 0.0 && [uncertain.accelerometer_mass]=>@[uncertain.accelerometer_mass] ;; uncertain.accelerometer_mass ;; which is 0
+outputs = ["11:y"] =>outputs = ["11:rz"]  && accelerometer_mass_g = 2.0=>@accelerometer_mass_g = 2.0 ;; structure.accelerometer_mass_g ;; rotations only
+[uncertain.length]=>[uncertain.lenght] ;; uncertain.lenght ;; did you mean "length"?
+[uncertain.length]=>[uncertain.temperature] ;; uncertain.temperature ;; one of youngs_modulus, density, length
+[uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@sd_persent ;; uncertain.youngs_modulus.sd_persent ;; did you mean "sd_percent"?
+sd_percent = 0.5=>sd_percent = 0 ;; uncertain.length.sd_percent ;; in percent of the value, a number greater than 0
+sd_percent = 0.5=>low_factor = 0.9 && [uncertain.length]=>@[uncertain.length] ;; uncertain.length.high_factor ;; add high_factor = 10.0
+sd_percent = 0.5=>high_factor = 1.1 && [uncertain.length]=>@[uncertain.length] ;; uncertain.length.low_factor ;; add low_factor = 0.1
+sd_percent = 0.5=> && [uncertain.length]=>@[uncertain.length] ;; uncertain.length ;; sd_percent, or low_factor and high_factor
+sd_percent = 0.5=>low_factor = 0.9\nhigh_factor = 1.1\n@sd_percent = 0.5 ;; uncertain.length.sd_percent ;; not both
+low_factor = 0.1=>low_factor = 0.0 ;; uncertain.damping_ratio.low_factor ;; above 0 and at most 1
+low_factor = 0.1=>low_factor = 1.1 ;; uncertain.damping_ratio.low_factor ;; above 0 and at most 1
+high_factor = 10.0=>high_factor = 0.9 ;; uncertain.damping_ratio.high_factor ;; at least 1
+low_factor = 0.1=>low_factor = 1.0 && high_factor = 10.0=>@high_factor = 1.0 ;; uncertain.damping_ratio.high_factor ;; not above low_factor
+high_factor = 10.0=>high_factor = 100.0 ;; uncertain.damping_ratio.high_factor ;; below 100
+ratio = 0.01 =>ratio = [0.01, 0.0]  && [uncertain.damping_ratio]=>@[uncertain.damping_ratio] ;; uncertain.damping_ratio ;; a damping ratio is 0
+[uncertain.gain]=>[uncertain.loss_factor] ;; uncertain.loss_factor ;; law = "loss_factor" with a loss factor above 0
+residuals = "log_magnitude"=>residuals = "log_magnitud" ;; noise.residuals ;; did you mean "log_magnitude"?
+distribution = "gaussian"=>distribution = "normal" ;; noise.distribution ;; "gaussian" or "student_t"
+distribution = "gaussian"=>distribution = "student_t" && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy ;; computed as Gaussian
+distribution = "gaussian"=>dof = 5.0 ;; noise.dof ;; which distribution = "gaussian" does not use
+distribution = "gaussian"=>dof = 2.0 ;; noise.dof ;; above 2
+scale = "sampled"\nscale_low_factor = 0.2\nscale_high_factor = 5.0=>scale = "integrated" && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy ;; cannot be integrated out
+scale = "sampled"=>scale = "sample" ;; noise.scale ;; did you mean "sampled"?
+scale = "sampled"\nscale_low_factor = 0.2\n=>@scale_low_factor = 0.2\n && scale_high_factor = 5.0=> ;; noise.scale_low_factor ;; which scale = "known" does not use
+scale = "sampled"\nscale_low_factor = 0.2\n=> && scale_high_factor = 5.0=>@scale_high_factor = 5.0 ;; noise.scale_high_factor ;; write scale so, or remove
+scale_low_factor = 0.2=>scale_low_factor = 0 ;; noise.scale_low_factor ;; above 0 and at most 1
+scale_high_factor = 5.0=>scale_high_factor = 0.5 ;; noise.scale_high_factor ;; at least 1
+scale_low_factor = 0.2=>scale_low_factor = 1 && scale_high_factor = 5.0=>@scale_high_factor = 1 ;; noise.scale_high_factor ;; not above scale_low_factor
+scale = "sampled"=>scale = "sampled"\n@scale_dof = 3.0 ;; noise.scale_dof ;; which scale = "sampled" does not use
+scale = "sampled"=>scale = "sampled"\n@scale_guess = 2.0 ;; noise.scale_guess ;; scale = "integrated"
+scale = "sampled"=>scale = "sampled"\n@scale_dof = 0.0 ;; noise.scale_dof ;; greater than 0
+scale = "sampled"=>scale = "sampled"\n@scale_guess = 0.0 ;; noise.scale_guess ;; greater than 0
+scale_low = 0.05=>scale_low = 0.0 ;; noise.discrepancy.scale_low ;; standard deviations of the noise
+scale_high = 50.0=>scale_high = 0.05 ;; noise.discrepancy.scale_high ;; not above scale_low
+length_low_hz = 5.0=>length_low_hz = -5.0 ;; noise.discrepancy.length_low_hz ;; in Hz
+length_low_hz = 5.0=> && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy.length_low_hz ;; add length_low_hz = 5.0
+length_high_hz = 500.0=> && [noise.discrepancy]=>@[noise.discrepancy] ;; noise.discrepancy.length_high_hz ;; add length_high_hz = 500.0
+length_high_hz = 500.0=>length_high_hz = 4.0 ;; noise.discrepancy.length_high_hz ;; not above length_low_hz
+youngs_modulus_gpa = 208.0=>youngs_modulus_gpa = 0.0 ;; data.truth.youngs_modulus_gpa ;; in GPa that makes the data
+density_kg_m3 = 7850.0=>density_kg_m3 = 0.0 ;; data.truth.density_kg_m3 ;; in kg/m³ that makes the data
+length_mm = 380.0=>length_mm = 0.0 ;; data.truth.length_mm ;; in mm that makes the data
+length_mm = 380.0=>poissons_ratio = 0.3 ;; data.truth.poissons_ratio ;; belongs in [structure]
+_mass_g = 2.5=>_mass_g = -2.5 ;; data.truth.accelerometer_mass_g ;; at least 0
+gain = 1.02=>gain = 0.0 ;; data.truth.gain ;; factor on the measured FRFs
+damping_ratio = [0.02, 0.01]=>damping_ratio = [0.02, 1.01] ;; data.truth.damping_ratio ;; as entry 2
+coherence = 0.98=>coherence = 1.0 ;; data.noise.coherence ;; above 0 and below 1
+coherence = 0.98=>coherence = 0.0 ;; data.noise.coherence ;; above 0 and below 1
+coherence = 0.98=> && [data.noise]=>@[data.noise] ;; data.noise.coherence ;; add coherence
+coherence = 0.98=>coherence = 0.98\n@relative = 0.03 ;; data.noise.relative ;; not both
+averages = 10=>averages = 1 ;; data.noise.averages ;; from 2
+averages = 10=>averages = 10.0 ;; data.noise.averages ;; without a decimal point
+averages = 10=> && [data.noise]=>@[data.noise] ;; data.noise.averages ;; add averages = 10
+coherence = 0.98\naverages = 10\n=> && [data.noise]=>@[data.noise] ;; data.noise.relative ;; as a fraction of |H|
+"springs", "full"]=>"spring", "full"] ;; compare.hypotheses ;; did you mean "springs"?
+"springs", "full"]=>"full", "full"] ;; compare.hypotheses ;; each hypothesis once
+["springs", "full"]=>[] ;; compare.hypotheses ;; a list of at least one
+hypotheses=>hypothesis ;; compare.hypothesis ;; did you mean "hypotheses"?
+parameter = "k12"=>parameter = "rho" ;; plan.parameter ;; "k11", "k12" or "k22"
+["1:y", "2:y"=>["1:y", "12:y" ;; plan.outputs ;; no node 12
+["1:y", "2:y"=>["1:y", "1:y" ;; plan.outputs ;; listed twice
+averages_factor = 8.0=>inputs = ["3:z"] ;; plan.inputs ;; no direction z
+supports = []=>supports = ["3:y"] && averages_factor = 8.0=>@inputs = ["3:y"] ;; plan.inputs ;; held fixed
+max_measurements = 2=>max_measurements = 5 ;; plan.max_measurements ;; from 1 to 4
+averages_factor = 8.0=>averages_factor = 1.0 ;; plan.averages_factor ;; above 1
+f_max_hz = 5000.0=>f_max_hz = 2500.0 ;; plan.f_max_hz ;; does not widen the band up to 2500.0 Hz
+f_max_hz = 5000.0=>f_max_hz = 0 ;; plan.f_max_hz ;; of a wider band in Hz
+f_min_hz = 10.0\nf_max_hz = 2500.0\nf_step_hz = 2.0=>frequencies_hz = [1, 2] && f_max_hz = 5000.0=>@f_max_hz = 5000.0 ;; plan.f_max_hz ;; no band to widen
+added_mass_g = 50.0=>added_mass_g = 0.0 ;; plan.added_mass_g ;; the mass in g to add on trial
+"""  # noqa: E501
+BROKEN_LOSS_FACTOR = r"""
+[data]\n=>[uncertain.damping_ratio]\nsd_percent = 2\n[data]\n ;; uncertain.damping_ratio ;; structure.damping has law = "loss_factor"
+[structure.damping]=>[structure.damping]\nlaw = "rayleigh"\nalpha_per_s = 0.0\nbeta_s = 1e-6 # && law = "loss_factor"=>#  && loss_factor = =>#  && [data]\n=>@[uncertain.loss_factor]\nsd_percent = 2\n[data]\n ;; uncertain.loss_factor ;; uncertain Rayleigh damping is not offered
+[structure.damping]=>[structure.damping]\nlaw = "rayleigh"\nalpha_per_s = 0.0\nbeta_s = 1e-6 # && law = "loss_factor"=>#  && loss_factor = =>#  && [data]\n=>@[uncertain.damping_ratio]\nsd_percent = 2\n[data]\n ;; uncertain.damping_ratio ;; uncertain Rayleigh damping is not offered
+loss_factor = =>loss_factor = 0 # && [data]\n=>@[uncertain.loss_factor]\nsd_percent = 2\n[data]\n ;; uncertain.loss_factor ;; a loss factor is 0
+[data.truth]  =>[data.truth]\n@damping_ratio = 0.01 #  ;; data.truth.damping_ratio ;; law = "modal"
+"""  # noqa: E501
+# What natural frequencies give no meaning.
+BROKEN_SIGNED += r"""
+[structure.section]=>accelerometer_mass_g = 2.0\n[structure.section] ;; structure.accelerometer_mass_g ;; without measured DOFs
+[data]\n=>[uncertain.damping_ratio]\nsd_percent = 2\n[data]\n ;; uncertain.damping_ratio ;; do not depend on the damping
+[data]\n=>[uncertain.loss_factor]\nsd_percent = 2\n[data]\n ;; uncertain.loss_factor ;; do not depend on the damping
+[data]\n=>[uncertain.accelerometer_mass]\nsd_percent = 2\n[data]\n ;; uncertain.accelerometer_mass ;; without measured DOFs
+[data]\n=>[uncertain.gain]\nsd_percent = 2\n[data]\n ;; uncertain.gain ;; do not depend on the gain
+[data]\n=>[noise]\n@residuals = "log_magnitude"\n[data]\n ;; noise.residuals ;; neither magnitude nor phase
+[data]\n=>[noise]\n@distribution = "student_t"\n[data]\n ;; noise.distribution ;; FRFs only
+[data]\n=>[noise.discrepancy]\nlength_low_hz = 1\nlength_high_hz = 9\n[data]\n ;; noise.discrepancy ;; do not have
+[data]\n=>[plan]\nparameter = "k22"\n[data]\n ;; plan ;; remove [plan]
+"""  # noqa: E501
 # Whole texts that are no case at all.
 HOPELESS = {
     "empty": ("", 1, "file", "holds no key"),
@@ -175,7 +318,7 @@ def faults_of(text):
 
 
 def rows(table):
-    decoded = (re.sub(r"(?<!\\)\\n", "\n", row) for row in table.strip().split("\n"))
+    decoded = (re.sub(r"(?<!\\)\\n", "\n", row) for row in table.split("\n") if row)
     return [row.replace("\\\\", "\\").split(" ;; ") for row in decoded]
 
 
@@ -189,7 +332,8 @@ def break_file(text, changes):
     return text.replace("@", ""), text.count("\n", 0, mark) + 1
 
 
-ROWS = [(GOOD, *row) for row in rows(BROKEN)] + [(SIGNED, *row) for row in rows(BROKEN_SIGNED)]
+TABLES = ((GOOD, BROKEN), (SIGNED, BROKEN_SIGNED), (FULL, BROKEN_FULL), (LOSS_FACTOR, BROKEN_LOSS_FACTOR))
+ROWS = [(good, *row) for good, table in TABLES for row in rows(table)]
 
 
 @pytest.mark.parametrize(("good", "changes", "key", "words"), ROWS, ids=[row[1][:40] for row in ROWS])
@@ -265,7 +409,7 @@ def test_key_lines_know_exactly_the_paths_that_tomllib_finds():
             yield (*path, key)
             yield from paths(inner, (*path, key))
 
-    for text in (GOOD, SIGNED, TRICKY, GOOD.replace("\n", "\r\n")):
+    for text in (GOOD, SIGNED, FULL, TRICKY, GOOD.replace("\n", "\r\n")):
         assert set(key_lines(text)) == set(paths(tomllib.loads(text)))
 
 
@@ -282,6 +426,8 @@ def test_dotted_keys_and_inline_tables_make_the_same_case():
 
 KEYS = list(re.finditer(r"^(\w+) = ", GOOD, re.MULTILINE))
 HEADERS = list(re.finditer(r"^\[(?:\w+\.)?(\w+)\]", GOOD, re.MULTILINE))
+FULL_KEYS = list(re.finditer(r"^(\w+) = ", FULL, re.MULTILINE))
+FULL_HEADERS = list(re.finditer(r"^\[(?:\w+\.)?(\w+)\]", FULL, re.MULTILINE))
 
 
 def check_never_another_exception(text, most):
@@ -294,6 +440,19 @@ def check_never_another_exception(text, most):
 @pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key[1]} at {key.start()}")
 def test_deleting_any_key_is_a_valid_case_or_one_line(key):
     check_never_another_exception(GOOD[: key.start()] + GOOD[GOOD.index("\n", key.start()) :], 1)
+
+
+@pytest.mark.parametrize("key", FULL_KEYS, ids=lambda key: f"{key[1]} at {key.start()}")
+def test_deleting_any_key_of_the_fullest_case_is_a_valid_case_or_few_lines(key):
+    # "scale" is what gives its two factors their meaning: both are named then
+    most = 2 if key[1] == "scale" else 1
+    check_never_another_exception(FULL[: key.start()] + FULL[FULL.index("\n", key.start()) :], most)
+
+
+@settings(deadline=None)
+@given(st.sampled_from(FULL_KEYS + FULL_HEADERS), st.from_regex(r"[A-Za-z0-9_-]{1,12}", fullmatch=True))
+def test_renaming_any_key_or_table_of_the_fullest_case_is_a_valid_case_or_few_lines(key, name):
+    check_never_another_exception(FULL[: key.start(1)] + name + FULL[key.end(1) :], 2)
 
 
 @settings(deadline=None)
@@ -314,6 +473,12 @@ VALUES = st.one_of(
 @given(st.sampled_from(KEYS), VALUES)
 def test_no_value_of_any_key_causes_another_exception(key, value):
     check_never_another_exception(GOOD[: key.end()] + value + GOOD[GOOD.index("\n", key.end()) :], 20)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from(FULL_KEYS), VALUES)
+def test_no_value_of_any_key_of_the_fullest_case_causes_another_exception(key, value):
+    check_never_another_exception(FULL[: key.end()] + value + FULL[FULL.index("\n", key.end()) :], 20)
 
 
 @settings(deadline=None)
@@ -395,6 +560,111 @@ def test_optional_tables_have_the_documented_defaults():
     assert (sampling.seed, sampling.ensembles, sampling.walkers, sampling.max_steps) == (1, 4, 48, 20000)
     assert sampling.processes == 1
     assert case.reference is None
+    assert case.structure.accelerometer_mass_g == 0
+    assert case.uncertain.given == {}
+    noise = case.noise
+    assert (noise.residuals, noise.distribution, noise.scale, noise.discrepancy) == (
+        "complex",
+        "gaussian",
+        "known",
+        None,
+    )
+    assert (noise.dof, noise.scale_dof, noise.scale_guess) == (4.0, 4.0, 1.0)
+    assert (noise.scale_low_factor, noise.scale_high_factor) == (0.1, 10.0)
+    assert case.compare.hypotheses == ("rigid", "translation", "rotation", "springs", "full")
+    plan = case.plan
+    assert (plan.parameter, plan.max_measurements, plan.averages_factor) == ("k12", 1, 4.0)
+    assert (plan.f_max_hz, plan.added_mass_g) == (None, None)
+    truth = case.data.truth
+    assert (truth.youngs_modulus_gpa, truth.length_mm, truth.gain, truth.damping_ratio) == (None, None, 1.0, None)
+
+
+def test_the_fullest_case_holds_what_it_says():
+    case = parse_case(FULL)
+    priors = case.uncertain.given
+    names = ["youngs_modulus", "density", "length", "damping_ratio", "accelerometer_mass", "gain"]
+    assert list(priors) == names  # the order of the coordinates, not of the file
+    assert (priors["length"].sd_percent, priors["length"].low_factor) == (0.5, None)
+    damping = priors["damping_ratio"]
+    assert (damping.sd_percent, damping.low_factor, damping.high_factor) == (None, 0.1, 10.0)
+    truth = case.data.truth
+    assert (truth.k11, truth.youngs_modulus_gpa, truth.density_kg_m3) == (5.05e9, 208.0, 7850.0)
+    assert (truth.length_mm, truth.accelerometer_mass_g, truth.gain) == (380.0, 2.5, 1.02)
+    assert truth.damping_ratio == (0.02, 0.01)
+    noise = case.data.noise
+    assert (noise.coherence, noise.averages, noise.relative, noise.floor) == (0.98, 10, 0.0, 0.001)
+    discrepancy = case.noise.discrepancy
+    assert (discrepancy.scale_low, discrepancy.scale_high) == (0.05, 50.0)
+    assert (discrepancy.length_low_hz, discrepancy.length_high_hz) == (5.0, 500.0)
+    assert (case.plan.averages_factor, case.plan.f_max_hz, case.plan.added_mass_g) == (8.0, 5000.0, 50.0)
+    assert CaseSpec.model_validate(case.model_dump()) == case
+
+
+def test_a_discrepancy_needs_its_lengths_only():
+    lengths = "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
+    discrepancy = parse_case(GOOD + lengths).noise.discrepancy
+    assert (discrepancy.scale_low, discrepancy.scale_high) == (0.03, 100.0)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        'distribution = "student_t"\ndof = 3.0',
+        'distribution = "student_t"\nscale = "sampled"',
+        'scale = "integrated"\nscale_dof = 2.0\nscale_guess = 1.5',
+        'residuals = "log_magnitude"\nscale = "integrated"',
+        'scale = "sampled"\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0',
+    ],
+)
+def test_noise_that_can_be_combined_is_accepted(noise):
+    assert parse_case(f"{GOOD}\n[noise]\n{noise}\n").noise.model_fields_set
+
+
+def test_student_t_with_the_factor_integrated_out_is_refused_with_the_reason():
+    (line,) = faults_of(f'{GOOD}\n[noise]\ndistribution = "student_t"\nscale = "integrated"\n')
+    assert ": noise.scale: " in line
+    assert "the integral over the factor is Gaussian only" in line
+
+
+@pytest.mark.parametrize("name", ["youngs_modulus", "density", "length", "section_size", "shear_coefficient"])
+def test_natural_frequencies_may_come_from_an_uncertain_structure_with_noise_of_unknown_scale(name):
+    text = f'{SIGNED}\n[uncertain.{name}]\nsd_percent = 1.0\n[noise]\nscale = "sampled"\n'
+    case = parse_case(text)
+    assert list(case.uncertain.given) == [name]
+    assert case.noise.scale == "sampled"
+
+
+def test_an_uncertain_loss_factor_is_accepted_with_its_law():
+    text = LOSS_FACTOR.replace("[data]\n", "[uncertain.loss_factor]\nlow_factor = 0.1\nhigh_factor = 200.0\n[data]\n")
+    assert parse_case(text).uncertain.loss_factor.high_factor == 200.0
+
+
+def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measured_inputs():
+    case = parse_case(GOOD.replace("supports = []", 'supports = ["4:y"]').replace("elements = 10", "elements = 10 #"))
+    assert case.plan_outputs == tuple(f"{node}:y" for node in (1, 2, 3, 5, 6, 7, 8, 9, 10, 11))
+    assert case.plan_inputs == ("11:y",)
+    chosen = parse_case(f'{GOOD}\n[plan]\noutputs = ["11:rz", "6:y"]\ninputs = ["6:y"]\n')
+    assert (chosen.plan_outputs, chosen.plan_inputs) == (("11:rz", "6:y"), ("6:y",))
+
+
+def test_the_two_uncertain_beams_differ_by_the_accelerometer_at_mid_span_alone():
+    tip, mid = parse_case(UNCERTAIN), read_case_file(CONFIGS / "clamped_beam_midspan.toml")
+    assert tip.data.outputs == ("11:y",)
+    assert mid.data.outputs == ("11:y", "6:y")
+    assert len(tip.data.lines_hz()) == 1246
+    assert tip.model_copy(update={"title": "", "plan": None}) == mid.model_copy(
+        update={
+            "title": "",
+            "plan": None,
+            "data": mid.data.model_copy(update={"outputs": tip.data.outputs}),
+        }
+    )
+    assert {name: prior.sd_percent for name, prior in tip.uncertain.given.items()} == {
+        "youngs_modulus": 2.0,
+        "density": 1.0,
+        "length": 0.5,
+        "damping_ratio": None,
+    }
 
 
 def test_an_integer_is_accepted_where_a_number_is_meant():

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from jointbayes.case_errors import Finding, raise_findings
 
 __all__ = [
+    "FREQUENCIES",
     "Fraction",
     "Frequencies",
     "Label",
@@ -23,6 +24,7 @@ __all__ = [
     "Spec",
     "count_field",
     "key_field",
+    "not_above",
     "not_negative",
     "positive",
 ]
@@ -31,6 +33,9 @@ __all__ = [
 def key_field(description: str, example: object) -> object:
     """Field with what is expected of it, and an example."""
     return Field(description=description, examples=[example])
+
+
+FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
 
 
 def positive(what: str, example: float) -> object:
@@ -103,3 +108,10 @@ class Spec(BaseModel):
     def _findings(self) -> Iterator[Finding]:
         """Yield what is wrong between keys that are each right by themselves."""
         yield from ()
+
+
+def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -> Iterator[Finding]:
+    """Yield that the upper of two bounds does not lie above the lower one."""
+    if high <= low:
+        found = f"found {high!r}, which is not above {low_key} = {low!r}"
+        yield Finding((high_key,), found, f"a number greater than {low_key} {unit}".rstrip(), "correct one of the two")

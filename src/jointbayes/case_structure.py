@@ -109,6 +109,7 @@ DampingSpec = Annotated[
 ]
 _POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 _SHEAR = key_field('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")
+_MASS = not_negative("the mass in g added at each measured translation", 2.0)
 
 
 class StructureSpec(Spec):
@@ -123,6 +124,7 @@ class StructureSpec(Spec):
     density_kg_m3: Annotated[float, positive("the density in kg/m³", 7800.0)]
     shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
     supports: Annotated[Labels, key_field("a list of the DOFs held fixed", ["1:y"])] = ()
+    accelerometer_mass_g: Annotated[float, _MASS] = 0.0
     section: SectionSpec
     damping: DampingSpec
 

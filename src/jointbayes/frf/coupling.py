@@ -52,12 +52,15 @@ class LowRankCoupling:
         form = PairCoupling if joined.shape[1] <= 2 else SweepCoupling
         self._form: PairCoupling | SweepCoupling = form(free, along, len(ports.outputs))
 
-    def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
-        """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
+    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+        """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs).
+
+        The structure is exactly known here: `factors` have no columns.
+        """
         return self._form.receptance(stiffness)
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Receptance and its derivative along p changes of one joint matrix.
 

@@ -5,12 +5,13 @@ diagonal plus rank r, with as many rows as modes kept and no FE matrix in sight.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.frf.ports import as_factors
 from jointbayes.frf.secular import add_springs, workspace
 from jointbayes.frf.springs import springs
 from jointbayes.joint import Joint
-from jointbayes.structure import Structure, mode_shift
+from jointbayes.structure import Structure, StructureFamily, as_family, mode_shift
 
 __all__ = ["JoinedModes"]
 
@@ -23,20 +24,20 @@ class JoinedModes:
     Parameters
     ----------
     structure, joint
-        Structure without the joint, and where the joint acts, r DOFs.
+        Structure without the joint, or a family of them, and where the joint acts, r DOFs.
     motions
         What else to know of each mode, as forms on the DOFs, shape (DOFs, q).
     """
 
-    def __init__(self, structure: Structure, joint: Joint, motions: Array) -> None:
-        modes = structure.modes()
-        self._shift = mode_shift(structure)
-        self._free = modes.eigenvalues
-        self._joined = np.ascontiguousarray((modes.shapes.T @ joint.selection(structure)).T)
-        self._rest = np.ascontiguousarray((modes.shapes.T @ motions).T)
+    def __init__(self, structure: Structure | StructureFamily, joint: Joint, motions: Array) -> None:
+        family = as_family(structure)
+        self._shift = mode_shift(family.nominal)
+        joined = joint.selection(family.nominal)
+        self._r = joined.shape[1]
+        self._free = family.free_modes(np.hstack([joined, motions]))
 
-    def solve(self, matrices: Array) -> tuple[Array, Array, Array]:
-        """Assembled modes for joint matrices (batch, r, r), symmetric.
+    def solve(self, matrices: Array, factors: ArrayLike | None = None) -> tuple[Array, Array, Array]:
+        """Assembled modes for joint matrices (batch, r, r), symmetric, and factors on the structure (batch, f).
 
         Returns
         -------
@@ -45,14 +46,17 @@ class JoinedModes:
             motions; and the directions L of the springs, δ = Lᵀx with x the joint's motion.
         """
         directions, stiffness = springs(matrices)
-        (r, m), batch = self._joined.shape, len(matrices)
+        free, motions = self._free(as_factors(factors, len(matrices)))
+        joined, rest = np.ascontiguousarray(motions[:, : self._r]), np.ascontiguousarray(motions[:, self._r :])
+        batch, m = len(matrices), free.shape[1]
         lam = np.empty((batch, m))
-        rows = np.empty((batch, r + len(self._rest), m))
+        rows = np.empty((batch, motions.shape[1], m))
         work, w = workspace(m, rows.shape[1])
-        add_springs(self._free, self._joined, self._rest, directions, stiffness, self._shift, lam, rows, work, w)
+        add_springs(free, joined, rest, directions, stiffness, self._shift, lam, rows, work, w)
         for i in np.flatnonzero((stiffness < 0).any(axis=1)):
             # a joint that releases energy is met on the way to another one only: the plain eigenproblem will do
-            dense = np.diag(self._free) + self._joined.T @ matrices[i] @ self._joined
+            j = i if len(free) > 1 else 0
+            dense = np.diag(free[j]) + joined[j].T @ matrices[i] @ joined[j]
             lam[i], vectors = np.linalg.eigh(dense)
-            rows[i] = np.vstack([directions[i].T @ self._joined, self._rest]) @ vectors
+            rows[i] = np.vstack([directions[i].T @ joined[j], rest[j]]) @ vectors
         return lam, rows, directions

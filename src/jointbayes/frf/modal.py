@@ -6,9 +6,9 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.joined_modes import JoinedModes
 from jointbayes.frf.modal_sum import ModalMisfit, ModalSum
-from jointbayes.frf.ports import Ports, as_batch, split_along
+from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
 from jointbayes.joint import Joint, symmetric_changes
-from jointbayes.structure import ModalDamping, Structure
+from jointbayes.structure import ModalDamping, Structure, StructureFamily, as_family
 
 __all__ = ["AssembledModes", "NaturalFrequencies"]
 
@@ -24,7 +24,7 @@ class NaturalFrequencies:
     Parameters
     ----------
     structure, joint
-        Structure without the joint, and where the joint acts.
+        Structure without the joint, or a family of them, and where the joint acts.
     count
         How many frequencies, from the lowest.
 
@@ -34,19 +34,25 @@ class NaturalFrequencies:
         If the structure has fewer DOFs than that.
     """
 
-    def __init__(self, structure: Structure, joint: Joint, count: int) -> None:
-        if not 1 <= count <= structure.n_dofs:
-            raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {structure.n_dofs}")
-        self._modes, self._count = JoinedModes(structure, joint, np.empty((structure.n_dofs, 0))), count
+    def __init__(self, structure: Structure | StructureFamily, joint: Joint, count: int) -> None:
+        n = as_family(structure).nominal.n_dofs
+        if not 1 <= count <= n:
+            raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
+        self._modes, self._count = JoinedModes(structure, joint, np.empty((n, 0))), count
 
-    def frequency_hz(self, stiffness: ArrayLike) -> Array:
-        """Frequencies, shape (batch, count), Hz, for joint matrices of shape (r, r) or (batch, r, r)."""
-        eigenvalues, _, _ = self._modes.solve(as_batch(stiffness))
+    def frequency_hz(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Frequencies, shape (batch, count), Hz.
+
+        For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        """
+        eigenvalues, _, _ = self._modes.solve(as_batch(stiffness), factors)
         return np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
 
-    def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    def tangent(
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness))
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), factors)
         shapes = np.linalg.solve(springs.T, rows)[:, : self._count]
         frequency = np.sqrt(np.maximum(eigenvalues[: self._count], 0.0)) / (2 * np.pi)
         slope = np.einsum("ir,pij,jr->pr", shapes, np.asarray(directions, dtype=float), shapes)
@@ -59,7 +65,7 @@ class AssembledModes:
     Parameters
     ----------
     structure
-        Structure with modal damping (of the assembled structure).
+        Structure with modal damping (of the assembled structure), or a family of such.
     joint
         Where the joint acts, r DOFs.
     ports
@@ -71,38 +77,42 @@ class AssembledModes:
         If the damping law is not modal: see `LowRankCoupling`.
     """
 
-    def __init__(self, structure: Structure, joint: Joint, ports: Ports) -> None:
-        if not isinstance(structure.damping, ModalDamping):
+    def __init__(self, structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> None:
+        family = as_family(structure)
+        if not isinstance(family.nominal.damping, ModalDamping):
             raise ModelError(
                 "modal sum: found a loss factor or Rayleigh damping; expected modal damping ratios; "
                 "use the low-rank coupling instead"
             )
-        joined, outputs, inputs = ports.selections(structure, joint)
+        joined, outputs, inputs = ports.selections(family.nominal, joint)
         self._along, rest = split_along(np.hstack([outputs, inputs]), joined)
-        self._modes = JoinedModes(structure, joint, rest)
+        self._family, self._modes = family, JoinedModes(family, joint, rest)
         self._n_out, self._omega = len(ports.outputs), ports.omega
-        self._ratio = structure.damping.per_mode(structure.n_dofs)
-        self._sum = ModalSum(self._omega, self._ratio, self._n_out)
+        self._sum = ModalSum(self._omega, self._n_out)
 
-    def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
-        """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        return self._sum.receptance(*self._shapes(as_batch(stiffness)))
+    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+        """Receptances, shape (batch, lines, outputs, inputs).
+
+        For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        """
+        return self._sum.receptance(*self._assembled(as_batch(stiffness), factors))
 
     def misfit(self, measured: NDArray[np.complex128], weight: Array) -> "AssembledMisfit":
         """Weighted distance from measured receptances, see `LowRankCoupling.misfit`."""
         return AssembledMisfit(self, self._sum.misfit(measured, weight), measured, weight)
 
-    def _shapes(self, matrices: Array) -> tuple[Array, Array]:
-        """Assembled eigenvalues (batch, m) and mode shapes at outputs and inputs, (batch, outputs + inputs, m)."""
-        eigenvalues, rows, springs = self._modes.solve(matrices)
+    def _assembled(self, matrices: Array, factors: ArrayLike | None) -> tuple[Array, Array, Array]:
+        """Assembled eigenvalues (batch, m), shapes at outputs and inputs (batch, outputs + inputs, m), and ζ."""
+        known = as_factors(factors, len(matrices))
+        eigenvalues, rows, springs = self._modes.solve(matrices, known)
         r = self._along.shape[0]
         shapes = rows[:, r:]
         if self._along.any():
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
-        return eigenvalues, np.ascontiguousarray(shapes)
+        return eigenvalues, np.ascontiguousarray(shapes), self._family.damping_ratios(known)
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Receptance and its exact derivative along p changes of one joint matrix.
 
@@ -112,6 +122,8 @@ class AssembledModes:
             K^J, shape (r, r).
         directions
             Changes dK^J, shape (p, r, r).
+        factors
+            On a family's quantities, shape (q,).
 
         Returns
         -------
@@ -122,7 +134,8 @@ class AssembledModes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        (lam,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness))
+        known = as_factors(factors, 1)
+        (lam,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), known)
         r = self._along.shape[0]
         at_joint = np.linalg.solve(springs.T, rows[:r])
         shapes = rows[r:] + self._along.T @ at_joint
@@ -139,7 +152,8 @@ class AssembledModes:
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, lam.size)
-        summed = self._sum.spread(lam, rows, shared.reshape(-1, lam.size))
+        ratio = self._family.damping_ratios(known)[0]
+        summed = self._sum.spread(lam, ratio, rows, shared.reshape(-1, lam.size))
         summed = np.moveaxis(summed.reshape(-1, pairs, self._omega.size), 1, 2)
         each = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return each[0], each[1:]
@@ -153,16 +167,17 @@ class AssembledMisfit:
     ) -> None:
         self._model, self._lines, self._measured, self._weight = model, lines, measured, weight
 
-    def chi2(self, stiffness: Array) -> Array:
-        """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
-        return self._lines.chi2(*self._model._shapes(stiffness))
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+        """χ², shape (batch,), see `Misfit`."""
+        return self._lines.chi2(*self._model._assembled(stiffness, factors))
 
-    def chi2_gradient(self, stiffness: Array) -> tuple[Array, Array]:
-        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """χ² and its gradient by the joint, see `Misfit`."""
+        known = as_factors(factors, len(stiffness))
         changes = symmetric_changes(stiffness.shape[-1])
         gradient = np.empty_like(stiffness)
-        for matrix, slope in zip(stiffness, gradient, strict=True):
-            value, derivative = self._model.tangent(matrix, changes)
+        for matrix, row, slope in zip(stiffness, known, gradient, strict=True):
+            value, derivative = self._model.tangent(matrix, changes, row)
             residual = (value - self._measured) * self._weight**2
             slope[:] = 2 * np.einsum("loi,ploi->p", residual.conj(), derivative).real.reshape(matrix.shape)
-        return self.chi2(stiffness), gradient
+        return self.chi2(stiffness, known), gradient

@@ -111,7 +111,7 @@ def _over_lines(
     constants, near_modes, at = np.empty((pairs, m)), np.empty((2, m)), np.empty((2, pairs, _NODES))
     sums = np.empty(2 * LANES)
     for i in range(len(lam)):
-        near = _prepare(lam[i], shapes[i], n_out, ratio, limit, nodes, near_modes, constants, at)
+        near = _prepare(lam[i], shapes[i], n_out, ratio[i if len(ratio) > 1 else 0], limit, nodes, near_modes, constants, at)
         total = 0.0
         for b in range(len(w2) // LANES):
             here = w2[b * LANES : (b + 1) * LANES]
@@ -136,14 +136,12 @@ class ModalSum:
     ----------
     omega
         Lines, shape (lines,), rad/s.
-    ratio
-        Damping ratio of each mode, shape (m,).
     n_out
         The first so many shapes are those at outputs, the others those at inputs.
     """
 
-    def __init__(self, omega: Array, ratio: Array, n_out: int) -> None:
-        self.ratio, self.n_out = ratio, n_out
+    def __init__(self, omega: Array, n_out: int) -> None:
+        self.n_out = n_out
         self._lines = omega.size
         end = float(omega.max()) ** 2
         self.limit = _FAR * end
@@ -156,16 +154,19 @@ class ModalSum:
         self.basis = lane_blocks(polynomials)
         self._line_omega, self._polynomials = omega, polynomials[:, : omega.size]
 
-    def receptance(self, eigenvalues: Array, shapes: Array) -> NDArray[np.complex128]:
-        """Receptance, shape (batch, lines, outputs, inputs), of modes (batch, m) with shapes (batch, ports, m)."""
+    def receptance(self, eigenvalues: Array, shapes: Array, ratio: Array) -> NDArray[np.complex128]:
+        """Receptance, shape (batch, lines, outputs, inputs).
+
+        Of modes (batch, m) with shapes (batch, ports, m) and damping ratios (batch or 1, m).
+        """
         n_in = shapes.shape[1] - self.n_out
         lines = np.empty((len(eigenvalues), 2, self.n_out * n_in, self.omega.size))
-        self.run(eigenvalues, shapes, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), lines)
+        self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), lines)
         value = lines[:, 0] - 1j * self.omega * lines[:, 1]
         pairs: NDArray[np.complex128] = np.moveaxis(value[..., : self._lines], 1, 2)
         return pairs.reshape(*pairs.shape[:2], self.n_out, n_in)
 
-    def spread(self, eigenvalues: Array, constants: Array, slopes: Array) -> NDArray[np.complex128]:
+    def spread(self, eigenvalues: Array, ratio: Array, constants: Array, slopes: Array) -> NDArray[np.complex128]:
         """Modal sums Σ R_r f_r, shape (rows, lines), for constants R (rows, m), f = 1/(λ − ω² + 2jζ√λω), and slopes.
 
         To the last rows Σ Q_r ∂f_r/∂λ is added, with as many rows of slopes Q.
@@ -173,10 +174,10 @@ class ModalSum:
         near = eigenvalues < self.limit
 
         def part(chosen: NDArray[np.bool_], omega: Array) -> NDArray[np.complex128]:
-            lam, ratio = eigenvalues[chosen, None], self.ratio[chosen, None]
+            lam, zeta = eigenvalues[chosen, None], ratio[chosen, None]
             root = np.sqrt(np.maximum(lam, 0.0))
-            f = 1 / (lam - omega**2 + 2j * ratio * root * omega)
-            rate = np.divide(ratio, root, out=np.zeros_like(root), where=root > 0)
+            f = 1 / (lam - omega**2 + 2j * zeta * root * omega)
+            rate = np.divide(zeta, root, out=np.zeros_like(root), where=root > 0)
             total = np.asarray(constants[:, chosen] @ f, dtype=complex)
             total[len(total) - len(slopes) :] -= slopes[:, chosen] @ (f**2 * (1 + 1j * rate * omega))
             return total
@@ -186,10 +187,10 @@ class ModalSum:
         smooth = far.real @ self._polynomials + 1j * self._line_omega * (far.imag / at @ self._polynomials)
         return part(near, self._line_omega) + smooth
 
-    def run(self, eigenvalues: Array, shapes: Array, data: Array, chi2: Array, lines: Array) -> None:
+    def run(self, eigenvalues: Array, shapes: Array, ratio: Array, data: Array, chi2: Array, lines: Array) -> None:
         """Fill `chi2`, or `lines` if it has any row; see `_over_lines`."""
         _over_lines(
-            eigenvalues, shapes, self.n_out, self.ratio, self.limit, self.nodes, self.omega2, self.omega, self.basis,
+            eigenvalues, shapes, self.n_out, ratio, self.limit, self.nodes, self.omega2, self.omega, self.basis,
             data, chi2, lines,
         )  # fmt: skip
 
@@ -205,10 +206,10 @@ class ModalMisfit:
     def __init__(self, modal_sum: ModalSum, data: Array) -> None:
         self._sum, self._data = modal_sum, data
 
-    def chi2(self, eigenvalues: Array, shapes: Array) -> Array:
-        """χ², shape (batch,); not finite where a line is singular."""
+    def chi2(self, eigenvalues: Array, shapes: Array, ratio: Array) -> Array:
+        """χ², shape (batch,), of modes as for `ModalSum.receptance`; not finite where a line is singular."""
         out = np.empty(len(eigenvalues))
-        self._sum.run(eigenvalues, shapes, self._data, out, np.empty((0, 2, 0, 0)))
+        self._sum.run(eigenvalues, shapes, ratio, self._data, out, np.empty((0, 2, 0, 0)))
         return out
 
 

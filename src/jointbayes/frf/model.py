@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf.coupling import LowRankCoupling
 from jointbayes.frf.modal import AssembledModes
 from jointbayes.frf.ports import Misfit, Ports
+from jointbayes.frf.uncertain_coupling import UncertainCoupling
 from jointbayes.joint import Joint
-from jointbayes.structure import ModalDamping, Structure
+from jointbayes.structure import ModalDamping, Structure, StructureFamily, as_family
 
 __all__ = ["ReceptanceModel", "receptance_model"]
 
@@ -17,12 +18,15 @@ __all__ = ["ReceptanceModel", "receptance_model"]
 class ReceptanceModel(Protocol):
     """Receptance of a structure with its joint as a function of K^J; see `LowRankCoupling`, `AssembledModes`."""
 
-    def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
-        """Receptances, shape (batch, lines, outputs, inputs), for joint matrices (r, r) or (batch, r, r)."""
+    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+        """Receptances, shape (batch, lines, outputs, inputs).
+
+        For joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        """
         ...
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
         ...
@@ -32,14 +36,17 @@ class ReceptanceModel(Protocol):
         ...
 
 
-def receptance_model(structure: Structure, joint: Joint, ports: Ports) -> ReceptanceModel:
-    """Return the exact low-rank forward model for the structure's damping law.
+def receptance_model(structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> ReceptanceModel:
+    """Return the exact low-rank forward model for the damping law of a structure or of a family of them.
 
     Raises
     ------
     ModelError
         If a DOF does not exist.
     """
-    if isinstance(structure.damping, ModalDamping):
-        return AssembledModes(structure, joint, ports)
-    return LowRankCoupling(structure, joint, ports)
+    family = as_family(structure)
+    if isinstance(family.nominal.damping, ModalDamping):
+        return AssembledModes(family, joint, ports)
+    if family.names:
+        return UncertainCoupling(family, joint, ports)
+    return LowRankCoupling(family.nominal, joint, ports)

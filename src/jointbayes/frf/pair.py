@@ -160,14 +160,14 @@ class PairMisfit:
     def __init__(self, coupling: PairCoupling, d: Array, e: Array) -> None:
         self._coupling, self._d, self._e = coupling, d, e
 
-    def chi2(self, stiffness: Array) -> Array:
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
         u = np.ascontiguousarray(self._coupling.coordinates(stiffness))
         out = np.empty(len(u))
         _chi2(u, self._d, self._e, out)
         return out
 
-    def chi2_gradient(self, stiffness: Array) -> tuple[Array, Array]:
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
         u = np.ascontiguousarray(self._coupling.coordinates(stiffness))
         out, slope = np.empty(len(u)), np.empty((len(u), 4))

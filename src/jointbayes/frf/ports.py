@@ -63,13 +63,26 @@ def as_batch(stiffness: ArrayLike) -> NDArray[np.float64]:
     return matrices[None] if matrices.ndim == 2 else matrices
 
 
+def as_factors(factors: ArrayLike | None, batch: int) -> NDArray[np.float64]:
+    """Factors on a structure's uncertain quantities for each of a batch, shape (batch, q); (batch, 0) without any."""
+    if factors is None:
+        return np.empty((batch, 0))
+    given = np.atleast_2d(np.asarray(factors, dtype=float))
+    return given if len(given) == batch else np.repeat(given, batch, axis=0)
+
+
 class Misfit(Protocol):
     """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances."""
 
-    def chi2(self, stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
-        """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
+    def chi2(self, stiffness: NDArray[np.float64], factors: ArrayLike | None = None) -> NDArray[np.float64]:
+        """χ², shape (batch,), of joint matrices, shape (batch, r, r), and factors on the structure, (batch, q).
+
+        Not finite where a line is singular.
+        """
         ...
 
-    def chi2_gradient(self, stiffness: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def chi2_gradient(
+        self, stiffness: NDArray[np.float64], factors: ArrayLike | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
         ...

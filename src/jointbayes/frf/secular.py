@@ -178,9 +178,9 @@ def add_springs(
     Parameters
     ----------
     free
-        Eigenvalues without the joint, rising, shape (m,).
+        Eigenvalues without the joint, rising, shape (batch, m), or (1, m) where all joints share them.
     joined, rest
-        Motion of the joint's DOFs (r, m) and other motions (q, m) in the free modes.
+        Motion of the joint's DOFs (batch or 1, r, m) and other motions (batch or 1, q, m) in the free modes.
     directions, stiffness
         Springs, shapes (batch, r, r) and (batch, r), see `springs`.
     shift
@@ -190,16 +190,17 @@ def add_springs(
     work, w
         From `workspace`.
     """
-    r, m = joined.shape
+    _, r, m = joined.shape
     for i in range(len(lam)):
+        j = i if len(free) > 1 else 0
         for k in range(m):
-            lam[i, k] = free[k]
+            lam[i, k] = free[j, k]
             for p in range(r):
                 rows[i, p, k] = 0.0
                 for a in range(r):
-                    rows[i, p, k] += directions[i, a, p] * joined[a, k]
-            for a in range(len(rest)):
-                rows[i, r + a, k] = rest[a, k]
+                    rows[i, p, k] += directions[i, a, p] * joined[j, a, k]
+            for a in range(rest.shape[1]):
+                rows[i, r + a, k] = rest[j, a, k]
         _separate(lam[i], shift)
         for p in range(r):
             if stiffness[i, p] > 0.0:

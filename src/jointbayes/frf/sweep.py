@@ -245,11 +245,11 @@ class SweepMisfit:
     def __init__(self, coupling: SweepCoupling, data: Array) -> None:
         self._coupling, self._data = coupling, data
 
-    def chi2(self, stiffness: Array) -> Array:
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
         return self._run(stiffness, 0)[0]
 
-    def chi2_gradient(self, stiffness: Array) -> tuple[Array, Array]:
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
         chi2, slope, turn = self._run(stiffness, len(stiffness))
         back = np.linalg.inv(turn)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from jointbayes.errors import ModelError
+from jointbayes.identification.climb import newton_climb
 from jointbayes.inference import LogPosterior
 
 __all__ = ["MapEstimate", "StartOutcome", "maximise_posterior", "refine"]
@@ -17,6 +18,8 @@ Array = NDArray[np.float64]
 #: Two modes are the same when they lie this close, in prior standard deviations and in log density.
 _SAME_POINT = 1e-3
 _SAME_DENSITY = 1e-3
+#: So often the noise model's parameters and all others are improved in turn.
+_TURNS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,10 @@ class MapEstimate:
 
 
 def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]:
-    """Climb from θ, shape (d,), to the nearest mode: trust-region least squares with exact Jacobian.
+    """Climb from θ, shape (d,), to the nearest mode: trust-region least squares, exact in the joint's coordinates.
+
+    With a noise model that is not Gaussian of known size its parameters and all others are improved in turn, and the
+    end is polished by Newton's method on the density itself.
 
     Returns
     -------
@@ -80,10 +86,49 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
-    if not start.size:  # a rigid joint: nothing to climb
+    if not start.size:  # a rigid joint and nothing else uncertain: nothing to climb
         return start, float(log_posterior(start)[0])
-    low, high = log_posterior.prior.support
+    likelihood = log_posterior.likelihood
+    if likelihood.gaussian:
+        found = _least_squares(log_posterior, start)
+        return found, float(log_posterior(found)[0])
+    for _ in range(_TURNS if likelihood.hyper_count else 1):
+        start = _noise_improved(log_posterior, start)
+        end = _least_squares(log_posterior, start)
+        # what is best for the squares need not be better for the density
+        start = end if log_posterior(end)[0] > log_posterior(start)[0] else start
+    found, value, _ = newton_climb(log_posterior, start, laplace_covariance(log_posterior, start))
+    return found, value
+
+
+def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
+    """Best parameters of the noise model, the last coordinates of θ, for the others as they are."""
+    count = log_posterior.likelihood.hyper_count
+    if count == 0:
+        return theta
+    low, high = (end[-count:] for end in log_posterior.prior.support)
+    margin = 1e-6 * (high - low)
+
+    def loss(tail: Array) -> float:
+        value = -float(log_posterior(np.concatenate([theta[:-count], tail]))[0])
+        return value if np.isfinite(value) else np.finfo(float).max
+
+    found = optimize.minimize(
+        loss,
+        np.clip(theta[-count:], low + margin, high - margin),
+        method="Nelder-Mead",
+        bounds=list(zip(low + margin, high - margin, strict=True)),
+        options={"xatol": 1e-3, "fatol": 1e-3},
+    )
+    return np.concatenate([theta[:-count], found.x])
+
+
+def _least_squares(log_posterior: LogPosterior, start: Array) -> Array:
+    """End of a climb on the residuals, the parameters of the noise model held as they are."""
+    moving = start.size - log_posterior.likelihood.hyper_count
+    low, high = (end[:moving] for end in log_posterior.prior.support)
     feasible = log_posterior.prior.parametrisation.feasible
+    tail, joint = start[moving:], log_posterior.prior.joint
 
     # the solver asks for residual and Jacobian of one point in turn: they come from one evaluation
     last: dict[bytes, tuple[Array, Array]] = {}
@@ -92,14 +137,15 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
         key = t.tobytes()
         if key not in last:
             last.clear()
-            last[key] = log_posterior.residuals(t)
+            residual, jacobian = log_posterior.residuals(np.concatenate([t, tail]))
+            last[key] = residual, jacobian[:, :moving]
         return last[key]
 
-    size = both(start)[0].size
+    size = both(start[:moving])[0].size
 
     def residual(t: Array) -> Array:
         # an infinite residual makes the solver shorten its step: the cone is no box that it could be told of
-        return both(t)[0] if feasible(t) else np.full(size, np.inf)
+        return both(t)[0] if feasible(joint(t)) else np.full(size, np.inf)
 
     def jacobian(t: Array) -> Array:
         return both(t)[1]
@@ -108,16 +154,16 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     margin[~np.isfinite(margin)] = 0.0
     found = optimize.least_squares(
         residual,
-        np.clip(start, low + margin, high - margin),
+        np.clip(start[:moving], low + margin, high - margin),
         jac=jacobian,
         bounds=(low, high),
-        x_scale=log_posterior.prior.sd,
+        x_scale=log_posterior.prior.sd[:moving],
         xtol=1e-12,
         ftol=1e-14,
         gtol=1e-12,
         max_nfev=200,
     )
-    return found.x, float(log_posterior(found.x)[0])
+    return np.concatenate([found.x, tail])
 
 
 def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLike]) -> MapEstimate:
@@ -139,7 +185,7 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
     ModelError
         If no start leads anywhere.
     """
-    parametrisation = log_posterior.prior.parametrisation
+    prior = log_posterior.prior
     ends: dict[str, tuple[Array, float]] = {}
     for name, stiffness in starts.items():
         theta = into_support(log_posterior, stiffness)
@@ -154,15 +200,15 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
     outcomes = []
     for name, stiffness in starts.items():
         end, density = ends.get(name, (np.full_like(theta, np.nan), -np.inf))
-        near = bool((np.abs((end - theta) / log_posterior.prior.sd) < _SAME_POINT).all())
+        near = bool((np.abs((end - theta) / prior.sd) < _SAME_POINT).all())
         # along a ridge that data and prior leave flat many points are equally the mode
         same = near or best - density < _SAME_DENSITY
         outcomes.append(
-            StartOutcome(name, np.asarray(stiffness, dtype=float), parametrisation.stiffness(end), density, same)
+            StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same)
         )
     return MapEstimate(
         theta,
-        parametrisation.stiffness(theta),
+        prior.stiffness(theta),
         laplace_covariance(log_posterior, theta),
         best,
         tuple(outcomes),
@@ -180,11 +226,16 @@ def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | N
     coupling = np.clip(k12, 0.1 * limit, limit) if "k12" in names else np.clip(k12, -limit, limit)
     low, high = prior.support
     inner = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
-    theta = np.clip(prior.parametrisation.coordinates([k11, coupling, k22]), low + inner, high - inner)
-    if not prior.parametrisation.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large
-        k = prior.parametrisation.stiffness(theta)
+    rest = prior.mean[len(names) :]
+
+    def inside(joint: ArrayLike) -> Array:
+        return np.clip(np.concatenate([prior.parametrisation.coordinates(joint), rest]), low + inner, high - inner)
+
+    theta = inside([k11, coupling, k22])
+    if not prior.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large
+        k = prior.stiffness(theta)
         k[1] = 0.9 * np.sqrt(k[0] * k[2])
-        theta = np.clip(prior.parametrisation.coordinates(k), low + inner, high - inner)
+        theta = inside(k)
     return theta if np.isfinite(log_posterior(theta)[0]) else None
 
 

@@ -2,7 +2,8 @@
 
 from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
-from jointbayes.inference.prior import JointPrior, Marginal, Normal, Uniform
+from jointbayes.inference.noise import GaussianNoise, NoiseModel
+from jointbayes.inference.prior import JointPrior, Marginal, Normal, Nuisance, Uniform
 from jointbayes.inference.problem import Problem
 
 __all__ = [
@@ -10,12 +11,16 @@ __all__ = [
     "JointPrior",
     "Marginal",
     "Normal",
+    "Nuisance",
     "Uniform",
     # likelihood
     "FrequencyLikelihood",
     "FrfLikelihood",
     "Likelihood",
     "likelihood_of",
+    # noise
+    "GaussianNoise",
+    "NoiseModel",
     # posterior
     "LogPosterior",
     "Problem",

@@ -1,8 +1,9 @@
-"""The posterior density over the coordinates of a joint."""
+"""The posterior density over the coordinates of a joint and of what else is uncertain."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.errors import ModelError
 from jointbayes.inference.likelihood import Likelihood
 from jointbayes.inference.prior import JointPrior
 from jointbayes.joint import STIFFNESS_PATTERN, joint_matrix
@@ -20,11 +21,19 @@ class LogPosterior:
     prior
         Prior density over θ; carries the parametrisation.
     likelihood
-        Likelihood of joint matrices.
+        Likelihood of joint matrices and factors.
+
+    Raises
+    ------
+    ModelError
+        If prior and likelihood do not name the same uncertain quantities in the same order.
     """
 
     def __init__(self, prior: JointPrior, likelihood: Likelihood) -> None:
         self.prior, self.likelihood = prior, likelihood
+        named = tuple(n.name for n in prior.nuisances)
+        if named != likelihood.names:
+            raise ModelError(f"posterior: found priors for {named}; expected one for each of {likelihood.names}")
         #: Number of joints inside the prior's support at which the model had no finite value so far.
         self.singular = 0
         self._parametrisation = prior.parametrisation
@@ -35,24 +44,31 @@ class LogPosterior:
         out = self.prior.log_density(t)
         inside = np.isfinite(out)
         if inside.any():
-            stiffness = joint_matrix(self._parametrisation.stiffness(t[inside]))
-            value = self.likelihood.log_likelihood(stiffness)
+            value = self.log_likelihood(t[inside])
             out[inside] += value
             self.singular += int(np.isneginf(value).sum())
         return out
 
+    def log_likelihood(self, theta: ArrayLike) -> Array:
+        """ln L, shape (n,), of θ, shape (n, d), inside the prior's support."""
+        t = np.atleast_2d(np.asarray(theta, dtype=float))
+        return self.likelihood.log_likelihood(joint_matrix(self.prior.stiffness(t)), self.prior.factors(t))
+
     def residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
-        """Standardised residuals of data and prior, and their exact Jacobian, at one θ, shape (d,).
+        """Standardised residuals of data and prior, and their Jacobian, at one θ, shape (d,).
 
         Returns
         -------
         residual, jacobian : ndarray, shapes (m + d,) and (m + d, d)
-            ln p = constant − eᵀe/2 inside the support; ∇ ln p = −Jᵀe.
+            ln p = constant − eᵀe/2 inside the support and ∇ ln p = −Jᵀe where noise is Gaussian of known size. With
+            another noise model this holds with its parameters held fixed; their columns are zero but for the prior.
         """
         t = np.asarray(theta, dtype=float)
-        stiffness = self._parametrisation.stiffness(t)
-        directions = np.einsum("kt,kij->tij", self._parametrisation.derivative(t), STIFFNESS_PATTERN)
-        data, slope = self.likelihood.residuals(joint_matrix(stiffness), directions)
+        joint = self.prior.joint(t)
+        derivative = self._parametrisation.derivative(joint)
+        directions = np.einsum("kt,kij->tij", derivative, STIFFNESS_PATTERN)
+        matrix = joint_matrix(self.prior.stiffness(t))
+        data, slope = self.likelihood.residuals(matrix, directions, self.prior.factors(t))
         root = np.sqrt(self.prior.precision)
         return (
             np.concatenate([data, root * (t - self.prior.mean)]),
@@ -60,11 +76,26 @@ class LogPosterior:
         )
 
     def gradient(self, theta: ArrayLike) -> Array:
-        """∇ ln p, shape (n, d), of θ, shape (n, d), inside the support; shape (d,) of one θ, shape (d,)."""
+        """∇ ln p, shape (n, d), of θ, shape (n, d), inside the support; shape (d,) of one θ, shape (d,).
+
+        Exact in the joint's coordinates where nothing else is uncertain; otherwise by differences.
+        """
         t = np.asarray(theta, dtype=float)
         many = np.atleast_2d(t)
+        if self.prior.nuisances or not self.likelihood.gaussian:
+            return np.array([self._differences(one) for one in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(joint_matrix(self._parametrisation.stiffness(many)))
         by_stiffness = np.einsum("nij,kij->nk", slope, STIFFNESS_PATTERN)
         by_theta = np.einsum("nk,nkt->nt", by_stiffness, self._parametrisation.derivative(many))
         gradient: Array = by_theta - self.prior.precision * (many - self.prior.mean)
         return gradient.reshape(t.shape)
+
+    def _differences(self, theta: Array) -> Array:
+        """∇ ln p at one θ, shape (d,), by differences inside the support."""
+        low, high = self.prior.support
+        step = 1e-5 * np.minimum(self.prior.sd, 1.0)
+        moves = np.diag(step)
+        up, down = np.minimum(theta + moves, high), np.maximum(theta - moves, low)
+        value = self(np.concatenate([up, down]))
+        slope: Array = (value[: theta.size] - value[theta.size :]) / np.diag(up - down)
+        return slope

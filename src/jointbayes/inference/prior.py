@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.joint import Parametrisation
 
-__all__ = ["JointPrior", "Marginal", "Normal", "Uniform"]
+__all__ = ["JointPrior", "Marginal", "Normal", "Nuisance", "Uniform"]
 
 Array = NDArray[np.float64]
 _NORMAL_95 = 1.959963984540054
@@ -110,24 +110,70 @@ Marginal = Normal | Uniform
 
 
 @dataclass(frozen=True, slots=True)
-class JointPrior:
-    """Independent priors on the coordinates θ of a joint, cut off where K^J is not positive definite.
+class Nuisance:
+    """A quantity beside the joint that is not exactly known; its coordinate is ln(value/nominal).
 
     Parameters
     ----------
-    parametrisation
-        Gives θ its meaning.
-    marginals
-        One prior per coordinate, in the parametrisation's order.
+    name
+        Such as ``youngs_modulus``, see `jointbayes.structure.STRUCTURE_QUANTITIES`, or one of the noise model's.
+    unit
+        Unit of the value.
+    nominal
+        Value at coordinate 0, above zero.
+    prior
+        Prior on the coordinate.
 
     Raises
     ------
     ModelError
-        If there are not as many marginals as coordinates.
+        If the nominal value is not positive.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    prior: Marginal
+
+    def __post_init__(self) -> None:
+        if not 0 < self.nominal < math.inf:
+            raise ModelError(
+                f"{self.name}: found a nominal value of {self.nominal:g}; expected a number above 0 for a quantity "
+                "that is uncertain by a factor; correct it, or leave the quantity certain"
+            )
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest coordinate that the forward model is made for: six standard deviations of a normal."""
+        low, high = self.prior.support
+        wide = 6 * self.prior.sd
+        return max(low, self.prior.mean - wide), min(high, self.prior.mean + wide)
+
+
+@dataclass(frozen=True, slots=True)
+class JointPrior:
+    """Independent priors on the coordinates θ of a joint and of all else that is uncertain.
+
+    They are cut off where K^J is not positive definite, and where a quantity leaves the range of the forward model.
+
+    Parameters
+    ----------
+    parametrisation
+        Gives the first coordinates, those of the joint, their meaning.
+    marginals
+        One prior per coordinate of the joint, in the parametrisation's order.
+    nuisances
+        The other uncertain quantities, whose coordinates follow.
+
+    Raises
+    ------
+    ModelError
+        If there are not as many marginals as coordinates of the joint.
     """
 
     parametrisation: Parametrisation
     marginals: tuple[Marginal, ...]
+    nuisances: tuple[Nuisance, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.marginals) != len(self.parametrisation.names):
@@ -137,25 +183,62 @@ class JointPrior:
             )
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the d coordinates: the joint's, then the nuisances'."""
+        return self.parametrisation.names + tuple(n.name for n in self.nuisances)
+
+    @property
+    def all_marginals(self) -> tuple[Marginal, ...]:
+        """One prior for each of the d coordinates."""
+        return self.marginals + tuple(n.prior for n in self.nuisances)
+
+    @property
     def mean(self) -> Array:
         """Mean of each marginal before the cut, shape (d,)."""
-        return np.array([m.mean for m in self.marginals])
+        return np.array([m.mean for m in self.all_marginals])
 
     @property
     def sd(self) -> Array:
         """Standard deviation of each marginal before the cut, shape (d,)."""
-        return np.array([m.sd for m in self.marginals])
+        return np.array([m.sd for m in self.all_marginals])
 
     @property
     def precision(self) -> Array:
         """−∂² ln p/∂θ² of each marginal, shape (d,)."""
-        return np.array([m.precision for m in self.marginals])
+        return np.array([m.precision for m in self.all_marginals])
 
     @property
     def support(self) -> tuple[Array, Array]:
         """Lower and upper ends of the box outside which the density is zero, each shape (d,)."""
-        ends = np.array([m.support for m in self.marginals]).reshape(-1, 2)  # a rigid joint has no coordinate
-        return ends[:, 0], ends[:, 1]
+        ends = [m.support for m in self.marginals] + [n.range for n in self.nuisances]
+        low, high = np.array(ends).reshape(-1, 2).T
+        return low, high
+
+    def joint(self, theta: ArrayLike) -> Array:
+        """Coordinates of the joint, the first columns of θ, shape (..., j)."""
+        return np.asarray(theta, dtype=float)[..., : len(self.marginals)]
+
+    def stiffness(self, theta: ArrayLike) -> Array:
+        """(k11, k12, k22), shape (..., 3), of θ, shape (..., d)."""
+        return self.parametrisation.stiffness(self.joint(theta))
+
+    def factors(self, theta: ArrayLike) -> Array:
+        """Value over nominal value of each nuisance, shape (..., q), of θ, shape (..., d)."""
+        factors: Array = np.exp(np.asarray(theta, dtype=float)[..., len(self.marginals) :])
+        return factors
+
+    def nuisance_values(self, theta: ArrayLike) -> Array:
+        """Value of each nuisance in its unit, shape (..., q), of θ, shape (..., d)."""
+        return self.factors(theta) * np.array([n.nominal for n in self.nuisances])
+
+    def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
+        """Whether K^J is positive definite and every nuisance within its range, shape (...)."""
+        t = np.asarray(theta, dtype=float)
+        inside = self.parametrisation.feasible(self.joint(t))
+        for i, nuisance in enumerate(self.nuisances, len(self.marginals)):
+            low, high = nuisance.range
+            inside = inside & (t[..., i] >= low) & (t[..., i] <= high)
+        return inside
 
     def log_density(self, theta: ArrayLike) -> Array:
         """ln p(θ), shape (n,), for θ of shape (n, d); −inf where impossible.
@@ -163,8 +246,8 @@ class JointPrior:
         The constant that the cut adds is left out: it matters only for evidence.
         """
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        total = sum((m.log_density(t[:, i]) for i, m in enumerate(self.marginals)), np.zeros(len(t)))
-        return np.where(self.parametrisation.feasible(t), total, -np.inf)
+        total = sum((m.log_density(t[:, i]) for i, m in enumerate(self.all_marginals)), np.zeros(len(t)))
+        return np.where(self.feasible(t), total, -np.inf)
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Independent draws of θ from the prior, cut included, shape (size, d).
@@ -176,8 +259,9 @@ class JointPrior:
         """
         kept: list[Array] = []
         for _ in range(1000):
-            theta = np.stack([*(m.sample(rng, size) for m in self.marginals), np.empty(size)], axis=-1)[:, :-1]
-            kept.append(theta[self.parametrisation.feasible(theta)])
+            columns = [*(m.sample(rng, size) for m in self.all_marginals), np.empty(size)]  # a rigid joint has none
+            theta = np.stack(columns, axis=-1)[:, :-1]
+            kept.append(theta[self.feasible(theta)])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]
         raise ModelError(

@@ -6,13 +6,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf import NaturalFrequencies
+from jointbayes.frf import NaturalFrequencies, ReceptanceModel, Ports, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
+from jointbayes.inference.noise import NoiseModel
 from jointbayes.inference.prior import JointPrior
+from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import Joint, Parametrisation, joint_matrix
 from jointbayes.measurement import Measurement
-from jointbayes.structure import Structure
+from jointbayes.structure import Structure, StructureFamily
 
 __all__ = ["Problem"]
 
@@ -30,13 +32,22 @@ class Problem:
     measurement
         FRFs or natural frequencies with their noise.
     prior
-        Prior over the joint's coordinates; carries the parametrisation.
+        Prior over all that is uncertain; carries the parametrisation of the joint.
+    family
+        Structures without the joint, where quantities of it are uncertain; None where it is exactly known.
+    noise
+        How residuals of FRFs are distributed; None is Gaussian noise of the measurement's variance.
+    residual_kind
+        What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
     """
 
     structure: Structure
     joint: Joint
     measurement: Measurement
     prior: JointPrior
+    family: StructureFamily | None = None
+    noise: NoiseModel | None = None
+    residual_kind: ResidualKind = "complex"
 
     @cached_property
     def log_posterior(self) -> LogPosterior:
@@ -47,14 +58,49 @@ class Problem:
         ModelError
             If the measurement names a DOF that the structure does not have.
         """
-        return LogPosterior(self.prior, likelihood_of(self.structure, self.joint, self.measurement))
+        likelihood = likelihood_of(
+            self.structure if self.family is None else self.family,
+            self.joint,
+            self.measurement,
+            gain="gain" in self.prior.names,
+            noise=self.noise,
+            kind=self.residual_kind,
+        )
+        return LogPosterior(self.prior, likelihood)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all coordinates: the joint's, then those of what else is uncertain."""
+        return self.prior.names
 
     @property
     def parametrisation(self) -> Parametrisation:
         """How θ and (k11, k12, k22) belong together."""
         return self.prior.parametrisation
 
-    def natural_frequencies_hz(self, stiffness: ArrayLike, count: int) -> NDArray[np.float64]:
-        """Lowest natural frequencies, shape (n, count), Hz, for stiffness (n, 3) or (3,)."""
-        model = NaturalFrequencies(self.structure, self.joint, count)
-        return model.frequency_hz(joint_matrix(stiffness))
+    def receptance_model(self, ports: Ports) -> ReceptanceModel:
+        """Forward model for other lines and DOFs.
+
+        Raises
+        ------
+        ModelError
+            If a DOF does not exist.
+        """
+        return receptance_model(self.structure if self.family is None else self.family, self.joint, ports)
+
+    def structural(self, factors: ArrayLike) -> NDArray[np.float64]:
+        """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
+        count = 0 if self.family is None else len(self.family.names)
+        return np.asarray(factors, dtype=float)[..., :count]
+
+    def natural_frequencies_hz(
+        self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
+        """Lowest natural frequencies, shape (n, count), Hz, for stiffness (n, 3) or (3,).
+
+        At the nominal structure, or at factors (n, q) of the nuisances.
+        """
+        if factors is None or self.family is None:
+            return NaturalFrequencies(self.structure, self.joint, count).frequency_hz(joint_matrix(stiffness))
+        model = NaturalFrequencies(self.family, self.joint, count)
+        return model.frequency_hz(joint_matrix(stiffness), self.structural(factors))

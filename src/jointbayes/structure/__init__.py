@@ -3,6 +3,8 @@
 from jointbayes.structure.assembled import Modes, Structure, mode_shift
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.family import BeamFamily, FixedFamily, FreeModes, StructureFamily, as_family
+from jointbayes.structure.recipe import STRUCTURE_QUANTITIES, BeamRecipe
 from jointbayes.structure.section import Section
 
 __all__ = [
@@ -15,6 +17,14 @@ __all__ = [
     "Section",
     "beam",
     "bending_element",
+    # uncertain structures
+    "STRUCTURE_QUANTITIES",
+    "BeamFamily",
+    "BeamRecipe",
+    "FixedFamily",
+    "FreeModes",
+    "StructureFamily",
+    "as_family",
     # damping
     "DampingLaw",
     "LossFactor",

@@ -103,6 +103,20 @@ class Section:
             (a_y, b_y, a_z, b_z),
         )
 
+    def scaled(self, size: float, shear: float = 1.0) -> "Section":
+        """Section with every dimension multiplied by `size`, and Cowper's κ by `shear`.
+
+        Raises
+        ------
+        ModelError
+            If a factor is not positive.
+        """
+        if not (size > 0 and shear > 0):
+            raise ModelError(f"section: found factors {size:g} of size and {shear:g} of κ; expected both above zero")
+        a_y, b_y, a_z, b_z = (c / shear for c in self.cowper)
+        area, bending = self.area * size**2, size**4
+        return Section(area, self.inertia_y * bending, self.inertia_z * bending, (a_y, b_y, a_z, b_z))
+
     def shear_coefficient(self, poissons_ratio: float) -> tuple[float, float]:
         """Cowper's κ for shear along y and along z.
 

@@ -1,0 +1,163 @@
+"""Rules between the tables of a case file: what one table says must be possible with what another one says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jointbayes.case_data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
+from jointbayes.case_errors import Finding
+from jointbayes.case_joint import JointSpec
+from jointbayes.case_noise import NoiseModelSpec
+from jointbayes.case_priors import PriorsSpec, UncertainSpec
+from jointbayes.case_settings import PlanSpec
+from jointbayes.case_structure import (
+    LossFactorDampingSpec,
+    ModalDampingSpec,
+    RayleighDampingSpec,
+    StructureSpec,
+    absent_dofs,
+)
+
+__all__ = [
+    "dof_findings",
+    "noise_findings",
+    "plan_findings",
+    "prior_findings",
+    "truth_findings",
+    "uncertain_findings",
+]
+
+_FRF_ONLY = 'data of kind = "synthetic_frf"'
+
+
+def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, plan: PlanSpec) -> Iterator[Finding]:
+    """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for."""
+    labelled = {("joint", "dofs"): joint.dofs, ("joint", "against"): joint.against}
+    if isinstance(data, SyntheticFrfSpec):
+        labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
+    else:
+        free = structure.nodes * len(structure.directions) - len(structure.supports)
+        if len(data.frequencies_hz) > free:
+            found = f"{len(data.frequencies_hz)} frequencies for {free} free DOFs"
+            yield Finding(
+                ("data", "frequencies_hz"),
+                found,
+                f"at most {free} frequencies",
+                "raise structure.elements",
+            )
+    labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
+    for loc, labels in labelled.items():
+        yield from absent_dofs(structure, labels, loc)
+        for i, label in enumerate(labels):
+            if label in structure.supports:
+                found = f'"{label}" is held fixed by structure.supports'
+                yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+
+
+def prior_findings(joint: JointSpec, priors: PriorsSpec) -> Iterator[Finding]:
+    """Yield priors that the parametrisation of the joint lacks or has no use for."""
+    needed, parametrisation = joint.parameters, joint.parametrisation
+    given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
+    missing = [name for name in needed if name not in given]
+    for name in sorted(given.difference(needed)):
+        found = f'there is no {name} with joint.parametrisation = "{parametrisation}"'
+        other = "signed" if parametrisation == "log" else "log"
+        swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing else ""
+        yield Finding(("prior", name), found, f"priors of {', '.join(needed)}", swap or "remove it")
+    yield from (Finding(("prior", name), missing=True) for name in missing)
+
+
+# Why natural frequencies say nothing about a quantity.
+_UNSEEN = {
+    "damping_ratio": "undamped natural frequencies do not depend on the damping",
+    "loss_factor": "undamped natural frequencies do not depend on the damping",
+    "accelerometer_mass": "natural frequencies come without measured DOFs, so the accelerometers are nowhere",
+    "gain": "natural frequencies do not depend on the gain",
+}
+
+
+def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
+    mass = structure.accelerometer_mass_g
+    if isinstance(data, NaturalFrequenciesSpec):
+        if mass > 0:
+            found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
+            yield Finding(("structure", "accelerometer_mass_g"), found, f"0, or {_FRF_ONLY}", "remove it")
+        for name in uncertain.given:
+            if name in _UNSEEN:
+                yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
+        return
+    yield from _damping_findings(uncertain, structure)
+    translations = [label for label in data.outputs if ":r" not in label]
+    if mass > 0 and not translations:
+        found = f"found {mass!r}, but data.outputs holds rotations only"
+        yield Finding(("structure", "accelerometer_mass_g"), found, "0, or a measured translation", "remove it")
+    if uncertain.accelerometer_mass and mass == 0:
+        found = "factor on structure.accelerometer_mass_g, which is 0"
+        remedy = "write for example accelerometer_mass_g = 2.0 in [structure]"
+        yield Finding(("uncertain", "accelerometer_mass"), found, "a mass above 0", remedy)
+
+
+def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:
+    """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
+    damping = structure.damping
+    stated = {"damping_ratio": uncertain.damping_ratio, "loss_factor": uncertain.loss_factor}
+    laws = {"damping_ratio": "modal", "loss_factor": "loss_factor"}
+    for name, prior in stated.items():
+        if prior is None:
+            continue
+        values: tuple[float, ...] = ()
+        if name == "damping_ratio" and isinstance(damping, ModalDampingSpec):
+            values = damping.ratio
+        elif name == "loss_factor" and isinstance(damping, LossFactorDampingSpec):
+            values = (damping.loss_factor,)
+        loc, expected = ("uncertain", name), f'law = "{laws[name]}" with a {name.replace("_", " ")} above 0'
+        if not values:
+            found, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
+            if isinstance(damping, RayleighDampingSpec):
+                found += ", and uncertain Rayleigh damping is not offered"
+            yield Finding(loc, found, expected, f"{remedy} or change the law")
+        elif min(values) == 0:
+            found = f"factor on structure.damping, where a {name.replace('_', ' ')} is 0"
+            yield Finding(loc, found, expected, "state a value above 0 to which the factor applies")
+        elif name == "damping_ratio" and prior.high_factor and max(values) * prior.high_factor >= 1:
+            found = f"found {prior.high_factor!r}, which takes the ratio {max(values)!r} to 1 or above"
+            remedy = f"lower high_factor below {1 / max(values):.6g}"
+            yield Finding((*loc, "high_factor"), found, "a factor that leaves the damping ratio below 1", remedy)
+
+
+def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield a truth about damping ratios where the structure has none."""
+    if isinstance(data, SyntheticFrfSpec) and data.truth.damping_ratio is not None and structure.damping.law != "modal":
+        found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
+        yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")
+
+
+def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield how residuals cannot be judged where the data are natural frequencies."""
+    if not isinstance(data, NaturalFrequenciesSpec):
+        return
+    if noise.residuals != "complex":
+        found = f'found "{noise.residuals}", but natural frequencies have neither magnitude nor phase'
+        yield Finding(("noise", "residuals"), found, _FRF_ONLY, "remove it")
+    if noise.distribution != "gaussian":
+        found = f'found "{noise.distribution}", which is offered for FRFs only'
+        yield Finding(("noise", "distribution"), found, _FRF_ONLY, "remove it")
+    if noise.discrepancy is not None:
+        found = "correlation along frequency needs frequency lines, which natural frequencies do not have"
+        yield Finding(("noise", "discrepancy"), found, _FRF_ONLY, "remove [noise.discrepancy]")
+
+
+def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield plans without FRF data, and a wider band that is not wider or has no band to widen."""
+    if isinstance(data, NaturalFrequenciesSpec):
+        if plan != PlanSpec():
+            found = "natural frequencies state neither the noise nor the band of a further FRF"
+            yield Finding(("plan",), found, _FRF_ONLY, "remove [plan]")
+    elif plan.f_max_hz is not None:
+        if data.f_max_hz is None:
+            found = "no band to widen, data.frequencies_hz is a list"
+            yield Finding(("plan", "f_max_hz"), found, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
+        elif plan.f_max_hz <= data.f_max_hz:
+            found = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), found, f"a number above {data.f_max_hz!r}", "raise or remove it")

@@ -1,0 +1,114 @@
+"""Low-rank coupling where the structure without the joint is itself uncertain.
+
+Its receptance A is then another one for every draw. It is summed over the free modes, in which a loss factor and
+Rayleigh's damping are diagonal, A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)), and coupled as ever.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.frf.compiled import compiled
+from jointbayes.frf.pair import PairCoupling
+from jointbayes.frf.ports import Misfit, Ports, as_batch, as_factors, split_along
+from jointbayes.frf.sweep import SweepCoupling
+from jointbayes.joint import Joint
+from jointbayes.structure import Rayleigh, StructureFamily
+
+__all__ = ["UncertainCoupling"]
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@compiled
+def _free_receptance(
+    lam: Array, rows: Array, loss: float, alpha: float, beta: float, omega: Array, out: ComplexArray
+) -> None:
+    """Σ φ_a φ_b/(λ(1 + jη) − ω² + jω(α + βλ)) into `out` (lines, k, k), of one structure's modes (m,) and rows (k, m)."""
+    k, m = rows.shape
+    re, im = np.empty(m), np.empty(m)
+    for line in range(len(omega)):
+        w = omega[line]
+        for s in range(m):
+            a, b = lam[s] - w * w, lam[s] * loss + w * (alpha + beta * lam[s])
+            d = 1.0 / (a * a + b * b)
+            re[s], im[s] = a * d, -b * d
+        for p in range(k):
+            for q in range(p + 1):
+                x, y = 0.0, 0.0
+                for s in range(m):
+                    c = rows[p, s] * rows[q, s]
+                    x += c * re[s]
+                    y += c * im[s]
+                out[line, p, q] = complex(x, y)
+                out[line, q, p] = out[line, p, q]
+
+
+class UncertainCoupling:
+    """Assembled receptance of a family of structures with loss-factor or Rayleigh damping.
+
+    Parameters
+    ----------
+    family
+        Structures without the joint.
+    joint
+        Where the joint acts, r DOFs.
+    ports
+        Lines, outputs and inputs.
+    """
+
+    def __init__(self, family: StructureFamily, joint: Joint, ports: Ports) -> None:
+        joined, outputs, inputs = ports.selections(family.nominal, joint)
+        self._along, rest = split_along(np.hstack([outputs, inputs]), joined)
+        self._family, self._modes = family, family.free_modes(np.hstack([joined, rest]))
+        self._n_out, self._omega = len(ports.outputs), ports.omega
+        self._pair = joined.shape[1] <= 2
+
+    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+        """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
+        matrices = as_batch(stiffness)
+        known = as_factors(factors, len(matrices))
+        return np.concatenate([self._coupled(row).receptance(k) for k, row in zip(matrices, known, strict=True)])
+
+    def tangent(
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
+        return self._coupled(as_factors(factors, 1)[0]).tangent(stiffness, directions)
+
+    def misfit(self, measured: ComplexArray, weight: Array) -> "UncertainMisfit":
+        """Weighted distance from measured receptances, see `Misfit`."""
+        return UncertainMisfit(self, measured, weight)
+
+    def _coupled(self, factors: Array) -> PairCoupling | SweepCoupling:
+        """Coupling of the structure at factors (q,)."""
+        (lam,), (rows,) = self._modes(factors[None])
+        law = self._family.nominal.damping
+        alpha, beta = (law.alpha, law.beta) if isinstance(law, Rayleigh) else (0.0, 0.0)
+        free = np.empty((self._omega.size, len(rows), len(rows)), dtype=complex)
+        (loss,) = self._family.loss_factors(factors[None])
+        _free_receptance(lam, rows, float(loss), alpha, beta, self._omega, free)
+        form = PairCoupling if self._pair else SweepCoupling
+        return form(free, self._along, self._n_out)
+
+
+class UncertainMisfit:
+    """χ² = Σ |H − H^x|² w² as a function of joint and structure, one draw after the other."""
+
+    def __init__(self, model: UncertainCoupling, measured: ComplexArray, weight: Array) -> None:
+        self._model, self._measured, self._weight = model, measured, weight
+
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+        """χ², shape (batch,), see `Misfit`."""
+        known = as_factors(factors, len(stiffness))
+        each = zip(stiffness, known, strict=True)
+        return np.concatenate([self._one(row).chi2(k[None]) for k, row in each])
+
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """χ² and its gradient by the joint, see `Misfit`."""
+        known = as_factors(factors, len(stiffness))
+        found = [self._one(row).chi2_gradient(k[None]) for k, row in zip(stiffness, known, strict=True)]
+        return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+
+    def _one(self, factors: Array) -> Misfit:
+        return self._model._coupled(factors).misfit(self._measured, self._weight)

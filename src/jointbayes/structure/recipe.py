@@ -1,0 +1,127 @@
+"""A beam as a recipe: everything its matrices are made from, each quantity open to a factor."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.assembled import Structure
+from jointbayes.structure.beam import BeamMaterial, beam
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.section import Section
+
+__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "is_damping_ratio"]
+
+#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``damping_ratio_2`` and so on.
+STRUCTURE_QUANTITIES = (
+    "youngs_modulus",
+    "density",
+    "length",
+    "section_size",
+    "shear_coefficient",
+    "accelerometer_mass",
+    "damping_ratio",
+    "loss_factor",
+)
+
+
+def is_damping_ratio(name: str) -> bool:
+    """Whether a quantity is the damping ratio of all modes, or of one."""
+    return name == "damping_ratio" or name.startswith("damping_ratio_")
+
+
+@dataclass(frozen=True, slots=True)
+class BeamRecipe:
+    """What a uniform straight beam is made from, see `jointbayes.structure.beam`.
+
+    Parameters
+    ----------
+    length
+        Length, m.
+    section, material, damping
+        Cross-section, material and damping law.
+    elements, dofs_per_node, shear_coefficient
+        As for `beam`; None takes Cowper's κ.
+    supports
+        DOFs held fixed.
+    accelerometer_mass
+        Mass of each accelerometer, kg.
+    accelerometer_dofs
+        Where one sits: its mass moves in all translations of the node of each of these DOFs that is a translation.
+    """
+
+    length: float
+    section: Section
+    material: BeamMaterial
+    damping: DampingLaw
+    elements: int = 10
+    dofs_per_node: Literal[2, 5] = 2
+    shear_coefficient: float | None = None
+    supports: tuple[str, ...] = ()
+    accelerometer_mass: float = 0.0
+    accelerometer_dofs: tuple[str, ...] = ()
+
+    def structure(self, factors: Mapping[str, float] | None = None) -> Structure:
+        """Assemble the beam with its quantities multiplied by factors, 1 where none is given.
+
+        Parameters
+        ----------
+        factors
+            By name, see `STRUCTURE_QUANTITIES`. ``section_size`` multiplies every dimension of the section,
+            ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown or a quantity becomes impossible.
+        """
+        given = dict(factors or {})
+        for name in given:
+            if name not in STRUCTURE_QUANTITIES and not is_damping_ratio(name):
+                raise ModelError(
+                    f"beam: found uncertain quantity {name!r}; expected one of {', '.join(STRUCTURE_QUANTITIES)}"
+                )
+        material = replace(
+            self.material,
+            youngs_modulus=self.material.youngs_modulus * given.get("youngs_modulus", 1.0),
+            density=self.material.density * given.get("density", 1.0),
+        )
+        shear = given.get("shear_coefficient", 1.0)
+        section = self.section.scaled(given.get("section_size", 1.0), shear)
+        free = beam(
+            self.length * given.get("length", 1.0),
+            section,
+            material,
+            _damping(self.damping, given),
+            elements=self.elements,
+            dofs_per_node=self.dofs_per_node,
+            shear_coefficient=None if self.shear_coefficient is None else self.shear_coefficient * shear,
+        )
+        loaded = self._loaded(free, self.accelerometer_mass * given.get("accelerometer_mass", 1.0))
+        return loaded.fixed(self.supports) if self.supports else loaded
+
+    def _loaded(self, free: Structure, mass: float) -> Structure:
+        if mass < 0:
+            raise ModelError(f"accelerometer: found a mass of {mass:g} kg; expected 0 or more; correct it")
+        if mass == 0 or not self.accelerometer_dofs:
+            return free
+        total = free.mass.copy()
+        nodes = {dof.split(":")[0] for dof in self.accelerometer_dofs if ":r" not in dof}
+        at = [i for i, dof in enumerate(free.dofs) if dof.split(":")[0] in nodes and ":r" not in dof]
+        total[at, at] += mass
+        return replace(free, mass=total)
+
+
+def _damping(law: DampingLaw, factors: Mapping[str, float]) -> DampingLaw:
+    match law:
+        case ModalDamping():
+            each = np.array(law.ratios) * factors.get("damping_ratio", 1.0)
+            for i in range(each.size):
+                each[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)
+            return ModalDamping(tuple(each.tolist()))
+        case LossFactor():
+            return LossFactor(law.loss_factor * factors.get("loss_factor", 1.0))
+        case Rayleigh():
+            return law
