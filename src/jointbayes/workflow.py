@@ -18,10 +18,21 @@ from jointbayes.identification import (
     sensitivity_iteration,
 )
 from jointbayes.joint import ComplianceChart, check_positive_semidefinite
+from jointbayes.inference import JointPrior, Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record
-from jointbayes.sampling import Chains, Progress, Proposal, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.sampling import (
+    BoxChart,
+    Chains,
+    Chart,
+    Progress,
+    Proposal,
+    SamplerSettings,
+    Start,
+    fit_proposal,
+    run_ensembles,
+)
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
@@ -81,7 +92,7 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are the first guess, the end of the paper's iteration from it, the compliance fit that needs no guess,
-    and draws from the prior. Each is refined; `MapEstimate.starts` says which of them reached the mode.
+    draws from the prior, and joints near the limits of signed coordinates. Each is refined; `MapEstimate.starts` says which of them reached the mode.
 
     Parameters
     ----------
@@ -107,7 +118,26 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
     drawn = problem.parametrisation.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
+    if "rho" in problem.parametrisation.names:
+        starts |= limiting_joints(problem.prior)
     return maximise_posterior(problem.log_posterior, starts)
+
+
+def limiting_joints(prior: JointPrior) -> dict[str, Array]:
+    """Joints (k11, k12, k22) near the limits of the signed coordinates, where modes of their own may be, by name.
+
+    Strong coupling of either sign between springs of middling stiffness, and a nearly rigid translation, rotation,
+    or both.
+    """
+    k11, k22 = np.exp(prior.mean[:2])
+    stiff11, stiff22 = np.exp(prior.mean[:2] + prior.sd[:2])
+    return {
+        "coupling near 1": np.array([k11, 0.95 * np.sqrt(k11 * k22), k22]),
+        "coupling near −1": np.array([k11, -0.95 * np.sqrt(k11 * k22), k22]),
+        "stiff in translation": np.array([stiff11, 0.0, k22]),
+        "stiff in rotation": np.array([k11, 0.0, stiff22]),
+        "stiff in both": np.array([stiff11, 0.0, stiff22]),
+    }
 
 
 def sample(
@@ -145,27 +175,49 @@ def sample(
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed)
     start = laplace_ball(case, estimate, settings, rng)
-    chart = ComplianceChart(case.problem.parametrisation)
     log_posterior = case.problem.log_posterior
-    proposal = fit_proposal(log_posterior, chart, estimate.theta, estimate.covariance, rng)
-    chains = run_ensembles(log_posterior, start, rng, settings, progress, chart=chart, proposal=proposal)
+    proposal = fit_proposal(log_posterior, charts(case.problem), starts_of(estimate), rng)
+    chains = run_ensembles(log_posterior, start, rng, settings, progress, chart=proposal.chart, proposal=proposal)
     return _posterior(case, seed, settings, estimate, proposal, chains, rng)
 
 
+def charts(problem: Problem) -> tuple[Chart, ...]:
+    """Coordinates in which the posterior may be near a bell: the joint's compliance, and the prior's normal scores.
+
+    An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends.
+    """
+    return ComplianceChart(problem.parametrisation), BoxChart(*problem.prior.support)
+
+
+def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
+    """Place and covariance of every mode, the highest first."""
+    return tuple((mode.theta, mode.covariance) for mode in estimate.modes) or ((estimate.theta, estimate.covariance),)
+
+
 def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
-    """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density."""
+    """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density.
+
+    From several modes each ensemble has walkers about every one of them.
+    """
     log_posterior = case.problem.log_posterior
-    wanted = settings.ensembles * settings.walkers
-    found: list[Array] = []
-    for _ in range(200):
-        theta = rng.multivariate_normal(estimate.theta, estimate.covariance, size=wanted)
-        found.extend(theta[np.isfinite(log_posterior.prior.log_density(theta))])
-        if len(found) >= wanted:
-            return np.array(found[:wanted]).reshape(settings.ensembles, settings.walkers, -1)
-    raise SamplingError(
-        f"{case.name}: found only {len(found)} of {wanted} starting points where the prior is above zero; "
-        "expected a mode inside the prior's support; widen the priors"
-    )
+    starts = starts_of(estimate)
+    balls = []
+    for index, (theta, covariance) in enumerate(starts):
+        walkers = len(range(index, settings.walkers, len(starts)))
+        wanted = settings.ensembles * walkers
+        found: list[Array] = []
+        for _ in range(200):
+            ball = rng.multivariate_normal(theta, covariance, size=wanted)
+            found.extend(ball[np.isfinite(log_posterior.prior.log_density(ball))])
+            if len(found) >= wanted:
+                break
+        else:
+            raise SamplingError(
+                f"{case.name}: found only {len(found)} of {wanted} starting points where the prior is above zero; "
+                "expected a mode inside the prior's support; widen the priors"
+            )
+        balls.append(np.array(found[:wanted]).reshape(settings.ensembles, walkers, -1))
+    return np.concatenate(balls, axis=1)
 
 
 def _posterior(

@@ -1,6 +1,6 @@
 """The posterior mode (MAP) by Levenberg-Marquardt from several starts, and its Laplace covariance."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +11,19 @@ from jointbayes.errors import ModelError
 from jointbayes.identification.climb import newton_climb
 from jointbayes.inference import LogPosterior
 
-__all__ = ["MapEstimate", "StartOutcome", "maximise_posterior", "refine"]
+__all__ = ["LocalMode", "MapEstimate", "StartOutcome", "maximise_posterior", "refine"]
 
 Array = NDArray[np.float64]
 
 #: Two modes are the same when they lie this close, in prior standard deviations and in log density.
 _SAME_POINT = 1e-3
 _SAME_DENSITY = 1e-3
+#: A mode this much lower in log density than the best matters no more.
+_LOWEST = 12.0
+_MOST_MODES = 8
+#: Two ends are two modes when the log density falls by this much between them, looked at in so many places.
+_VALLEY = 0.5
+_LINE = 21
 #: So often the noise model's parameters and all others are improved in turn.
 _TURNS = 3
 
@@ -31,6 +37,15 @@ class StartOutcome:
     stiffness: Array
     log_posterior: float
     reached_mode: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LocalMode:
+    """A local maximum of the posterior density: coordinates (d,), Laplace covariance (d, d), log density."""
+
+    theta: Array
+    covariance: Array
+    log_posterior: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +64,9 @@ class MapEstimate:
         Log density at the mode, up to the evidence.
     starts
         What became of each start.
+    modes
+        Local modes that starts led to and that may matter, the highest first: none is more than 12 below it in log
+        density.
     """
 
     theta: Array
@@ -56,6 +74,7 @@ class MapEstimate:
     covariance: Array
     log_posterior: float
     starts: tuple[StartOutcome, ...]
+    modes: tuple[LocalMode, ...] = ()
 
     @property
     def failed_starts(self) -> tuple[str, ...]:
@@ -212,7 +231,40 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
         laplace_covariance(log_posterior, theta),
         best,
         tuple(outcomes),
+        local_modes(log_posterior, list(ends.values())),
     )
+
+
+def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]) -> tuple[LocalMode, ...]:
+    """Ends of climbs that are modes of their own, the highest first.
+
+    Two ends belong to one mode where the density along the straight line between them hardly falls below the lower
+    one: a flat ridge has many ends and one mode.
+
+    Parameters
+    ----------
+    log_posterior
+        Density that was climbed.
+    ends
+        Place, shape (d,), and log density of each.
+    """
+    best = max(density for _, density in ends)
+    modes: list[LocalMode] = []
+    for theta, density in sorted(ends, key=lambda end: -end[1]):
+        if density < best - _LOWEST or len(modes) == _MOST_MODES:
+            break
+        if all(_parted(log_posterior, mode.theta, theta, density) for mode in modes):
+            modes.append(LocalMode(theta, laplace_covariance(log_posterior, theta), density))
+    return tuple(modes)
+
+
+def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: float) -> bool:
+    """Whether a valley lies between two ends."""
+    if np.abs((higher - lower) / log_posterior.prior.sd).max() < _SAME_POINT:
+        return False
+    fraction = np.linspace(0, 1, _LINE)[1:-1, None]
+    straight = higher + fraction * (lower - higher)
+    return bool(log_posterior(straight).min() < density - _VALLEY)
 
 
 def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:

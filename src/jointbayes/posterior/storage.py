@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.identification import MapEstimate, StartOutcome
+from jointbayes.identification import LocalMode, MapEstimate, StartOutcome
 from jointbayes.inference import Problem
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrfMeasurement, Measurement
@@ -88,6 +88,14 @@ def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
             {**asdict(start), "start": start.start.tolist(), "stiffness": start.stiffness.tolist()}
             for start in estimate.starts
         ],
+        "modes": [
+            {
+                "theta": mode.theta.tolist(),
+                "covariance": mode.covariance.tolist(),
+                "log_posterior": mode.log_posterior,
+            }
+            for mode in estimate.modes
+        ],
     }
 
 
@@ -98,7 +106,11 @@ def estimate_from(record: dict[str, Any]) -> MapEstimate:
         for s in record["starts"]
     )
     theta, stiffness, covariance = (np.array(record[key]) for key in ("theta", "stiffness", "covariance"))
-    return MapEstimate(theta, stiffness, covariance, record["log_posterior"], starts)
+    modes = tuple(
+        LocalMode(np.array(m["theta"]), np.array(m["covariance"]), m["log_posterior"])
+        for m in record.get("modes", ())  # files of version 0.1 know one mode
+    )
+    return MapEstimate(theta, stiffness, covariance, record["log_posterior"], starts, modes)
 
 
 def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLike[str]) -> None:

@@ -1,13 +1,16 @@
 """Draws from a posterior of which nothing but the log-density is known."""
 
 from jointbayes.sampling.chains import Chains, Draws, Progress
-from jointbayes.sampling.chart import Chart
+from jointbayes.sampling.chart import BoxChart, Chart
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
-from jointbayes.sampling.proposal import Proposal, fit_proposal
+from jointbayes.sampling.proposal import Proposal, Start, fit_proposal
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Check
+from jointbayes.sampling.student_mixture import StudentMixture
+from jointbayes.sampling.student_t import StudentT
+from jointbayes.sampling.weights import importance_efficiency
 
 __all__ = [
     # Run
@@ -15,8 +18,12 @@ __all__ = [
     "SamplerSettings",
     "run_ensembles",
     # Coordinates and proposal
+    "BoxChart",
     "Chart",
     "Proposal",
+    "Start",
+    "StudentMixture",
+    "StudentT",
     "fit_proposal",
     # Results
     "Chains",
@@ -26,5 +33,6 @@ __all__ = [
     # Diagnostics
     "autocorrelation_time",
     "effective_sample_size",
+    "importance_efficiency",
     "split_r_hat",
 ]

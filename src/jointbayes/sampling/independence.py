@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.sampling.chart import Chart
 from jointbayes.sampling.halves import settle
+from jointbayes.sampling.student_mixture import StudentMixture
 from jointbayes.sampling.student_t import StudentT
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
     DOI 10.1214/aos/1176325750.
     """
 
-    def __init__(self, chart: Chart, density: StudentT) -> None:
+    def __init__(self, chart: Chart, density: StudentT | StudentMixture) -> None:
         self._chart, self._density = chart, density
 
     def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:

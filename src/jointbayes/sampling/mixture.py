@@ -70,7 +70,7 @@ def mixture(chart: Chart | None = None, proposal: "Proposal | None" = None) -> t
     chart : Chart, optional
         Coordinates in which the density is closer to a Gaussian.
     proposal : Proposal, optional
-        Fitted approximation of the density in these coordinates (in θ itself without a chart).
+        Fitted approximation of the density, in coordinates of its own.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def mixture(chart: Chart | None = None, proposal: "Proposal | None" = None) -> t
     share = 0.0 if proposal is None else independence_share(proposal.efficiency)
     if proposal is None or share == 0.0:
         return tuple(local)
-    independence = WeightedMove("independence", IndependenceMove(chart or flat, proposal.density), share)
+    independence = WeightedMove("independence", IndependenceMove(proposal.chart, proposal.density), share)
     return (independence, *_share(local, 1 - share))
 
 

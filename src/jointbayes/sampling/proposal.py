@@ -1,29 +1,33 @@
 """Fit a distribution to propose from, knowing nothing but the log-density and a first Laplace approximation."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
+from jointbayes.sampling.bell_fit import DOF, Round, good_efficiency, refined_bell
 from jointbayes.sampling.chart import Chart, Identity
 from jointbayes.sampling.density import Checked, LogDensity
+from jointbayes.sampling.laplace import Whitened, covariance_roots, laplace, whitened
+from jointbayes.sampling.mixture_search import Fit, search
+from jointbayes.sampling.pool import Pool, theta_draws
+from jointbayes.sampling.student_mixture import StudentMixture
 from jointbayes.sampling.student_t import StudentT
+from jointbayes.sampling.weights import importance_efficiency
 
-__all__ = ["Proposal", "fit_proposal", "importance_efficiency"]
+__all__ = ["Proposal", "Start", "fit_proposal", "importance_efficiency"]
 
 Array = NDArray[np.float64]
 
-_DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
-_DRAWS = 2000
-_ROUNDS = 4
-_GOOD = 0.8  # a further round would cost more than it gains
-_STEP = 0.2  # of the finite differences, in standard deviations
-_NEWTON_STEPS = 20
-_CONVERGED = 1e-3  # gain in log-density that no longer matters beside a refinement
-_FLATTEST = 1 / 16  # least curvature: no step of the search makes a direction more than four times wider
-_EM_STEPS = 10  # each brings the fit four times nearer
-_FLOOR = 1e-3  # of the scale before that is added to a new one, so that few draws still span the space
+_SCATTERED = 1000  # draws about each start
+_WIDER = 2.0  # than a start's covariance are these
+_LEAST = 1e-4  # eigenvalue of its correlations
+_COMPONENTS = 12  # of a first mixture, or two for each start: those that few draws belong to are dropped
+
+Start = tuple[Array, Array]
+"""A point near a mode, shape (d,), and a rough covariance of θ there, shape (d, d)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,54 +36,58 @@ class Proposal:
 
     Parameters
     ----------
-    density : StudentT
-        Distribution in the coordinates φ of the chart it was fitted in.
+    density : StudentT or StudentMixture
+        Distribution in the coordinates φ of the chart.
     efficiency : float
         Effective fraction of its draws as importance samples of the density, 0 to 1.
     evaluations : int
         Number of points at which the log-density was computed for the fit.
+    chart : Chart
+        Coordinates φ; θ itself by default.
     """
 
-    density: StudentT
+    density: StudentT | StudentMixture
     efficiency: float
     evaluations: int
+    chart: Chart = field(default_factory=Identity)
 
+    def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
+        """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.
 
-def importance_efficiency(log_weight: Array) -> float:
-    """Effective fraction of importance samples, (Σw)² / (n Σw²); 0 if all weights are.
+        Parameters
+        ----------
+        log_density : callable
+            Log of a density over θ, normalised or not.
+        rng : numpy.random.Generator
+            Source of the draws.
+        n : int
+            Number of draws.
 
-    Parameters
-    ----------
-    log_weight : ndarray, shape (n,)
-        ln of the weights up to a constant; −inf for a weight of zero.
-
-    References
-    ----------
-    A. Kong, J. S. Liu, W. H. Wong, Sequential imputations and Bayesian missing data problems (1994),
-    DOI 10.1080/01621459.1994.10476469.
-
-    Examples
-    --------
-    >>> importance_efficiency(np.array([0.0, 0.0, -np.inf, -np.inf]))
-    0.5
-    """
-    top = float(log_weight.max())
-    if top == -np.inf:
-        return 0.0
-    weight = np.exp(log_weight - top)
-    return float(weight.sum() ** 2 / (weight.size * (weight**2).sum()))
+        Returns
+        -------
+        theta, log_weight : ndarray, shapes (m, d) and (m,)
+            m ≤ n: the other draws have weight zero. The sum of the weights over n estimates the integral of the
+            density.
+        """
+        theta, value, log_proposal, _ = theta_draws(Checked(log_density), self.density, self.chart, rng, n)
+        alive = np.isfinite(value)
+        return theta[alive], value[alive] - log_proposal[alive]
 
 
 def fit_proposal(
-    log_density: LogDensity, chart: Chart | None, theta: Array, covariance: Array, rng: np.random.Generator
+    log_density: LogDensity, charts: Sequence[Chart | None], starts: Sequence[Start], rng: np.random.Generator
 ) -> Proposal:
-    """Fit a Student-t distribution to a density in the coordinates φ of a chart.
+    """Fit a Student-t distribution, or a mixture of such, to a density in the coordinates φ of one of several charts.
 
-    The first candidate is the Laplace approximation in φ: mode and curvature of ln p(θ(φ)) + ln |∂θ/∂φ|, which is
-    another than that in θ. Its draws are weighted by p/q, and the t distribution most likely for the weighted draws is
-    the next candidate, a few rounds long (population Monte Carlo); the one with the most effective draws is kept. While
-    few draws carry all the weight, a power of the weights below 1 is used, so that the next candidate still spans the
+    From one start, the first candidate is the Laplace approximation in φ: mode and curvature of
+    ln p(θ(φ)) + ln |∂θ/∂φ|, which is another than that in θ. Its draws are weighted by p/q, and the t distribution
+    most likely for the weighted draws is the next candidate, a few rounds long (population Monte Carlo). While few
+    draws carry all the weight, a power of the weights below 1 is used, so that the next candidate still spans the
     space.
+
+    Where one bell is not good in the first chart, and always from several starts, mixtures are fitted in every chart
+    to all weighted draws so far, and the best chart is refined (:func:`jointbayes.sampling.mixture_search.search`).
+    A wide component goes along that bounds the weights.
 
     A poor fit is no error: the efficiency says so, and the moves are chosen by it.
 
@@ -87,24 +95,24 @@ def fit_proposal(
     ----------
     log_density : callable
         Log of the unnormalised density over θ, (n, d) array to (n,) array; −inf where the density is zero.
-    chart : Chart or None
-        Coordinates; θ itself without one.
-    theta : ndarray, shape (d,)
-        A point near the mode, inside the support.
-    covariance : ndarray, shape (d, d)
-        Rough covariance of θ.
+    charts : sequence of Chart or None
+        Coordinates to try, the likeliest first; None is θ itself.
+    starts : sequence of (theta, covariance)
+        For each mode a point near it, shape (d,), inside the support, and a rough covariance, shape (d, d); the
+        highest first.
     rng : numpy.random.Generator
         Source of the draws.
 
     Returns
     -------
     Proposal
-        The best candidate, with 5 degrees of freedom.
+        The best candidate; its components have 5 degrees of freedom.
 
     Raises
     ------
     jointbayes.errors.SamplingError
-        If the shapes do not fit or a number is not finite, or if the log-density returns NaN or +inf.
+        If there is no chart or no start, the shapes do not fit or a number is not finite, or if the log-density
+        returns NaN or +inf.
 
     References
     ----------
@@ -116,151 +124,52 @@ def fit_proposal(
     E. Koblents, J. Míguez, A population Monte Carlo scheme with transformed weights (2015),
     DOI 10.1007/s11222-013-9440-2 (the power of the weights).
     """
-    target = _whitened(log_density, chart or Identity(), theta, covariance)
-    mean, scale = _laplace(target)
-    best: tuple[StudentT, float] | None = None
-    for _ in range(1 + _ROUNDS):
-        candidate = StudentT(mean, scale, _DOF)
-        draws = candidate.draw(rng, _DRAWS)
-        log_weight = target(draws) - candidate.log_density(draws)
-        efficiency = importance_efficiency(log_weight)
-        if best is None or efficiency > best[1]:
-            best = candidate, efficiency
-        if efficiency > _GOOD:
-            break
-        mean, scale = _refitted(candidate, draws, log_weight)
-    assert best is not None
-    density, efficiency = best
-    factor = target.factor
-    return Proposal(
-        StudentT(target.origin + factor @ density.mean, factor @ density.scale @ factor.T, _DOF),
-        efficiency,
-        target.evaluations,
-    )
-
-
-@dataclass(slots=True)
-class _Whitened:
-    """The density over z, where φ = origin + factor · z and z is of order one."""
-
-    log_density: Checked
-    chart: Chart
-    origin: Array
-    factor: Array
-    evaluations: int = 0
-
-    def __call__(self, z: Array) -> Array:
-        """Log-density over z up to a constant, shape (n,), at z, shape (n, d)."""
-        theta, inside = self.chart.inverse(self.origin + z @ self.factor.T)
-        values = np.full(len(z), -np.inf)
-        if inside.any():
-            theta = theta[inside]
-            self.evaluations += len(theta)
-            found = self.log_density(theta)
-            possible = np.isfinite(found)
-            found[possible] += self.chart.log_volume(theta[possible])
-            # rounding at the very edge of the region may leave a volume that is no number
-            values[inside] = np.where(np.isfinite(found), found, -np.inf)
-        return values
-
-
-def _whitened(log_density: LogDensity, chart: Chart, theta: Array, covariance: Array) -> _Whitened:
-    """Carry a covariance of θ over into φ by the chart's derivative, and whiten with it."""
-    mean, spread = np.asarray(theta, dtype=float), np.asarray(covariance, dtype=float)
-    if mean.ndim != 1 or spread.shape != (mean.size, mean.size):
+    if not charts or not starts:
         raise SamplingError(
-            f"proposal: found θ of shape {mean.shape} and a covariance of shape {spread.shape}; "
-            "expected (d,) and (d, d); correct the arrays"
+            f"proposal: found {len(charts)} charts and {len(starts)} starts; expected at least one of each; name them"
         )
-    origin = chart.forward(mean[None])[0]
-    if not (np.isfinite(origin).all() and np.isfinite(spread).all()):
-        raise SamplingError(
-            f"proposal: found θ = {mean.tolist()} with covariance {spread.tolist()}; "
-            "expected finite numbers inside the chart's region; correct them"
-        )
-    sd = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    sd[sd == 0.0] = 1.0
-    values, vectors = np.linalg.eigh(spread / np.outer(sd, sd))
-    roots = sd[:, None] * vectors * np.sqrt(np.maximum(values, 1e-10))
-    step = 1e-4 * roots.T
-    factor = (chart.forward(mean + step) - chart.forward(mean - step)).T / 2e-4
-    size = np.linalg.norm(factor, axis=1, keepdims=True)
-    if not (np.isfinite(size).all() and size.all() and np.linalg.cond(factor / size) < 1e7):
-        # at the edge of the chart its derivative says nothing: each coordinate is taken at its own size
-        factor = np.diag(np.where(origin == 0.0, 1.0, np.abs(origin)))
-    return _Whitened(Checked(log_density), chart, origin, factor)
-
-
-def _laplace(target: _Whitened) -> tuple[Array, Array]:
-    """Mode and covariance from the curvature there, in z, by Newton's method with a whole line of trial steps at once.
-
-    Differences are taken along axes that follow the curvature, so that a first covariance of another size is no harm.
-    Where the density is cut off within their reach, the search ends with what it has.
-    """
+    known = [chart or Identity() for chart in charts]
+    target = whitened(log_density, known[0], *starts[0])
     dimension = len(target.origin)
-    place, axes = np.zeros(dimension), np.eye(dimension)
-    lengths = 0.5 ** np.arange(8)
-    for _ in range(_NEWTON_STEPS):
-        value, gradient, hessian = _derivatives(target, place, axes)
-        if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
-            break
-        curvature, vectors = np.linalg.eigh(-hessian)
-        turned = axes @ vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
-        trials = place + lengths[:, None] * (turned @ (turned.T @ np.linalg.solve(axes.T, gradient)))
-        found = target(trials)
-        best = int(np.argmax(found))
-        axes = turned
-        if found[best] > value + _CONVERGED:
-            place = trials[best]
-        elif (curvature > 0.25).all() and (curvature < 4.0).all():
-            break  # at the mode, and the differences were taken over about a standard deviation
-    return place, axes @ axes.T
+    pool = Pool(target.log_density, dimension)
+    fits: list[Fit] = []
+    if len(starts) == 1:
+        rounds = refined_bell(target, *laplace(target), rng)
+        best = max(rounds, key=lambda one: one.efficiency)
+        fits.append(Fit(_carried_back(target, best.bell), target.chart, best.efficiency))
+        if best.efficiency > good_efficiency(dimension):
+            return _proposal(fits, target.evaluations)
+        for one in rounds:
+            _remember(pool, target, one)
+    for theta, covariance in starts:
+        roots = covariance_roots(np.asarray(covariance, dtype=float), _LEAST)
+        around = StudentT(np.asarray(theta, dtype=float), _WIDER * roots @ roots.T, DOF)
+        pool.extend(around, Identity(), rng, _SCATTERED)
+        if len(starts) > 1:
+            local = whitened(log_density, known[0], theta, covariance)
+            pool.extend(_carried_back(local, StudentT(*laplace(local), DOF)), known[0], rng, _SCATTERED)
+            target.evaluations += local.evaluations
+    fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng)
+    if not fits:
+        bell = StudentT(*laplace(target), DOF)
+        fits.append(Fit(_carried_back(target, bell), target.chart, 0.0))
+    return _proposal(fits, target.evaluations + pool.evaluations)
 
 
-def _derivatives(target: _Whitened, place: Array, axes: Array) -> tuple[float, Array, Array]:
-    """Value, gradient and Hessian along axes, the columns of (d, d), at z, shape (d,): differences from one call."""
-    d = place.size
-    rows, columns = np.triu_indices(d, 1)
-    offsets = np.concatenate([axes.T, axes.T[rows] + axes.T[columns]]) * _STEP
-    values = target(np.concatenate([place[None], place + offsets, place - offsets]))
-    centre, up, down = values[0], *np.split(values[1:], 2)
-    if not np.isfinite(values).all():
-        return float(centre), np.full(d, np.nan), np.full((d, d), np.nan)
-    even = up + down - 2 * centre
-    hessian = np.diag(even[:d])
-    hessian[rows, columns] = hessian[columns, rows] = (even[d:] - even[rows] - even[columns]) / 2
-    return float(centre), (up - down)[:d] / (2 * _STEP), hessian / _STEP**2
+def _remember(pool: Pool, target: Whitened, one: Round) -> None:
+    """Put the draws of a round in z into the pool."""
+    alive = np.isfinite(one.values)
+    theta, _ = target.chart.inverse(target.origin + one.draws[alive] @ target.factor.T)
+    value = one.values[alive] - target.chart.log_volume(theta)
+    pool.add(_carried_back(target, one.bell), target.chart, theta, value, len(one.draws))
 
 
-def _refitted(candidate: StudentT, draws: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Centre and scale of the next candidate from weighted draws of the last."""
-    d = candidate.mean.size
-    alive = np.isfinite(log_weight)
-    enough = 10 * (d + 1)
-    if alive.sum() < enough:
-        return candidate.mean, candidate.scale / 4  # the density lies somewhere nearer to the centre
-    draws, log_weight = draws[alive], log_weight[alive]
-    powers = 0.5 ** np.arange(12)
-    power = next((p for p in powers if log_weight.size * importance_efficiency(p * log_weight) >= enough), 0.0)
-    weight = np.exp(power * (log_weight - log_weight.max()))
-    weight /= weight.sum()
-    return _most_likely(candidate, draws, weight)
+def _carried_back(target: Whitened, bell: StudentT) -> StudentT:
+    """Distribution over φ of one over z."""
+    factor = target.factor
+    return StudentT(target.origin + factor @ bell.mean, factor @ bell.scale @ factor.T, bell.dof)
 
 
-def _most_likely(candidate: StudentT, draws: Array, weight: Array) -> tuple[Array, Array]:
-    """Centre and scale of the t distribution most likely for weighted draws.
-
-    Moments would fit a t distribution too narrow to a Gaussian: matching the covariance at 5 degrees of freedom costs
-    a tenth of the efficiency that the likelihood has there.
-    """
-    mean = weight @ draws
-    centred = draws - mean
-    floor = _FLOOR * candidate.scale
-    scale = (centred.T * weight) @ centred + floor
-    for _ in range(_EM_STEPS):
-        distance = np.einsum("ni,ij,nj->n", centred, np.linalg.inv(scale), centred)
-        share = weight * (_DOF + mean.size) / (_DOF + distance)  # far draws count for less: their tails are expected
-        mean = share @ draws / share.sum()
-        centred = draws - mean
-        scale = (centred.T * share) @ centred + floor
-    return mean, scale
+def _proposal(fits: list[Fit], evaluations: int) -> Proposal:
+    best = max(fits, key=lambda fit: fit.efficiency)
+    return Proposal(best.density, best.efficiency, evaluations, best.chart)

@@ -49,8 +49,8 @@ def run_ensembles(
     chart : Chart, optional
         Coordinates in which the density is closer to a Gaussian: most moves are then made in these.
     proposal : Proposal, optional
-        Approximation of the density in these coordinates, from :func:`fit_proposal`; the better it is, the more
-        of the steps are proposed from it.
+        Approximation of the density in coordinates of its own, from :func:`fit_proposal`; the better it is, the
+        more of the steps are proposed from it.
 
     Raises
     ------

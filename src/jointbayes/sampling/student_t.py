@@ -81,9 +81,14 @@ class StudentT:
         draws: Array = self.mean + normal * stretch[:, None]
         return draws
 
+    def squared_distance(self, x: Array) -> Array:
+        """(x − mean)ᵀ scale⁻¹ (x − mean), shape (n,), at x, shape (n, d)."""
+        z = (x - self.mean) @ self._whiten.T
+        distance: Array = np.einsum("ni,ni->n", z, z)
+        return distance
+
     def log_density(self, x: Array) -> Array:
         """Log of the normalised density, shape (n,), at x, shape (n, d)."""
-        z = (x - self.mean) @ self._whiten.T
         exponent = -(self.dof + self.mean.size) / 2
-        density: Array = self._log_peak + exponent * np.log1p(np.einsum("ni,ni->n", z, z) / self.dof)
+        density: Array = self._log_peak + exponent * np.log1p(self.squared_distance(x) / self.dof)
         return density
