@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.parametrisation import PlainSprings
+from jointbayes.parametrisation import RIGID, PlainSprings
 from jointbayes.structure import Structure
 
 __all__ = [
+    "RIGID",
     "STIFFNESS_NAMES",
     "STIFFNESS_PATTERN",
     "STIFFNESS_UNITS",
