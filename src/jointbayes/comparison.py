@@ -154,7 +154,7 @@ class Comparison:
         """One plain sentence, or two, that name the winner."""
         best, *others = self.ranking
         z = best.evidence
-        text = f"The data favour {best.label}: ln Z = {z.log_z:.2f} ± {z.error:.2f}."
+        text = f"The data favour {best.label}: ln Z = {_log_z_text(z)}."
         if others:
             two_log_b = self.two_log_b(others[0])
             text += f" The evidence against the next, {others[0].label}, is {bayes_factor_words(two_log_b)}"
@@ -383,6 +383,11 @@ def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
         shares = {"low": float((place < _EDGE).mean()), "high": float((place > 1 - _EDGE).mean())}
         found += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * _EDGE]
     return tuple(found)
+
+
+def _log_z_text(evidence: Evidence) -> str:
+    value = f"{evidence.log_z:.2f}".replace("-", "−")
+    return value if evidence.method == "exact" else f"{value} ± {evidence.error:.1g}"
 
 
 def _finite(value: float) -> float | None:
