@@ -22,9 +22,7 @@ from tests.conftest import CONFIGS
 
 LOG = JointPrior(LogStiffness(), (Normal(20.0, 2.0), Normal(16.0, 1.5), Uniform(11.0, 16.0)))
 SIGNED = JointPrior(SignedCoupling(), (Normal(20.0, 1.0), Uniform(11.0, 16.0), Normal(0.6, 0.5)))
-UNCERTAIN = JointPrior(
-    LogStiffness(), LOG.marginals, (Nuisance("youngs_modulus", "Pa", 2.1e11, Normal(0.0, 0.02)),)
-)
+UNCERTAIN = JointPrior(LogStiffness(), LOG.marginals, (Nuisance("youngs_modulus", "Pa", 2.1e11, Normal(0.0, 0.02)),))
 
 
 class Gaussian:
@@ -49,7 +47,7 @@ class Gaussian:
 class FakePosterior:
     """What `evidence` asks of a posterior: two coordinates, uniform prior on a square of side 20."""
 
-    class prior:  # noqa: N801
+    class prior:
         names = ("a", "b")
 
         @staticmethod
@@ -106,7 +104,9 @@ class TestImportance:
         def far(theta):
             return np.where(theta[:, 0] > 1e9, 0.0, -np.inf)
 
-        found = importance_evidence(far, Proposal(StudentT(np.zeros(1), np.eye(1), 5.0), 0.0, 0), np.random.default_rng(4))
+        found = importance_evidence(
+            far, Proposal(StudentT(np.zeros(1), np.eye(1), 5.0), 0.0, 0), np.random.default_rng(4)
+        )
         assert (found.log_z, found.pareto_k, found.ess) == (-math.inf, math.inf, 0.0)
 
 
@@ -160,7 +160,7 @@ class TestChoice:
 
     def test_without_parameters_the_evidence_is_the_likelihood(self):
         class Rigid:
-            class prior:  # noqa: N801
+            class prior:
                 names = ()
 
             def __call__(self, theta):
