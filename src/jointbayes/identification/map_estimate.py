@@ -277,7 +277,9 @@ def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | N
     rest = prior.mean[len(names) :]
 
     def inside(joint: ArrayLike) -> Array:
-        return np.clip(np.concatenate([prior.parametrisation.coordinates(joint), rest]), low + inner, high - inner)
+        whole = np.concatenate([prior.parametrisation.coordinates(joint), rest])
+        clipped: Array = np.clip(whole, low + inner, high - inner)
+        return clipped
 
     theta = inside([k11, coupling, k22])
     if not prior.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large

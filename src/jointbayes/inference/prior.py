@@ -249,7 +249,8 @@ class JointPrior:
 
     def nuisance_values(self, theta: ArrayLike) -> Array:
         """Value of each nuisance in its unit, shape (..., q), of θ, shape (..., d)."""
-        return self.factors(theta) * np.array([n.nominal for n in self.nuisances])
+        values: Array = self.factors(theta) * np.array([n.nominal for n in self.nuisances])
+        return values
 
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite and every nuisance within its range, shape (...)."""
