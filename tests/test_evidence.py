@@ -195,7 +195,7 @@ class TestCut:
 
     def test_marginals_that_leave_no_joint_are_refused(self):
         prior = JointPrior(LogStiffness(), (Uniform(0.0, 1.0), Uniform(5.0, 6.0), Uniform(0.0, 1.0)))
-        with pytest.raises(ModelError, match="^prior: found no positive definite joint"):
+        with pytest.raises(ModelError, match=r"^prior: found no positive definite joint"):
             prior.log_density(np.zeros((1, 3)))
 
     @pytest.mark.parametrize("prior", [LOG, SIGNED, UNCERTAIN], ids=["log", "signed", "with a nuisance"])
