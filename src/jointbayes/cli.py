@@ -150,6 +150,37 @@ def check(config: Path, seed: int | None) -> None:
         sys.exit(NOT_MATCHED)
 
 
+@main.command()
+@click.argument("config", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory to write; by default none.")
+@_seed
+def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
+    """Weigh joints of less and more freedom against each other, in one case file or several of the same data."""
+    from jointbayes.case import load_case
+    from jointbayes.comparison import compare as weigh
+    from jointbayes.comparison import require_same_data
+    from jointbayes.report.comparison import evidence_table, text_table
+    from jointbayes.run_directory import COMPARISON_MARK, require_writable, write_comparison
+
+    cases = [load_case(path) for path in config]
+    require_same_data(cases)
+    if out is not None:
+        require_writable(out, COMPARISON_MARK)
+    comparison = weigh(cases, seed, lambda name: click.echo(f"weighing {name}", err=True))
+    for line in text_table(evidence_table(comparison.summary())):
+        click.echo(line)
+    for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
+        click.echo(f"Cross-validation is {note}.")
+    if out is not None:
+        write_comparison(comparison, cases, out)
+        click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+    if not comparison.trusted:
+        click.echo("NOT TRUSTED: the error of an evidence is unknown, see the table.")
+    click.echo(comparison.verdict)
+    if not comparison.trusted:
+        sys.exit(NOT_CONVERGED)
+
+
 def _sample(case: "Case", seed: int | None) -> "Posterior":
     from jointbayes.progress import show_progress
     from jointbayes.workflow import sample as draw

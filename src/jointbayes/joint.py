@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
+from jointbayes.parametrisation import RIGID, PlainSprings
 from jointbayes.structure import Structure
 
 __all__ = [
+    "RIGID",
     "STIFFNESS_NAMES",
     "STIFFNESS_PATTERN",
     "STIFFNESS_UNITS",
@@ -22,6 +24,7 @@ __all__ = [
     "Joint",
     "LogStiffness",
     "Parametrisation",
+    "PlainSprings",
     "SignedCoupling",
     "check_positive_semidefinite",
     "is_positive_semidefinite",
@@ -241,12 +244,12 @@ class SignedCoupling:
         return inside
 
 
-Parametrisation = LogStiffness | SignedCoupling
+Parametrisation = LogStiffness | SignedCoupling | PlainSprings
 
 
 @dataclass(frozen=True, slots=True)
 class ComplianceChart:
-    """Joint compliance φ = (c11, c12, c22), C = (K^J)⁻¹, as coordinates beside θ.
+    """Joint compliance φ = (c11, c12, c22), C = (K^J)⁻¹, as coordinates beside θ; φ = 1/k for plain springs.
 
     An FRF depends on the joint through C + A_jj and is nearly linear in C, so that a posterior which is skewed in
     ln k is nearly Gaussian here.
@@ -255,11 +258,15 @@ class ComplianceChart:
     parametrisation: Parametrisation
 
     def forward(self, theta: Array) -> Array:
-        """φ, shape (n, 3), of θ, shape (n, 3)."""
+        """φ, shape (n, d), of θ, shape (n, d)."""
+        if isinstance(self.parametrisation, PlainSprings):
+            return self.parametrisation.compliance(theta)
         return _inverse_2x2(self.parametrisation.stiffness(theta))
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """θ, shape (n, 3), and whether φ is a joint that θ can describe, shape (n,)."""
+        """θ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
+        if isinstance(self.parametrisation, PlainSprings):
+            return self.parametrisation.from_compliance(phi)
         c11, c12, c22 = phi.T
         inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)
         if "k12" in self.parametrisation.names:
@@ -269,6 +276,8 @@ class ComplianceChart:
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric 2 × 2 matrix is (det K)⁻³."""
+        if isinstance(self.parametrisation, PlainSprings):
+            return self.parametrisation.log_compliance_volume(theta)
         return 3 * self.parametrisation.log_determinant(theta) - self.parametrisation.log_slope(theta)
 
 

@@ -5,20 +5,26 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case import case_from_text
+from jointbayes.case import Case, case_from_text
+from jointbayes.comparison import Comparison
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
-from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report.comparison import build_comparison_report
 from jointbayes.workflow import identify
 
-__all__ = ["require_writable", "write_report"]
+__all__ = ["COMPARISON_MARK", "require_writable", "write_comparison", "write_report"]
 
 _MARK = "summary.json"  # by which a run directory is known
+#: File by which the directory of a comparison is known.
+COMPARISON_MARK = "compare.json"
 
 
 def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
@@ -61,29 +67,76 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
+    files = {"summary.json": _json(inputs.summary), "case.toml": record.case_text}
+    _write_whole(target, report, files, posterior)
+    return target
+
+
+def write_comparison(comparison: Comparison, cases: Sequence[Case], directory: str | os.PathLike[str]) -> Path:
+    """Write the run directory of a comparison, whole or absent.
+
+    Parameters
+    ----------
+    comparison
+        What was compared.
+    cases
+        Its cases, whose text is kept.
+    directory
+        Where to write, as for `write_report`; an older comparison of the same name is replaced.
+
+    Returns
+    -------
+    Path
+        The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and holds no comparison.
+    """
+    target = Path(directory)
+    require_writable(target, COMPARISON_MARK)
+    summary = comparison.summary()
+    report = build_comparison_report(summary, datetime.datetime.now(datetime.UTC).date())
+    files = {COMPARISON_MARK: _json(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
+    _write_whole(target, report, files, None)
+    return target
+
+
+def _json(numbers: dict[str, Any]) -> str:
+    return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write_whole(target: Path, report: Report, files: Mapping[str, str], posterior: Posterior | None) -> None:
+    """Write report, figures, other files and draws beside the target, then put them in its place."""
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     try:
         (scratch / "report.html").write_text(render_html(report), encoding="utf-8", newline="\n")
         (scratch / "report.pdf").write_bytes(render_pdf(report))
-        (scratch / "summary.json").write_text(
-            json.dumps(inputs.summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
-        )
-        (scratch / "case.toml").write_text(record.case_text, encoding="utf-8")
-        posterior.save(scratch / "posterior.nc")
-        (scratch / "figures").mkdir()
         for block in report.blocks():
             if isinstance(block, Figure):
-                (scratch / "figures" / f"{block.identifier}.svg").write_text(block.svg, encoding="utf-8")
+                files = {**files, f"figures/{block.identifier}.svg": block.svg}
+        for name, text in files.items():
+            (scratch / name).parent.mkdir(exist_ok=True)
+            (scratch / name).write_text(text, encoding="utf-8")
+        if posterior is not None:
+            posterior.save(scratch / "posterior.nc")
         scratch.chmod(0o755)  # mkdtemp makes it private
         _swap(scratch, target)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    return target
 
 
-def require_writable(target: Path) -> None:
+def require_writable(target: Path, mark: str = _MARK) -> None:
     """Refuse a place where a run directory cannot or must not be written; before the work, not after it.
+
+    Parameters
+    ----------
+    target
+        The directory to be.
+    mark
+        File by which an earlier one is known.
 
     Raises
     ------
@@ -92,7 +145,7 @@ def require_writable(target: Path) -> None:
     """
     remedy = "expected a new directory or an earlier run directory; choose another --out"
     if target.is_dir():
-        if any(target.iterdir()) and not (target / _MARK).is_file():
+        if any(target.iterdir()) and not (target / mark).is_file():
             raise CaseError(f"{target}: found a directory that holds other files; {remedy}")
     elif target.exists():
         raise CaseError(f"{target}: found a file; {remedy}")

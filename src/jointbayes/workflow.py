@@ -267,7 +267,7 @@ def _posterior(
         chains.reason,
         sampler,
         dict(zip(names, chains.r_hat.tolist(), strict=True)),
-        _versions(),
+        package_versions(),
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
     return Posterior(problem, tree, estimate, mode_theta, mode_density, record)
@@ -286,6 +286,7 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
     return Posterior.restored(case.problem, tree, record)
 
 
-def _versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Version of Python and of every package that numbers depend on."""
     packages = ("jointbayes", "numpy", "scipy", "emcee", "arviz", "xarray", "matplotlib", "corner", "typst")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}

@@ -105,6 +105,8 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
+    if not start.size:  # a rigid joint and nothing else uncertain: nothing to climb
+        return start, float(log_posterior(start)[0])
     likelihood = log_posterior.likelihood
     if likelihood.gaussian:
         found = _least_squares(log_posterior, start)
@@ -217,7 +219,7 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
     outcomes = []
     for name, stiffness in starts.items():
         end, density = ends.get(name, (np.full_like(theta, np.nan), -np.inf))
-        near = bool(np.abs((end - theta) / prior.sd).max() < _SAME_POINT)
+        near = bool((np.abs((end - theta) / prior.sd) < _SAME_POINT).all())
         # along a ridge that data and prior leave flat many points are equally the mode
         same = near or best - density < _SAME_DENSITY
         outcomes.append(StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same))

@@ -297,7 +297,8 @@ class JointPrior:
         """
         kept: list[Array] = []
         for _ in range(1000):
-            theta = np.stack([m.sample(rng, size) for m in self.all_marginals], axis=-1)
+            columns = [*(m.sample(rng, size) for m in self.all_marginals), np.empty(size)]  # a rigid joint has none
+            theta = np.stack(columns, axis=-1)[:, :-1]
             kept.append(theta[self.feasible(theta)])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-__all__ = ["effective_sizes", "pareto_k", "to_arviz"]
+__all__ = ["effective_sizes", "loo_pointwise", "pareto_k", "to_arviz"]
 
 
 _FEWEST = 100  # weights, whose largest fifth is fitted
@@ -76,3 +76,22 @@ def pareto_k(log_weight: NDArray[np.float64]) -> float:
 
         return float(array_stats.psislw(-log_weight)[1])  # it asks for the negative, as for leaving one out
     return float(_arviz().psislw(log_weight)[1])
+
+
+def loo_pointwise(log_likelihood: NDArray[np.float64], efficiency: float) -> tuple[NDArray[np.float64], ...]:
+    """Leave-one-out log density (values,) and Pareto shape (values,) from ln L value by value, shape (draws, values).
+
+    `efficiency` is the number of effective draws over that of draws.
+
+    References
+    ----------
+    Vehtari, A., Gelman, A., Gabry, J. (2017). Statistics and Computing 27(5), 1413-1432.
+    DOI 10.1007/s11222-016-9696-4
+    """
+    values = xr.Dataset({"data": (("chain", "draw", "value"), log_likelihood[None])})
+    tree = xr.DataTree.from_dict({"/log_likelihood": values})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of large Pareto shapes, which are returned
+        found = _arviz().loo(to_arviz(tree), pointwise=True, reff=efficiency)
+    each = found.elpd_i if hasattr(found, "elpd_i") else found.loo_i
+    return np.asarray(each, dtype=float).ravel(), np.asarray(found.pareto_k, dtype=float).ravel()

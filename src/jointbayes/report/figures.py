@@ -16,6 +16,7 @@ from jointbayes.report.model import SERIES_COLOURS
 __all__ = [
     "autocorrelation",
     "corner_plot",
+    "evidences",
     "frequency_errors",
     "frf_overlay",
     "histories",
@@ -273,3 +274,31 @@ def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) ->
         axes.legend()
 
     return _svg(draw, 6.2, 3.0)
+
+
+def evidences(labels: Sequence[str], log_z: Array, error: Array, reach: float) -> str:
+    """ln Z of candidates from the best down, with twice its error; an arrow for what lies more than `reach` below.
+
+    Lines mark where 2 ln B against the best is 2, 6 and 10.
+    """
+
+    def draw(canvas: Canvas) -> None:
+        axes = canvas.subplots()
+        best, place = log_z.max(), np.arange(log_z.size)
+        seen = log_z >= best - reach
+        axes.errorbar(log_z[seen], place[seen], xerr=2 * error[seen], fmt="o", ms=5, lw=1.2, capsize=3, color=_BLUE)
+        for y in place[~seen]:
+            axes.annotate(
+                f"ln Z = {log_z[y]:.1f}".replace("-", "−"), (best - reach, y), (best - 0.8 * reach, y), va="center",
+                fontsize=8, color=_ORANGE, arrowprops={"arrowstyle": "->", "color": _ORANGE},
+            )  # fmt: skip
+        for two_log_b in (2, 6, 10):
+            axes.axvline(best - two_log_b / 2, color="0.4", lw=0.8, ls="--")
+            axes.annotate(f"{two_log_b}", (best - two_log_b / 2, 1.0), xycoords=("data", "axes fraction"), ha="center",
+                          va="bottom", fontsize=8, color="0.4")  # fmt: skip
+        axes.set_xlim(best - 1.05 * reach, best + 0.08 * reach)
+        axes.set_yticks(place, list(labels))
+        axes.set_ylim(log_z.size - 0.5, -0.5)
+        axes.set_xlabel("ln Z; dashed: 2 ln B against the best")
+
+    return _svg(draw, 7.2, 1.0 + 0.3 * len(labels))

@@ -1,0 +1,187 @@
+"""The report of a comparison, and its table for the terminal: words and tables from the numbers of ``compare.json``."""
+
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.report import figures
+from jointbayes.report.format import number
+from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, Section, Table
+
+__all__ = ["build_comparison_report", "evidence_table", "text_table"]
+
+Row = dict[str, Any]
+
+_MEANING = {
+    "rigid": "the joint does not yield",
+    "translation": "it yields in translation only (k11)",
+    "rotation": "it yields in rotation only (k22)",
+    "springs": "two springs without coupling (k11, k22)",
+    "full": "the case's own joint, with coupling (k11, k12, k22)",
+}
+_REACH = 12.0  # of ln Z below the best that the figure shows
+
+
+def evidence_table(summary: dict[str, Any]) -> Table:
+    """All candidates, the best first."""
+    head = ("Joint", "Case", "ln Z", "Method", "Pareto k", "2 ln B", "Evidence against it", "Probability", "Mark")
+    rows = tuple(_evidence_row(row) for row in _ranked(summary))
+    kinds = tuple(
+        "good" if row["words"] == "best" else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else ""
+        for row in _ranked(summary)
+    )
+    note = (
+        "ln Z with its standard error; 2 ln B of the best against each, in the words of Kass and Raftery (1995); "
+        "probability if all were equally probable before the data. An edge in the last column is one of the prior "
+        "that the posterior piles up on: there ln Z depends on where the prior ends."
+    )
+    return Table("Evidence", head, rows, note=note, row_kinds=kinds)
+
+
+def text_table(table: Table) -> list[str]:
+    """Lines of a table for a terminal: head, then rows, in columns."""
+    cells = [table.head, *table.rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(table.head))]
+
+    def line(row: Sequence[str]) -> str:
+        columns = zip(row, widths, table.alignment, strict=True)
+        return "  ".join(cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in columns)
+
+    return [line(row).rstrip() for row in cells]
+
+
+def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Report:
+    """Build the report of a comparison, verdict first.
+
+    Parameters
+    ----------
+    summary
+        The numbers of ``compare.json``.
+    date
+        Date of the report.
+    """
+    return Report(
+        title="Comparison of joints",
+        subtitle=" against ".join(dict.fromkeys(row["title"] for row in summary["candidates"])),
+        lead=_lead(summary),
+        sections=(
+            Section("evidence", "Evidence", (evidence_table(summary), _figure(summary))),
+            Section("joints", "Best joint of each candidate", (_joint_table(summary),)),
+            Section("cross-validation", "Cross-validation", _loo_blocks(summary)),
+            Section("reading", "How to read this", _reading(summary)),
+            Section("settings", "Settings", (_settings(summary),)),
+        ),
+        date=date,
+        version=summary["versions"]["jointbayes"],
+    )
+
+
+def _ranked(summary: dict[str, Any]) -> list[Row]:
+    return sorted(summary["candidates"], key=lambda row: -float(row["log_z"]))
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def _evidence_row(row: Row) -> tuple[str, ...]:
+    exact = row["method"] == "exact"
+    marks = [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
+    if not row["trusted"]:
+        marks.insert(0, "error not to be trusted")
+    if row["words"] == "best":
+        marks.insert(0, "best")
+    return (
+        row["hypothesis"],
+        row["case"],
+        _signed(row["log_z"], 2) + ("" if exact else f" ± {number(row['log_z_error'], 1)}"),
+        row["method"],
+        "–" if exact else number(row["pareto_k"], 2).replace("-", "−"),
+        f"{row['two_log_b']:.1f}",
+        "–" if row["words"] == "best" else row["words"],
+        number(row["probability"], 2),
+        ", ".join(marks),
+    )
+
+
+def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
+    blocks: list[Block] = [Callout("good" if summary["trusted"] else "caution", f"**{summary['verdict']}**")]
+    if not summary["trusted"]:
+        names = ", ".join(f"{r['hypothesis']} in {r['case']}" for r in summary["candidates"] if not r["trusted"])
+        blocks.append(Callout("bad", f"**The evidence has no error to be trusted for: {names}.**"))
+    return tuple(blocks)
+
+
+def _figure(summary: dict[str, Any]) -> Figure:
+    rows = _ranked(summary)
+    log_z, error = (np.array([float(row[key]) for row in rows]) for key in ("log_z", "log_z_error"))
+    labels = [f"{row['hypothesis']}, {row['case']}" for row in rows]
+    return Figure(
+        "evidence-plot",
+        "Evidence of each candidate with twice its standard error. Dashed lines: 2 ln B of 2, 6 and 10 against the "
+        "best, the ends of bare mention, positive and strong evidence. An arrow stands for a candidate further down.",
+        f"Evidence of {len(rows)} candidates; the best is {labels[0]} with ln Z {log_z[0]:.2f}.",
+        figures.evidences(labels, log_z, error, _REACH),
+    )
+
+
+def _joint_table(summary: dict[str, Any]) -> Table:
+    head = ("Joint", "Case", *(f"{n} ({u})" for n, u in zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True)))
+    rows = tuple(
+        (
+            row["hypothesis"],
+            row["case"],
+            *("rigid" if n in row["rigid"] else number(row["map"][n]).replace("-", "−", 1) for n in STIFFNESS_NAMES),
+        )
+        for row in _ranked(summary)
+    )
+    return Table("Stiffness at the posterior mode", head, rows)
+
+
+def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
+    rows = [row for row in summary["candidates"] if row["loo"]]
+    notes = dict.fromkeys(row["loo_note"] for row in summary["candidates"] if row["loo_note"])
+    blocks: list[Block] = [Paragraph(f"Cross-validation is {note}.") for note in notes]
+    if rows:
+        rows.sort(key=lambda row: -float(row["loo"]["elpd"]))
+        head = ("Joint", "Case", "elpd", "Less than the best", "Largest Pareto k", "Pareto k above 0.7")
+        cells = tuple(
+            (
+                row["hypothesis"],
+                row["case"],
+                f"{_signed(row['loo']['elpd'], 1)} ± {row['loo']['se']:.1f}",
+                f"{_signed(row['loo']['difference'], 1)} ± {row['loo']['difference_se']:.1f}",
+                number(row["loo"]["pareto_k_max"], 2),
+                str(row["loo"]["pareto_k_above_0.7"]),
+            )
+            for row in rows
+        )
+        note = (
+            "Expected log density of each measured value given all the others (leave-one-out), each with its standard "
+            "error. A difference of less than about twice its error says nothing."
+        )
+        blocks.append(Table("Cross-validation", head, cells, note=note))
+    return tuple(blocks)
+
+
+def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
+    present = dict.fromkeys(row["hypothesis"] for row in summary["candidates"])
+    meaning = "; ".join(f"**{name}**: {_MEANING[name]}" for name in present)
+    return (
+        Paragraph(f"{meaning}. What is not said to yield is rigid."),
+        Paragraph(
+            "ln Z is the logarithm of the probability of the data under a hypothesis, averaged over its prior. It falls "
+            "with every parameter that the data do not ask for, and with the width of that parameter's prior: twice "
+            "as many decades of a stiffness that the data pin down cost ln 2 = 0.7. It says which of these candidates is "
+            "the most probable, not whether any of them is true."
+        ),
+    )
+
+
+def _settings(summary: dict[str, Any]) -> Table:
+    rows = [("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])]
+    rows += [(name, str(version)) for name, version in summary["versions"].items()]
+    return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")
