@@ -15,10 +15,9 @@ from jointbayes.joint import RIGID, STIFFNESS_NAMES, PlainSprings
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.bayes_factors import bayes_factor_words, model_probabilities
-from jointbayes.posterior.evidence import Evidence, importance_evidence, nested_evidence
+from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence, evidence
 from jointbayes.posterior.leave_one_out import LeaveOneOut, leave_one_out
-from jointbayes.sampling import Proposal, fit_proposal
-from jointbayes.sampling.weights import importance_efficiency, resampled
+from jointbayes.sampling import Start
 from jointbayes.workflow import charts, find_map, package_versions, starts_of
 
 __all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "under"]
@@ -34,9 +33,7 @@ HYPOTHESES: dict[str, tuple[str, ...] | None] = {
     "full": None,
 }
 
-_DRAWS = 20_000  # of each importance sample
 _KEPT = 2000  # posterior draws, for what the evidence does not need
-_LARGEST_K = 0.7  # Pareto shape up to which an importance sample says its own error
 _EDGE = 0.05  # of a prior's interval
 _PILED = 2.0  # times the prior's probability in that strip
 
@@ -100,7 +97,7 @@ class Candidate:
     @property
     def trusted(self) -> bool:
         """Whether the stated error of the evidence may be believed."""
-        return self.evidence.method != "importance sampling" or self.evidence.pareto_k <= _LARGEST_K
+        return self.evidence.method != "importance" or self.evidence.pareto_k <= PARETO_LIMIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +214,7 @@ class Comparison:
             "difference": difference,
             "difference_se": se,
             "pareto_k_max": _finite(float(candidate.loo.pareto_k.max())),
-            "pareto_k_above_0.7": int((candidate.loo.pareto_k > _LARGEST_K).sum()),
+            "pareto_k_above_0.7": int((candidate.loo.pareto_k > PARETO_LIMIT).sum()),
         }
 
 
@@ -326,20 +323,16 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     rng = np.random.default_rng(key)
     problem = under(case.problem, hypothesis)
     log_posterior = problem.log_posterior
+    starts: tuple[Start, ...] = ()
+    mode = np.empty(0)
     if problem.names:
         estimate = find_map(replace(case, problem=problem), seed=seed)
-        proposal = fit_proposal(log_posterior, charts(problem), starts_of(estimate), rng)
-        evidence = importance_evidence(log_posterior, proposal, rng, _DRAWS)
-        if not evidence.pareto_k <= _LARGEST_K:
-            evidence = nested_evidence(log_posterior.log_likelihood, getattr(problem.prior, "transform", None), len(problem.names), rng)
-        draws, efficiency = _posterior_draws(problem, proposal, rng)
-        mode = estimate.theta
-    else:
-        mode, draws, efficiency = np.empty(0), np.empty((_KEPT, 0)), 1.0
-        log_z = float(log_posterior(mode)[0])
-        if not np.isfinite(log_z):
-            raise ModelError("found a likelihood of zero; expected data that a rigid joint can have; leave it out")
-        evidence = Evidence(log_z, 0.0, 0.0, "exact", 1, 1.0)
+        starts, mode = starts_of(estimate), estimate.theta
+    found = evidence(log_posterior, charts(problem), starts, rng)
+    if not np.isfinite(found.log_z):
+        raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
+    draws = np.empty((_KEPT, 0)) if found.draws is None else found.draws.resample(rng, _KEPT)
+    efficiency = 1.0 if found.draws is None else min(1.0, found.ess / _KEPT)
     loo, note = _cross_validated(problem, draws, efficiency)
     return Candidate(
         case.name,
@@ -347,19 +340,11 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
         hypothesis,
         problem.names,
         problem.prior.stiffness(mode),
-        evidence,
+        found,
         _piled_up(problem.prior, draws),
         loo,
         note,
     )
-
-
-def _posterior_draws(problem: Problem, proposal: Proposal, rng: np.random.Generator) -> tuple[Array, float]:
-    """Draws from the posterior, shape (n, d), by resampling, and how many of them count."""
-    theta, log_weight = proposal.weighted_draws(problem.log_posterior, rng, _DRAWS)
-    weight = np.exp(log_weight - log_weight.max())
-    effective = importance_efficiency(log_weight) * len(log_weight)
-    return theta[resampled(weight / weight.sum(), _KEPT, rng)], min(1.0, effective / _KEPT)
 
 
 def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple[LeaveOneOut | None, str]:

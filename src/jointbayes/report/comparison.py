@@ -22,6 +22,7 @@ _MEANING = {
     "springs": "two springs without coupling (k11, k22)",
     "full": "the case's own joint, with coupling (k11, k12, k22)",
 }
+_METHODS = {"exact": "exact", "importance": "importance sampling", "nested": "nested sampling"}
 _REACH = 12.0  # of ln Z below the best that the figure shows
 
 
@@ -98,7 +99,7 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
         row["hypothesis"],
         row["case"],
         _signed(row["log_z"], 2) + ("" if exact else f" ± {number(row['log_z_error'], 1)}"),
-        row["method"],
+        _METHODS[row["method"]],
         "–" if exact else number(row["pareto_k"], 2).replace("-", "−"),
         f"{row['two_log_b']:.1f}",
         "–" if row["words"] == "best" else row["words"],
