@@ -28,7 +28,7 @@ def run(log_density, settings):
 
 def test_two_processes_give_the_same_bits_as_one():
     density = GaussianInCompliance(LogStiffness(), 0.03)
-    proposal = fit_proposal(density, density.chart, density.theta, density.covariance, np.random.default_rng(2))
+    proposal = fit_proposal(density, [density.chart], [(density.theta, density.covariance)], np.random.default_rng(2))
     start = np.random.default_rng(3).multivariate_normal(density.theta, density.covariance / 4, size=(4, 8))
     one, two = (
         run_ensembles(density, start, np.random.default_rng(1), settings, chart=density.chart, proposal=proposal)

@@ -1,8 +1,7 @@
 """A case: the TOML file turned into structure, joint, data and prior, with the settings of the run."""
 
-import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -10,29 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes import case_schema as schema
+from jointbayes.case_objects import (
+    beam_recipe,
+    family_of,
+    measurement_of,
+    noise_model,
+    prior_of,
+    stiffness_of,
+    with_workshop_uncertainty,
+)
 from jointbayes.errors import CaseError, JointBayesError
-from jointbayes.frf import FrfSet, Ports
+from jointbayes.frf import FrfSet
 from jointbayes.identification import compliance_start
-from jointbayes.inference import JointPrior, Marginal, Normal, Problem, Uniform
-from jointbayes.joint import Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
-from jointbayes.measurement import (
-    FrequencyMeasurement,
-    FrfMeasurement,
-    Measurement,
-    RelativeNoise,
-    synthesise_frf,
-)
+from jointbayes.inference import Problem
+from jointbayes.joint import Joint
+from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import (
-    BeamMaterial,
-    DampingLaw,
-    LossFactor,
-    ModalDamping,
-    Rayleigh,
-    Section,
-    Structure,
-    beam,
-)
 from jointbayes.toml_text import read_text
 
 __all__ = ["Case", "case_from_text", "load_case"]
@@ -73,12 +65,12 @@ class Case:
     @property
     def initial(self) -> Array:
         """First guess of (k11, k12, k22), shape (3,)."""
-        return _stiffness(self.spec.joint.initial)
+        return stiffness_of(self.spec.joint.initial)
 
     @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if the case names any."""
-        return _stiffness(self.spec.reference) if self.spec.reference else None
+        return stiffness_of(self.spec.reference) if self.spec.reference else None
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
@@ -96,6 +88,17 @@ class Case:
         if isinstance(measured, FrequencyMeasurement):
             return None
         return compliance_start(self.problem.structure, self.problem.joint, measured)
+
+    @cached_property
+    def workshop_problem(self) -> Problem:
+        """The same problem, but with material, length and damping as uncertain as in a workshop.
+
+        E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
+        uncertain stays as it says.
+        """
+        recipe = beam_recipe(self.spec.structure, self.spec.data)
+        prior = with_workshop_uncertainty(self.problem.prior, self.spec)
+        return replace(self.problem, prior=prior, family=family_of(recipe, prior))
 
     @cached_property
     def sampler(self) -> SamplerSettings:
@@ -137,97 +140,22 @@ def case_from_text(name: str, text: str) -> Case:
 
 def _build(name: str, text: str, spec: "schema.CaseSpec", where: str) -> Case:
     try:
-        structure = _structure(spec.structure)
+        recipe = beam_recipe(spec.structure, spec.data)
         joint = Joint(spec.joint.dofs, spec.joint.against)
-        measurement, joint_frf = _data(structure, joint, spec.data)
-        problem = Problem(structure, joint, measurement, _prior(spec))
+        measurement, joint_frf = measurement_of(recipe, joint, spec.data)
+        prior = prior_of(spec)
+        problem = Problem(
+            recipe.structure(),
+            joint,
+            measurement,
+            prior,
+            family_of(recipe, prior),
+            noise_model(spec.noise, measurement),
+            spec.noise.residuals,
+        )
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
     except CaseError:
         raise
     except JointBayesError as error:
         raise CaseError(f"{where}:1: {error}") from error
     return Case(name, text, spec, problem, joint_frf)
-
-
-def _structure(spec: "schema.StructureSpec") -> Structure:
-    kappa = None if spec.shear_coefficient == "cowper" else float(spec.shear_coefficient)
-    free = beam(
-        spec.length_mm * 1e-3,
-        _section(spec.section),
-        BeamMaterial(spec.youngs_modulus_gpa * 1e9, spec.poissons_ratio, spec.density_kg_m3),
-        _damping(spec.damping),
-        elements=spec.elements,
-        dofs_per_node=spec.dofs_per_node,
-        shear_coefficient=kappa,
-    )
-    return free.fixed(spec.supports) if spec.supports else free
-
-
-def _section(spec: "schema.SectionSpec") -> Section:
-    mm = 1e-3
-    match spec:
-        case schema.CircleSpec():
-            return Section.circle(spec.diameter_mm * mm)
-        case schema.TubeSpec():
-            return Section.tube(spec.outer_diameter_mm * mm, spec.inner_diameter_mm * mm)
-        case schema.RectangleSpec():
-            return Section.rectangle(spec.width_mm * mm, spec.height_mm * mm)
-        case schema.BoxSpec():
-            return Section.box(spec.width_mm * mm, spec.height_mm * mm, spec.wall_mm * mm)
-
-
-def _damping(spec: "schema.DampingSpec") -> DampingLaw:
-    match spec:
-        case schema.ModalDampingSpec():
-            return ModalDamping(spec.ratio)
-        case schema.LossFactorDampingSpec():
-            return LossFactor(spec.loss_factor)
-        case schema.RayleighDampingSpec():
-            return Rayleigh(spec.alpha_per_s, spec.beta_s)
-
-
-def _prior(spec: "schema.CaseSpec") -> JointPrior:
-    parametrisation: Parametrisation = LogStiffness() if spec.joint.parametrisation == "log" else SignedCoupling()
-    by_name = {name: getattr(spec.prior, name) for name in parametrisation.names}
-    return JointPrior(parametrisation, tuple(_marginal(by_name[name]) for name in parametrisation.names))
-
-
-def _marginal(spec: "schema.PriorSpec") -> Marginal:
-    match spec:
-        case schema.LogUniformPriorSpec():
-            return Uniform(math.log(spec.low), math.log(spec.high))
-        case schema.LogNormalPriorSpec():
-            return Normal(math.log(spec.median), spec.sd_log)
-        case schema.DecadesPriorSpec():
-            return Normal.from_decades(spec.guess, spec.decades)
-        case schema.UniformPriorSpec():
-            return Uniform(spec.low, spec.high)
-
-
-def _data(structure: Structure, joint: Joint, spec: "schema.DataSpec") -> tuple[Measurement, FrfSet | None]:
-    if isinstance(spec, schema.NaturalFrequenciesSpec):
-        frequency = np.array(spec.frequencies_hz)
-        return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz)), None
-    # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
-    at_joint = tuple(dof for dof in joint.dofs + joint.against if dof not in spec.outputs)
-    ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
-    rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
-    measured = synthesise_frf(
-        structure,
-        joint,
-        joint_matrix(_stiffness(spec.truth)),
-        ports,
-        RelativeNoise(spec.noise.relative, spec.noise.floor),
-        spec.quantity,
-        rng,
-    )
-    used = FrfMeasurement(
-        measured.frf.select(spec.outputs, spec.inputs),
-        measured.variance[:, : len(spec.outputs)],
-        synthetic=True,
-    )
-    return used, measured.frf
-
-
-def _stiffness(spec: "schema.StiffnessSpec | schema.ReferenceSpec") -> Array:
-    return np.array([spec.k11, spec.k12, spec.k22])

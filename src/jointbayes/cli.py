@@ -65,6 +65,7 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
     posterior = _sample(case, seed)
     write_report(posterior, target)
     _print_summary(posterior)
+    _print_check(posterior)
     click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     _exit_by_convergence(posterior)
 
@@ -88,7 +89,7 @@ def identify(config: Path) -> None:
     k11, k12, k22 = estimate.stiffness
     click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
     sd = estimate.covariance.diagonal() ** 0.5
-    names = [n if n == "rho" else f"ln {n}" for n in case.problem.parametrisation.names]
+    names = [n if n == "rho" else f"ln {n}" for n in case.problem.names]
     click.echo("Laplace sd: " + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True)))
     if estimate.failed_starts:
         click.echo(f"Starts that ended elsewhere: {', '.join(estimate.failed_starts)}")
@@ -198,6 +199,12 @@ def _print_summary(posterior: "Posterior") -> None:
         known = posterior.identifiability(name)
         low, high = known.interval95
         click.echo(f"{name}: {posterior.mode[name]:.3e} {unit}, 95 % {low:.3e} to {high:.3e}: {known.verdict}")
+
+
+def _print_check(posterior: "Posterior") -> None:
+    from jointbayes.posterior.knowledge import check_posterior_prediction
+
+    click.echo(check_posterior_prediction(posterior).sentence)
 
 
 def _exit_by_convergence(posterior: "Posterior") -> None:

@@ -62,6 +62,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
         reference=None if case.reference is None else _triple(case.reference),
         reference_source=reference.source if reference else "",
         measured_frequencies_hz=case.measured_frequencies_hz,
+        freed=case.workshop_problem,
         paper_tables=bool(reference and reference.paper_audit),
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())

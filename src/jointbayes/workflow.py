@@ -17,8 +17,8 @@ from jointbayes.identification import (
     refine,
     sensitivity_iteration,
 )
-from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.inference import JointPrior, Problem
+from jointbayes.joint import ComplianceChart, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree, read_record
@@ -26,6 +26,7 @@ from jointbayes.sampling import (
     BoxChart,
     Chains,
     Chart,
+    ProductChart,
     Progress,
     Proposal,
     SamplerSettings,
@@ -92,7 +93,8 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are the first guess, the end of the paper's iteration from it, the compliance fit that needs no guess,
-    draws from the prior, and joints near the limits of signed coordinates. Each is refined; `MapEstimate.starts` says which of them reached the mode.
+    draws from the prior, and joints near the limits of signed coordinates. Each is refined; `MapEstimate.starts` says
+    which of them reached the mode, `MapEstimate.modes` what other modes there are.
 
     Parameters
     ----------
@@ -116,7 +118,7 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
         starts["compliance fit without a guess"] = case.compliance_fit
         starts["paper's iteration"] = identify(case, guess).stiffness
     rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
-    drawn = problem.parametrisation.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
+    drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     if "rho" in problem.parametrisation.names:
         starts |= limiting_joints(problem.prior)
@@ -186,7 +188,12 @@ def charts(problem: Problem) -> tuple[Chart, ...]:
 
     An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends.
     """
-    return ComplianceChart(problem.parametrisation), BoxChart(*problem.prior.support)
+    count = len(problem.parametrisation.names)
+    low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
+    compliance: Chart = ComplianceChart(problem.parametrisation)
+    if len(problem.names) > count:
+        compliance = ProductChart(compliance, count, BoxChart(low[count:], high[count:]))
+    return compliance, BoxChart(low, high)
 
 
 def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
@@ -232,7 +239,7 @@ def _posterior(
     problem = case.problem
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode_theta, mode_density = refine(problem.log_posterior, chains.theta[best])
-    names = problem.parametrisation.names
+    names = problem.names
     ess = chains.ess
     sampler = {
         "ensembles": settings.ensembles,

@@ -151,7 +151,7 @@ class Stub:
     def __init__(self, values):
         self.values = values
 
-    def log_likelihood(self, stiffness):
+    def log_likelihood(self, stiffness, factors):
         return self.values
 
 

@@ -65,7 +65,7 @@ def test_closed_forms_are_those_of_the_exact_draws(name):
 def test_a_fitted_proposal_changes_no_posterior(name):
     target = TARGETS[name]
     inside = target.exact(1, np.random.default_rng(14))[0]
-    proposal = fit_proposal(target.log_density, None, inside, 0.3 * target.covariance, np.random.default_rng(15))
+    proposal = fit_proposal(target.log_density, [None], [(inside, 0.3 * target.covariance)], np.random.default_rng(15))
     draws = sampled(target, seed=16, proposal=proposal, settings=SHORTER)
     assert worst_moment_error(draws, target) < 4.0
     assert smallest_p_value(draws, target) > 1e-3

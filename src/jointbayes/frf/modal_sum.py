@@ -111,7 +111,9 @@ def _over_lines(
     constants, near_modes, at = np.empty((pairs, m)), np.empty((2, m)), np.empty((2, pairs, _NODES))
     sums = np.empty(2 * LANES)
     for i in range(len(lam)):
-        near = _prepare(lam[i], shapes[i], n_out, ratio[i if len(ratio) > 1 else 0], limit, nodes, near_modes, constants, at)
+        near = _prepare(
+            lam[i], shapes[i], n_out, ratio[i if len(ratio) > 1 else 0], limit, nodes, near_modes, constants, at
+        )
         total = 0.0
         for b in range(len(w2) // LANES):
             here = w2[b * LANES : (b + 1) * LANES]

@@ -24,7 +24,7 @@ ComplexArray = NDArray[np.complex128]
 def _free_receptance(
     lam: Array, rows: Array, loss: float, alpha: float, beta: float, omega: Array, out: ComplexArray
 ) -> None:
-    """Σ φ_a φ_b/(λ(1 + jη) − ω² + jω(α + βλ)) into `out` (lines, k, k), of one structure's modes (m,) and rows (k, m)."""
+    """Σ φ_a φ_b/(λ(1 + jη) − ω² + jω(α + βλ)) into `out` (lines, k, k), of modes (m,) and motions (k, m)."""
     k, m = rows.shape
     re, im = np.empty(m), np.empty(m)
     for line in range(len(omega)):

@@ -37,7 +37,7 @@ def newton_climb(log_density: LogDensity, start: Array, covariance: Array) -> tu
     place, axes = np.array(start, dtype=float), _root(covariance)
     value = float(log_density(place[None])[0])
     for _ in range(_STEPS):
-        centre, gradient, hessian = curvature_at(log_density, place, axes)
+        _, gradient, hessian = curvature_at(log_density, place, axes)
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break  # the support ends within reach
         curvature, vectors = np.linalg.eigh(-hessian)

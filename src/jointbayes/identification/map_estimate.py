@@ -222,9 +222,7 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
         near = bool((np.abs((end - theta) / prior.sd) < _SAME_POINT).all())
         # along a ridge that data and prior leave flat many points are equally the mode
         same = near or best - density < _SAME_DENSITY
-        outcomes.append(
-            StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same)
-        )
+        outcomes.append(StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same))
     return MapEstimate(
         theta,
         prior.stiffness(theta),
@@ -281,7 +279,9 @@ def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | N
     rest = prior.mean[len(names) :]
 
     def inside(joint: ArrayLike) -> Array:
-        return np.clip(np.concatenate([prior.parametrisation.coordinates(joint), rest]), low + inner, high - inner)
+        whole = np.concatenate([prior.parametrisation.coordinates(joint), rest])
+        clipped: Array = np.clip(whole, low + inner, high - inner)
+        return clipped
 
     theta = inside([k11, coupling, k22])
     if not prior.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large

@@ -2,7 +2,14 @@
 
 from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
-from jointbayes.inference.noise import GaussianNoise, NoiseModel
+from jointbayes.inference.noise import (
+    CorrelatedNoise,
+    GaussianNoise,
+    IntegratedScale,
+    NoiseModel,
+    ScaledNoise,
+    StudentNoise,
+)
 from jointbayes.inference.prior import JointPrior, Marginal, Normal, Nuisance, Uniform
 from jointbayes.inference.problem import Problem
 
@@ -19,8 +26,12 @@ __all__ = [
     "Likelihood",
     "likelihood_of",
     # noise
+    "CorrelatedNoise",
     "GaussianNoise",
+    "IntegratedScale",
     "NoiseModel",
+    "ScaledNoise",
+    "StudentNoise",
     # posterior
     "LogPosterior",
     "Problem",

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.noise import GaussianNoise, NoiseModel
-from jointbayes.inference.residuals import ResidualKind, residual_constant, standardised_residuals
+from jointbayes.inference.noise import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise
+from jointbayes.inference.noise_values import Residuals
+from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import Joint, symmetric_changes
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.structure import Structure, StructureFamily, as_family
@@ -23,6 +24,9 @@ __all__ = ["FrequencyLikelihood", "FrfLikelihood", "Likelihood", "likelihood_of"
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+SumOfSquares = GaussianNoise | ScaledNoise | IntegratedScale
+"""Noise models of which a sum of squares says all."""
 
 _GAIN = "gain"
 _STEP = 1e-5  # of the logarithm of a quantity, in differences
@@ -74,14 +78,17 @@ class FrfLikelihood:
             )
         # receptance and its measured counterpart carry the same factor (jω)ⁿ: residual/σ does not depend on it
         factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-        self._model, self._measurement = model, measurement
-        self._measured = frf.values / factor
-        self._variance = measurement.variance / np.abs(factor) ** 2
-        self._plain = not self._gain and kind == "complex" and self.noise.needs_chi2_only
-        if self._plain:
-            self._misfit = model.misfit(self._measured, 1 / np.sqrt(self._variance))
+        self._model = model
+        variance = measurement.variance / np.abs(factor) ** 2
+        self._residual = residual_of(kind, frf.values / factor, variance)
+        # where a sum of squares says it all, it is summed without any array over lines
+        self._squares = self.noise if isinstance(self.noise, SumOfSquares) else None
+        if self._gain or kind != "complex":
+            self._squares = None
+        if self._squares is not None:
+            self._misfit = model.misfit(frf.values / factor, 1 / np.sqrt(variance))
         #: ln L of a perfect fit where the noise is Gaussian of known size; of the FRF as it was measured.
-        self.constant = float(residual_constant(kind, frf.values, measurement.variance))
+        self.constant = residual_of(kind, frf.values, measurement.variance).constant
         #: Number of complex values.
         self.n_data = frf.values.size
 
@@ -102,9 +109,9 @@ class FrfLikelihood:
         """
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
-        if self._plain:
+        if self._squares is not None:
             chi2 = self._misfit.chi2(matrices, self._structural(known))
-            value = self.constant + self.noise.from_chi2(chi2, self.n_data, self._hyper(known))
+            value = self.constant + self._squares.from_chi2(chi2, self.n_data, self._hyper(known))
         else:
             value = np.empty(len(matrices))
             for start in range(0, len(matrices), _AT_ONCE):
@@ -114,22 +121,20 @@ class FrfLikelihood:
         value[~np.isfinite(value)] = -np.inf
         return value
 
-    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Residuals:
         """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`."""
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
-        return self._residual_of(self._predicted(matrices, known))
+        return self._residual.z(self._predicted(matrices, known))
 
-    def whitened(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
-        """Residuals that are independent and of unit variance if the model holds, shape (batch, lines, pairs)."""
-        matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
-        z = self.standardised(matrices, known)
-        hyper = self._hyper(known)
-        return np.concatenate([self.noise.whiten(one[None], row) for one, row in zip(z, hyper, strict=True)])
+    def hyper(self, factors: ArrayLike) -> Array:
+        """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
+        return self._hyper(np.atleast_2d(np.asarray(factors, dtype=float)))
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, lines, pairs), where residuals are independent.
+
+        The constant of the data is shared out evenly: it is the same for every joint.
 
         Raises
         ------
@@ -138,10 +143,8 @@ class FrfLikelihood:
         """
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
-        values = self.noise.pointwise(self.standardised(matrices, known), self._hyper(known))
-        data = self._measurement
-        pointwise: Array = values + residual_constant(self.kind, data.frf.values, data.variance, pointwise=True)
-        return pointwise
+        values: Array = self.noise.pointwise(self.standardised(matrices, known), self._hyper(known))
+        return values + self.constant / self.n_data
 
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK.
@@ -151,7 +154,7 @@ class FrfLikelihood:
         ModelError
             If the noise is not Gaussian of known size.
         """
-        if not (self._plain and self.gaussian):
+        if not isinstance(self._squares, GaussianNoise):
             raise ModelError("gradient: found a noise model with parameters; expected Gaussian noise of known size")
         matrices = np.asarray(stiffness, dtype=float)
         chi2, slope = self._misfit.chi2_gradient(matrices, self._structural(as_factors(factors, len(matrices))))
@@ -169,46 +172,23 @@ class FrfLikelihood:
         structural = known[:, : self._n_structure]
         gain = float(known[0, self._n_structure]) if self._gain else 1.0
         value, derivative = self._model.tangent(stiffness, directions, structural[0])
-        n = known.shape[1] - self.hyper_count
-        moved = np.repeat(known, 2 * n, axis=0)
-        rows = np.arange(n)
-        moved[rows, rows] *= math.exp(_STEP)
-        moved[n + rows, rows] *= math.exp(-_STEP)
-        up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], 2 * n, axis=0), moved), 2)
+        moved = _moved(known[:, : known.shape[1] - self.hyper_count])
+        up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
         along = np.concatenate([gain * derivative, (up - down) / (2 * _STEP)])
         hyper = self._hyper(known)[0]
-        residual, slope = self._linearised((gain * value)[None], along)
-        white = self.noise.whiten(np.concatenate([residual, slope]), hyper) * math.sqrt(2)
-        flat = white.reshape(len(white), -1)
-        parts = np.concatenate([flat.real, flat.imag], axis=1) if self.kind == "complex" else flat.real
+        here = (gain * value)[None]
+        both = np.concatenate([self._residual.z(here), self._residual.tangent(here, along)])
+        white = self.noise.whiten(both, hyper).reshape(len(both), -1) * math.sqrt(2)
+        parts = np.concatenate([white.real, white.imag], axis=1) if self.kind == "complex" else white
         columns = np.zeros((parts.shape[1], len(parts) - 1 + self.hyper_count))
         columns[:, : len(parts) - 1] = parts[1:].T
         return parts[0], columns
-
-    def draw(self, rng: np.random.Generator, factors: ArrayLike | None, batch: int) -> ComplexArray:
-        """Standardised residuals of data made by the noise model, shape (batch, lines, pairs)."""
-        lines, pairs = self._measured.shape[0], self._measured[0].size
-        return self.noise.draw(rng, self._hyper(as_factors(factors, batch)), lines, pairs)
 
     def _predicted(self, matrices: Array, factors: Array) -> ComplexArray:
         predicted = self._model.receptance(matrices, self._structural(factors))
         if self._gain:
             predicted = predicted * factors[:, self._n_structure, None, None, None]
         return predicted
-
-    def _residual_of(self, predicted: ComplexArray) -> ComplexArray:
-        return standardised_residuals(self.kind, predicted, self._measured, self._variance)
-
-    def _linearised(self, value: ComplexArray, along: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Standardised residual (1, lines, pairs) and its derivative (p, lines, pairs) along changes of H."""
-        residual = self._residual_of(value)
-        if self.kind == "complex":
-            slope = along / np.sqrt(self._variance)
-        else:
-            # d ln|H| = Re(dH/H), standardised as the residual is
-            unit = self._residual_of(value * math.e) - residual
-            slope = (along / value).real * unit.reshape(value.shape)
-        return residual, slope.reshape(len(along), *residual.shape[1:]).astype(complex)
 
     def _structural(self, factors: Array) -> Array:
         return factors[:, : self._n_structure]
@@ -227,14 +207,29 @@ class FrequencyLikelihood:
     measurement
         Frequencies with standard deviations.
     names
-        Uncertain quantities of the structure, in the order in which factors come.
+        Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
+    noise
+        Noise model of real residuals of which their sum of squares says all; Gaussian of known size by default.
+
+    Raises
+    ------
+    ModelError
+        If the noise model is another one.
     """
 
-    hyper_count = 0
-    gaussian = True
-
-    def __init__(self, model: NaturalFrequencies, measurement: FrequencyMeasurement, names: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: NaturalFrequencies,
+        measurement: FrequencyMeasurement,
+        names: Sequence[str] = (),
+        noise: NoiseModel | None = None,
+    ) -> None:
         self._model, self._measured, self._sd = model, measurement.frequency_hz, measurement.sd_hz
+        noise = noise or GaussianNoise(1)
+        if not isinstance(noise, SumOfSquares):
+            raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
+        #: Noise model.
+        self.noise: SumOfSquares = noise
         self.names = tuple(names)
         self.constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
         #: Number of frequencies.
@@ -242,13 +237,32 @@ class FrequencyLikelihood:
 
     def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
-        standardised = self.standardised(stiffness, factors)
-        value: Array = self.constant - 0.5 * (standardised**2).sum(axis=-1)
-        return value
+        matrices = np.asarray(stiffness, dtype=float)
+        known = as_factors(factors, len(matrices))
+        chi2 = 0.5 * (self.standardised(matrices, known) ** 2).sum(axis=-1)
+        return self.constant + self.noise.from_chi2(chi2, self.n_data, self._hyper(known))
+
+    @property
+    def hyper_count(self) -> int:
+        """Number of the noise model's parameters, the last of `names`."""
+        return len(self.noise.names)
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
+        return isinstance(self.noise, GaussianNoise)
 
     def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Residuals over their standard deviation, shape (batch, n)."""
-        return (self._model.frequency_hz(stiffness, factors) - self._measured) / self._sd
+        matrices = np.asarray(stiffness, dtype=float)
+        structural = self._structural(as_factors(factors, len(matrices)))
+        return (self._model.frequency_hz(matrices, structural) - self._measured) / self._sd
+
+    def _structural(self, factors: Array) -> Array:
+        return factors[:, : factors.shape[1] - self.hyper_count]
+
+    def _hyper(self, factors: Array) -> Array:
+        return factors[:, factors.shape[1] - self.hyper_count :]
 
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
@@ -269,18 +283,24 @@ class FrequencyLikelihood:
         Along changes dK^J (p, r, r), exact, and along the logarithms of the factors (q,), by differences.
         """
         known = as_factors(factors, 1)
-        value, derivative = self._model.tangent(stiffness, directions, known)
-        n = known.shape[1]
-        moved = np.repeat(known, 2 * n, axis=0)
-        rows = np.arange(n)
-        moved[rows, rows] *= math.exp(_STEP)
-        moved[n + rows, rows] *= math.exp(-_STEP)
-        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], 2 * n, axis=0), moved), 2)
-        slope = np.concatenate([derivative, (up - down) / (2 * _STEP)])
-        return (value - self._measured) / self._sd, (slope / self._sd).T
+        structural, scale = self._structural(known), 1.0
+        if self.hyper_count:
+            (scale,) = self._hyper(known)[0]
+        value, derivative = self._model.tangent(stiffness, directions, structural)
+        moved = _moved(structural)
+        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
+        slope = np.concatenate([derivative, (up - down) / (2 * _STEP), np.zeros((self.hyper_count, value.size))])
+        sd = scale * self._sd
+        return (value - self._measured) / sd, (slope / sd).T
 
 
 Likelihood = FrfLikelihood | FrequencyLikelihood
+
+
+def _moved(factors: Array) -> Array:
+    """Factors (1, n) with each in turn a little larger, then a little smaller, shape (2n, n)."""
+    step = np.exp(_STEP * np.eye(factors.shape[1]))
+    return np.concatenate([factors * step, factors / step])
 
 
 def likelihood_of(
@@ -313,7 +333,7 @@ def likelihood_of(
     family = as_family(structure)
     if isinstance(measurement, FrequencyMeasurement):
         model = NaturalFrequencies(family, joint, measurement.frequency_hz.size)
-        return FrequencyLikelihood(model, measurement, family.names)
+        return FrequencyLikelihood(model, measurement, (*family.names, *(noise.names if noise else ())), noise)
     frf: FrfSet = measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))

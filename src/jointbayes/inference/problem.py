@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf import NaturalFrequencies, ReceptanceModel, Ports, receptance_model
+from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.noise import NoiseModel

@@ -1,61 +1,121 @@
-"""What is compared of measured and predicted FRFs: the complex numbers, or the logarithms of their magnitudes."""
+"""What is compared with a measured FRF: the complex value, or its logarithmic magnitude.
+
+Each kind turns predicted FRFs into standardised residuals z for a noise model (`noise.py`), such that the total
+ln L = kind.constant + noise.log_likelihood(z, hyper).
+"""
 
 import math
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ResidualKind", "residual_constant", "standardised_residuals"]
+from jointbayes.errors import MeasurementError, ModelError
+
+__all__ = ["ComplexResidual", "LogMagnitudeResidual", "Residual", "ResidualKind", "residual_of"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 ResidualKind = Literal["complex", "log_magnitude"]
 
-#: Variance of ln|z| of complex noise alone, without any signal: more than that it never is.
-_NOISE_ALONE = math.pi**2 / 24
+#: Variance of ln|n| for n complex circular Gaussian: what is left of a value that is nothing but noise.
+_PURE_NOISE = math.pi**2 / 24
 
 
-def standardised_residuals(kind: ResidualKind, predicted: ComplexArray, measured: ComplexArray, variance: Array) -> ComplexArray:
-    """Residuals over their standard deviation.
+class ComplexResidual:
+    """z = (H − Hˣ)/σ, complex, E|z|² = 1.
 
     Parameters
     ----------
-    kind
-        ``"complex"``: (H − H^x)/σ.  ``"log_magnitude"``: (ln|H| − ln|H^x|)/(√2 s), a real number, s² being the variance
-        of ln|H^x|; for data whose phase cannot be trusted.
-    predicted
-        H, shape (n, lines, outputs, inputs).
-    measured, variance
-        H^x and σ² = E|δH|², shape (lines, outputs, inputs).
+    measured
+        Hˣ, shape (lines, outputs, inputs).
+    variance
+        σ² = E|δH|², both parts together, shape as `measured`.
+    """
 
-    Returns
-    -------
-    ndarray, shape (n, lines, outputs·inputs)
-        z, in either case such that −|z|² is the exponent of the Gaussian density.
+    parts = 2
+
+    def __init__(self, measured: ComplexArray, variance: Array) -> None:
+        self._measured, self._weight = measured, 1 / np.sqrt(variance)
+        #: −Σ ln πσ².
+        self.constant = -float(np.log(math.pi * variance).sum())
+
+    def z(self, predicted: ComplexArray) -> ComplexArray:
+        """Residuals, shape (n, lines, pairs), of predicted FRFs, shape (n, lines, outputs, inputs)."""
+        return _paired((predicted - self._measured) * self._weight)
+
+    def tangent(self, predicted: ComplexArray, derivative: ComplexArray) -> ComplexArray:
+        """Derivative of z, shape (p, lines, pairs), from ∂H, shape (p, lines, outputs, inputs), at one prediction."""
+        return _paired(derivative * self._weight)
+
+
+class LogMagnitudeResidual:
+    """z = (ln|H| − ln|Hˣ|)/(√2 sd), real, E z² = 1/2: for data whose phase cannot be trusted.
+
+    sd² = min(σ²/(2|Hˣ|²), π²/24): the noise along Hˣ relative to it, and at most what ln|n| of pure noise n has. Where
+    |H| is well above the noise ln|Hˣ| is unbiased; well below it Hˣ is noise and its logarithm lies above ln|H|, by
+    E₁(|H|²/σ²)/2 in the mean: leave such lines out. The density is that of ln|Hˣ|, not of Hˣ: evidences of the two
+    kinds are not comparable.
+
+    Parameters
+    ----------
+    measured
+        Hˣ, shape (lines, outputs, inputs).
+    variance
+        σ² = E|δH|², both parts together, shape as `measured`.
+
+    Raises
+    ------
+    MeasurementError
+        If a measured value is zero: it has no logarithm.
+    """
+
+    parts = 1
+
+    def __init__(self, measured: ComplexArray, variance: Array) -> None:
+        magnitude = np.abs(measured)
+        if not (magnitude > 0).all():
+            line, output, input_ = np.argwhere(~(magnitude > 0))[0]
+            raise MeasurementError(
+                f"log-magnitude residuals: found 0 at line {line + 1}, output {output + 1}, input {input_ + 1}; "
+                "expected values other than 0; drop the line or use complex residuals"
+            )
+        sd = np.sqrt(np.minimum(variance / (2 * magnitude**2), _PURE_NOISE))
+        self._log_measured, self._weight = np.log(magnitude), 1 / (math.sqrt(2) * sd)
+        #: −Σ ln(sd √2π).
+        self.constant = -float(np.log(sd * math.sqrt(2 * math.pi)).sum())
+
+    def z(self, predicted: ComplexArray) -> Array:
+        """Residuals, shape (n, lines, pairs), of predicted FRFs, shape (n, lines, outputs, inputs)."""
+        with np.errstate(divide="ignore"):  # a predicted zero is infinitely far from any measured magnitude
+            return _paired((np.log(np.abs(predicted)) - self._log_measured) * self._weight)
+
+    def tangent(self, predicted: ComplexArray, derivative: ComplexArray) -> Array:
+        """Derivative of z, shape (p, lines, pairs), from ∂H, shape (p, lines, outputs, inputs), at one prediction.
+
+        d ln|H| = Re(dH/H).
+        """
+        return _paired((derivative / predicted).real * self._weight)
+
+
+Residual = ComplexResidual | LogMagnitudeResidual
+
+
+def residual_of(kind: ResidualKind, measured: ComplexArray, variance: Array) -> Residual:
+    """Residual of a kind by its name; parameters as of the classes.
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind.
     """
     if kind == "complex":
-        z = (predicted - measured) / np.sqrt(variance)
-    else:
-        z = (np.log(np.abs(predicted)) - np.log(np.abs(measured))) / np.sqrt(2 * _log_variance(measured, variance))
-    return np.asarray(z, dtype=complex).reshape(*predicted.shape[:2], -1)
+        return ComplexResidual(measured, variance)
+    if kind == "log_magnitude":
+        return LogMagnitudeResidual(measured, variance)
+    raise ModelError(f"residuals: found kind {kind!r}; expected one of {', '.join(get_args(ResidualKind))}")
 
 
-def residual_constant(
-    kind: ResidualKind, measured: ComplexArray, variance: Array, *, pointwise: bool = False
-) -> "Array | float":
-    """Logarithm of the Gaussian density where the residual is zero, of H^x or of ln|H^x|; the sum, or value by value.
-
-    Arrays as for `standardised_residuals`; value by value the shape is (lines, outputs·inputs).
-    """
-    if kind == "complex":
-        each = -np.log(math.pi * variance)
-    else:
-        each = -0.5 * np.log(2 * math.pi * _log_variance(measured, variance))
-    return each.reshape(len(each), -1) if pointwise else float(each.sum())
-
-
-def _log_variance(measured: ComplexArray, variance: Array) -> Array:
-    """Variance of ln|H^x|: σ²/2 of the part along H^x, over |H^x|²."""
-    magnitude = np.maximum(np.abs(measured), np.finfo(float).tiny)
-    return np.minimum(variance / (2 * magnitude**2), _NOISE_ALONE)
+def _paired(values: NDArray[Any]) -> NDArray[Any]:
+    """Outputs and inputs joined to pairs: shape (n, lines, outputs·inputs)."""
+    return values.reshape(*values.shape[:2], -1)

@@ -1,6 +1,14 @@
 """Measurements and their noise."""
 
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, Measurement
-from jointbayes.measurement.synthetic import RelativeNoise, synthesise_frf
+from jointbayes.measurement.synthetic import CoherenceNoise, NoiseLaw, RelativeNoise, synthesise_frf
 
-__all__ = ["FrequencyMeasurement", "FrfMeasurement", "Measurement", "RelativeNoise", "synthesise_frf"]
+__all__ = [
+    "CoherenceNoise",
+    "FrequencyMeasurement",
+    "FrfMeasurement",
+    "Measurement",
+    "NoiseLaw",
+    "RelativeNoise",
+    "synthesise_frf",
+]

@@ -11,7 +11,7 @@ from jointbayes.joint import Joint
 from jointbayes.measurement.data import FrfMeasurement
 from jointbayes.structure import Structure
 
-__all__ = ["RelativeNoise", "synthesise_frf"]
+__all__ = ["CoherenceNoise", "NoiseLaw", "RelativeNoise", "synthesise_frf"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,62 @@ class RelativeNoise:
         return 2 * sd_of_part**2
 
 
+@dataclass(frozen=True, slots=True)
+class CoherenceNoise:
+    """Noise that a coherence leaves after averaging: σ² = |H|²(1 − γ²)/(nγ²), both parts together.
+
+    Parameters
+    ----------
+    coherence
+        γ² at every line, between 0 and 1.
+    averages
+        Number n of averages, at least 2.
+    floor
+        Standard deviation added in each part, as a fraction of the median of |H| over the lines of the same FRF.
+
+    Raises
+    ------
+    MeasurementError
+        If a number is impossible.
+
+    References
+    ----------
+    Bendat, J. S., Piersol, A. G. (2010). Random Data, 4th ed., section 9.2. DOI 10.1002/9781118032428
+    """
+
+    coherence: float
+    averages: int
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 < self.coherence < 1 and self.averages >= 2 and self.floor >= 0):
+            raise MeasurementError(
+                f"noise: found coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}; expected "
+                "a coherence between 0 and 1, at least 2 averages and a floor of at least 0; correct them"
+            )
+
+    def variance(self, values: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
+        magnitude = np.abs(values)
+        relative = np.sqrt((1 - self.coherence) / (2 * self.averages * self.coherence))
+        sd_of_part = relative * magnitude + self.floor * np.median(magnitude, axis=0)
+        variance: NDArray[np.float64] = 2 * sd_of_part**2
+        return variance
+
+
+NoiseLaw = RelativeNoise | CoherenceNoise
+
+
 def synthesise_frf(
     structure: Structure,
     joint: Joint,
     stiffness: NDArray[np.float64],
     ports: Ports,
-    noise: RelativeNoise,
+    noise: NoiseLaw,
     quantity: Quantity = "receptance",
     rng: np.random.Generator | None = None,
+    *,
+    gain: float = 1.0,
 ) -> FrfMeasurement:
     """FRFs of a structure with a known joint, with noise.
 
@@ -73,6 +121,8 @@ def synthesise_frf(
         Receptance, mobility or accelerance.
     rng
         Source of the noise; None leaves the FRFs exact, with the variance still stated.
+    gain
+        Factor by which the whole measurement is off.
 
     Returns
     -------
@@ -80,7 +130,7 @@ def synthesise_frf(
         Marked as synthetic.
     """
     true = DirectSolve(structure, joint, ports).receptance(stiffness)[0]
-    true = true * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+    true = gain * true * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
     variance = noise.variance(true)
     values = true
     if rng is not None:

@@ -1,16 +1,27 @@
 """The posterior: draws, verdicts, predictions, summary, storage."""
 
+from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.evidence import Evidence, WeightedDraws, evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.knowledge import Knowledge, gather_knowledge
 from jointbayes.posterior.prediction import FrfPrediction
 from jointbayes.posterior.result import Posterior, RunRecord, data_sha256
 from jointbayes.posterior.summary import summarise
 
 __all__ = [
+    "Evidence",
     "FrfPrediction",
     "Identifiability",
+    "Knowledge",
     "Posterior",
+    "PredictiveCheck",
     "RunRecord",
+    "WeightedDraws",
     "assess",
     "data_sha256",
+    "gather_knowledge",
+    "evidence",
+    "importance_evidence",
+    "nested_evidence",
     "summarise",
 ]

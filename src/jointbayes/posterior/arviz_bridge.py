@@ -9,7 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-__all__ = ["effective_sizes", "loo_pointwise", "to_arviz"]
+__all__ = ["effective_sizes", "loo_pointwise", "pareto_k", "to_arviz"]
+
+
+_FEWEST = 100  # weights, whose largest fifth is fitted
 
 
 def _arviz() -> ModuleType:
@@ -19,9 +22,13 @@ def _arviz() -> ModuleType:
     return arviz
 
 
+def _is_new() -> bool:
+    return int(version("arviz").split(".")[0]) >= 1
+
+
 def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTree, by ArviZ version)
     """Return the tree as the installed ArviZ wants it: InferenceData before 1.0, the DataTree itself from 1.0 on."""
-    if int(version("arviz").split(".")[0]) >= 1:
+    if _is_new():
         return tree
     return _arviz().from_datatree(tree)
 
@@ -39,6 +46,36 @@ def effective_sizes(chains: NDArray[np.float64]) -> tuple[float, float]:
         result = arviz.ess(xr.Dataset({"x": (("chain", "draw"), chains)}), method=method)
         sizes.append(float(result["x"]))
     return sizes[0], sizes[1]
+
+
+def pareto_k(log_weight: NDArray[np.float64]) -> float:
+    """Shape of the generalised Pareto distribution fitted to the largest importance weights.
+
+    Above 0.7 the mean of the weights cannot be trusted, however many there are.
+
+    Parameters
+    ----------
+    log_weight : ndarray, shape (n,)
+        ln of the weights above zero, up to a constant.
+
+    Returns
+    -------
+    float
+        −inf if all weights are equal; inf if there are too few of them.
+
+    References
+    ----------
+    Vehtari, A. et al. (2024). Pareto smoothed importance sampling. Journal of Machine Learning Research 25(72), 1-58.
+    """
+    if log_weight.size < _FEWEST:
+        return float("inf")
+    if np.ptp(log_weight) < 1e-9:
+        return float("-inf")
+    if _is_new():
+        from arviz_stats.base import array_stats
+
+        return float(array_stats.psislw(-log_weight)[1])  # it asks for the negative, as for leaving one out
+    return float(_arviz().psislw(log_weight)[1])
 
 
 def loo_pointwise(log_likelihood: NDArray[np.float64], efficiency: float) -> tuple[NDArray[np.float64], ...]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf import Ports, Quantity, quantity_factor, receptance_model
+from jointbayes.frf import Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.joint import joint_matrix
 
@@ -48,18 +48,18 @@ class FrfPrediction:
 
 
 def predict_frf(
-    problem: Problem, stiffness: ArrayLike, ports: Ports, quantity: Quantity, probability: float
+    problem: Problem, theta: ArrayLike, ports: Ports, quantity: Quantity, probability: float
 ) -> FrfPrediction:
-    """Summarise the FRFs of a set of joints, stiffness (n, 3), line by line.
+    """Summarise the FRFs of a set of draws, θ (n, d), line by line: of the structure itself, without gain and noise.
 
     Raises
     ------
     ModelError
         If a DOF does not exist.
     """
-    model = receptance_model(problem.structure, problem.joint, ports)
     factor = quantity_factor(ports.frequency_hz, quantity)[:, None, None]
-    values = model.receptance(joint_matrix(stiffness)) * factor
+    factors = problem.structural(problem.prior.factors(theta))
+    values = problem.receptance_model(ports).receptance(joint_matrix(problem.prior.stiffness(theta)), factors) * factor
     tail = (1 - probability) / 2
     low, middle, high = np.quantile(np.abs(values), [tail, 0.5, 1 - tail], axis=0)
     centre = values.mean(axis=0)

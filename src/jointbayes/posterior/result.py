@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
@@ -25,6 +26,8 @@ from jointbayes.posterior.storage import estimate_from, estimate_record, write_t
 __all__ = ["Posterior", "RunRecord", "data_sha256"]
 
 Array = NDArray[np.float64]
+
+_KERNEL_DRAWS = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,7 @@ class Posterior:
 
     @property
     def draws(self) -> xr.Dataset:
-        """Draws in physical units, variables k11, k12, k22 with dimensions chain × draw."""
+        """Draws in physical units: k11, k12, k22 and what else is uncertain, with dimensions chain × draw."""
         return self.tree["posterior"].to_dataset()
 
     @property
@@ -100,9 +103,11 @@ class Posterior:
 
     @property
     def mode(self) -> dict[str, float]:
-        """Joint posterior mode (of the density over θ) in physical units, by stiffness."""
-        stiffness = self.problem.parametrisation.stiffness(self.mode_theta)
-        return dict(zip(STIFFNESS_NAMES, (float(k) for k in stiffness), strict=True))
+        """Joint posterior mode (of the density over θ) in physical units, by name."""
+        prior = self.problem.prior
+        stiffness = dict(zip(STIFFNESS_NAMES, prior.stiffness(self.mode_theta).tolist(), strict=True))
+        names = (n.name for n in prior.nuisances)
+        return stiffness | dict(zip(names, prior.nuisance_values(self.mode_theta).tolist(), strict=True))
 
     @property
     def mode_distance(self) -> float:
@@ -124,15 +129,15 @@ class Posterior:
         low, high = self.problem.prior.support
         gap = np.minimum(self.mode_theta - low, high - self.mode_theta)
         on_edge = gap < 1e-4 * self.problem.prior.sd
-        return tuple(name for name, edge in zip(self.problem.parametrisation.names, on_edge, strict=True) if edge)
+        return tuple(name for name, edge in zip(self.problem.names, on_edge, strict=True) if edge)
 
     def values(self, name: str) -> Array:
-        """All draws of one stiffness, shape (chains, draws).
+        """All draws of one stiffness or other quantity, shape (chains, draws).
 
         Raises
         ------
         ModelError
-            If there is no such stiffness.
+            If there is no such quantity.
         """
         return _variable(self.draws, name)
 
@@ -144,6 +149,15 @@ class Posterior:
     def stiffness(self) -> Array:
         """All draws of (k11, k12, k22), shape (n, 3), chain after chain."""
         return np.stack([self.values(name).ravel() for name in STIFFNESS_NAMES], axis=-1)
+
+    @cached_property
+    def theta(self) -> Array:
+        """All draws of θ, shape (n, d), chain after chain."""
+        prior = self.problem.prior
+        rest = [np.log(self.values(n.name).ravel() / n.nominal) for n in prior.nuisances]
+        joint = prior.parametrisation.coordinates(self.stiffness)
+        theta: Array = np.concatenate([joint, *(column[:, None] for column in rest)], axis=1)
+        return theta
 
     @property
     def log_density(self) -> Array:
@@ -171,14 +185,19 @@ class Posterior:
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).
 
-        0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible.
+        0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible. Whatever else
+        is uncertain is integrated out: the density is then that of a kernel estimate.
         """
         parametrisation = self.problem.parametrisation
         positive = [0, 1, 2] if "k12" in parametrisation.names else [0, 2]
         if np.min(np.asarray(stiffness, dtype=float)[positive]) <= 0:
             return 1.0
-        theta = parametrisation.coordinates(stiffness)
-        density = self.problem.log_posterior(theta)[0]
+        point = parametrisation.coordinates(stiffness)
+        if self.problem.prior.nuisances:
+            draws = self.problem.prior.joint(self.thinned(_KERNEL_DRAWS)).T
+            estimate = stats.gaussian_kde(draws)
+            return float((estimate(draws) > estimate(point)).mean())
+        density = self.problem.log_posterior(point)[0]
         return float((self.log_density > density).mean())
 
     def predict_frf(
@@ -212,12 +231,14 @@ class Posterior:
 
     def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz."""
-        return self.problem.natural_frequencies_hz(self.thinned(max_draws), count)
+        theta = self.thinned(max_draws)
+        prior = self.problem.prior
+        return self.problem.natural_frequencies_hz(prior.stiffness(theta), count, prior.factors(theta))
 
     def thinned(self, most: int) -> Array:
-        """At most so many draws of (k11, k12, k22), evenly spaced over all chains, shape (n, 3)."""
-        rows = np.linspace(0, len(self.stiffness) - 1, min(most, len(self.stiffness))).round().astype(int)
-        chosen: Array = self.stiffness[rows]
+        """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
+        rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
+        chosen: Array = self.theta[rows]
         return chosen
 
     def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)

@@ -31,26 +31,27 @@ StoredPosterior = tuple[xr.DataTree, dict[str, Any]]
 
 def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTree:
     """Groups posterior, sample_stats, prior and observed_data from draws of θ."""
-    stiffness = problem.parametrisation.stiffness
-    posterior = _stiffness_dataset(stiffness(draws.theta))
+    posterior = _values_dataset(problem, draws.theta)
     posterior = posterior.assign_coords(ensemble=("chain", draws.ensemble))
     stats = xr.Dataset({"lp": (("chain", "draw"), draws.log_density)}, coords=posterior.coords)
     return xr.DataTree.from_dict(
         {
             "/posterior": posterior,
             "/sample_stats": stats,
-            "/prior": _stiffness_dataset(stiffness(prior_theta)[None]),
+            "/prior": _values_dataset(problem, prior_theta[None]),
             "/observed_data": _observed(problem.measurement),
         }
     )
 
 
-def _stiffness_dataset(stiffness: Array) -> xr.Dataset:
-    variables = {
-        name: (("chain", "draw"), stiffness[..., i], {"units": unit})
-        for i, (name, unit) in enumerate(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True))
-    }
-    chains, draws = stiffness.shape[:2]
+def _values_dataset(problem: Problem, theta: Array) -> xr.Dataset:
+    """Stiffnesses, and values of whatever else is uncertain, from θ of shape (chains, draws, d)."""
+    prior = problem.prior
+    stiffness, values = prior.stiffness(theta), prior.nuisance_values(theta)
+    units = list(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True)) + [(n.name, n.unit) for n in prior.nuisances]
+    columns = np.concatenate([stiffness, values], axis=-1)
+    variables = {name: (("chain", "draw"), columns[..., i], {"units": unit}) for i, (name, unit) in enumerate(units)}
+    chains, draws = theta.shape[:2]
     return xr.Dataset(variables, coords={"chain": np.arange(chains), "draw": np.arange(draws)})
 
 

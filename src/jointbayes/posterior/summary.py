@@ -9,6 +9,8 @@ import numpy as np
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
+from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.knowledge import Knowledge, check_posterior_prediction
 from jointbayes.posterior.result import Posterior, data_sha256
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
@@ -18,7 +20,10 @@ SCHEMA_VERSION = 1
 
 
 def summarise(
-    posterior: Posterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None = None
+    posterior: Posterior,
+    initial: Sequence[float],
+    measured_frequencies_hz: Sequence[float] | None = None,
+    knowledge: Knowledge | None = None,
 ) -> dict[str, Any]:
     """Summarise a posterior.
 
@@ -30,6 +35,8 @@ def summarise(
         First guess of (k11, k12, k22), for the frequencies before identification.
     measured_frequencies_hz
         Measured natural frequencies to set beside the predicted ones, if known.
+    knowledge
+        What `gather_knowledge` found; without it only the check of the model is made here.
 
     Returns
     -------
@@ -47,9 +54,12 @@ def summarise(
             name: _parameter(posterior, i, name, unit)
             for i, (name, unit) in enumerate(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True))
         },
+        "nuisances": {n.name: _nuisance(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         "map": _map(posterior),
         "natural_frequencies_hz": _frequencies(posterior, initial, measured_frequencies_hz),
         "fit": _fit(posterior),
+        "check": _check(knowledge.check if knowledge else check_posterior_prediction(posterior)),
+        "identifiability": _identifiability(knowledge) if knowledge else None,
         "sampler": dict(record.sampler),
         "versions": dict(record.versions),
         "data_sha256": data_sha256(posterior.problem.measurement),
@@ -80,11 +90,33 @@ def _parameter(posterior: Posterior, index: int, name: str, unit: str) -> dict[s
     }
 
 
+def _nuisance(posterior: Posterior, index: int) -> dict[str, Any]:
+    """What became of a quantity beside the joint."""
+    prior = posterior.problem.prior
+    nuisance = prior.nuisances[index]
+    values, before = posterior.values(nuisance.name), posterior.prior_values(nuisance.name)
+    ess_bulk, ess_tail = effective_sizes(np.log(values))
+    sd, prior_sd = float(np.log(values).std()), float(np.log(before).std())
+    return {
+        "unit": nuisance.unit,
+        "nominal": nuisance.nominal,
+        "map": float(prior.nuisance_values(posterior.estimate.theta)[index]),
+        "median": float(np.median(values)),
+        "sd_log": sd,
+        "interval95": np.quantile(values, [0.025, 0.975]).tolist(),
+        "prior_interval95": np.quantile(before, [0.025, 0.975]).tolist(),
+        "contraction": 1 - (sd / prior_sd) ** 2,
+        "r_hat": posterior.record.r_hat[nuisance.name],
+        "ess_bulk": ess_bulk,
+        "ess_tail": ess_tail,
+    }
+
+
 def _map(posterior: Posterior) -> dict[str, Any]:
     estimate = posterior.estimate
     return {
         "log_posterior": estimate.log_posterior,
-        "coordinates": list(posterior.problem.parametrisation.names),
+        "coordinates": list(posterior.problem.names),
         "theta": estimate.theta.tolist(),
         "covariance": estimate.covariance.tolist(),
         "mode_agrees": posterior.mode_agrees,
@@ -101,25 +133,73 @@ def _frequencies(posterior: Posterior, initial: Sequence[float], measured: Seque
     return {
         "measured": list(measured) if measured else None,
         "initial": problem.natural_frequencies_hz(np.asarray(initial), count)[0].tolist(),
-        "map": problem.natural_frequencies_hz(posterior.estimate.stiffness, count)[0].tolist(),
+        "map": _at_map(posterior, count),
         "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T.tolist(),
     }
 
 
+def _at_map(posterior: Posterior, count: int) -> list[float]:
+    problem, theta = posterior.problem, posterior.estimate.theta
+    frequency = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))
+    found: list[float] = frequency[0].tolist()
+    return found
+
+
 def _fit(posterior: Posterior) -> dict[str, Any]:
-    likelihood = posterior.problem.log_posterior.likelihood
-    stiffness = joint_matrix(posterior.estimate.stiffness)
-    log_likelihood = float(likelihood.log_likelihood(stiffness[None])[0])
-    deviance = 2 * (likelihood.constant - log_likelihood)
+    log_posterior, theta = posterior.problem.log_posterior, posterior.estimate.theta
+    likelihood = log_posterior.likelihood
+    log_likelihood = float(log_posterior.log_likelihood(theta)[0])
+    deviance = _squares(posterior)
     measurement = posterior.problem.measurement
-    # Σ|r|²/σ² is half the sum over real and imaginary parts: expected 1 per complex value and 1 per frequency
-    frf = isinstance(measurement, FrfMeasurement)
     return {
         "n_data": likelihood.n_data,
-        "chi2_per_line": (deviance / 2 if frf else deviance) / likelihood.n_data,
+        "chi2_per_line": deviance / likelihood.n_data,
         "log_likelihood_map": log_likelihood,
         "synthetic_data": bool(isinstance(measurement, FrfMeasurement) and measurement.synthetic),
     }
+
+
+def _check(check: PredictiveCheck) -> dict[str, Any]:
+    return {
+        "explains": check.explains,
+        "sentence": check.sentence,
+        "chi2_per_line": check.chi2_per_line,
+        "chi2_band95": list(check.chi2_band),
+        "chi2_p_value": check.chi2_p_value,
+        "whiteness_p_value": check.whiteness_p_value,
+        "lag1": check.lag1,
+        "largest_residual_sd": check.largest,
+    }
+
+
+def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
+    return {
+        "sentence": knowledge.directions_sentence,
+        "directions": [
+            {"quantity": d.quantity, "sd_log": d.sd, "verdict": d.verdict, "sentence": d.sentence}
+            for d in knowledge.directions
+        ],
+        "profiles": {
+            p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
+            for p in knowledge.profiles
+        },
+        "freed": [
+            {"freed": list(row.freed), "sd_log": dict(row.sd_log), "verdict": dict(row.verdict)}
+            for row in knowledge.freed
+        ],
+        "freed_assumed": knowledge.assumed,
+        "freed_sentence": knowledge.freed_sentence,
+    }
+
+
+def _squares(posterior: Posterior) -> float:
+    """Squared residuals over σ² as stated, at the MAP: expected 1 for each complex value, frequency or magnitude."""
+    prior, theta = posterior.problem.prior, posterior.estimate.theta
+    z = posterior.problem.log_posterior.likelihood.standardised(
+        joint_matrix(prior.stiffness(theta))[None], prior.factors(theta)[None]
+    )
+    whole = 2.0 if posterior.problem.residual_kind == "log_magnitude" else 1.0
+    return whole * float((np.abs(z) ** 2).sum())
 
 
 def _json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)

@@ -6,10 +6,12 @@ from functools import cached_property
 from typing import Any
 
 from jointbayes.identification import IterationHistory
+from jointbayes.inference import Problem
 from jointbayes.paper import audit
-from jointbayes.posterior import Posterior, summarise
+from jointbayes.posterior import Knowledge, Posterior, gather_knowledge, summarise
 from jointbayes.report import paper_sections, sections
 from jointbayes.report.frf_section import fit_section
+from jointbayes.report.knowledge_section import knowledge_section, nuisance_section
 from jointbayes.report.model import Report, Section
 
 __all__ = ["ReportInputs", "build_report"]
@@ -33,6 +35,8 @@ class ReportInputs:
         Published (k11, k12, k22) and where they come from, if any.
     measured_frequencies_hz
         Measured natural frequencies, if any.
+    freed
+        The same problem with more quantities uncertain, to say what freeing them does.
     paper_tables
         Whether to set the paper's tables beside the results and audit them.
     """
@@ -44,23 +48,33 @@ class ReportInputs:
     reference: tuple[float, float, float] | None = None
     reference_source: str = ""
     measured_frequencies_hz: tuple[float, ...] | None = None
+    freed: Problem | None = None
     paper_tables: bool = False
 
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The numbers of the run, as in ``summary.json``."""
-        return summarise(self.posterior, self.initial, self.measured_frequencies_hz)
+        return summarise(self.posterior, self.initial, self.measured_frequencies_hz, self.knowledge)
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """Check of the model, directions, profiles, and what freeing other quantities does."""
+        return gather_knowledge(self.posterior, self.freed)
 
 
 def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     """Build the report, verdict first."""
-    posterior, summary = inputs.posterior, inputs.summary
+    posterior, summary, knowledge = inputs.posterior, inputs.summary, inputs.knowledge
     parts: list[Section] = [
-        fit_section(posterior, inputs.initial, summary),
+        fit_section(posterior, inputs.initial, summary, knowledge),
         sections.frequency_section(posterior, summary),
         sections.posterior_section(posterior, inputs.reference, inputs.reference_source, summary),
+        knowledge_section(knowledge, summary),
         sections.sampling_section(posterior, summary),
     ]
+    others = nuisance_section(summary)
+    if others is not None:
+        parts.insert(3, others)
     parts.append(sections.starts_section(posterior, inputs.history, inputs.reference))
     if inputs.paper_tables:
         parts.append(paper_sections.paper_section(inputs.initial, summary))

@@ -20,7 +20,9 @@ __all__ = [
     "frequency_errors",
     "frf_overlay",
     "histories",
+    "profiles",
     "residual_norm",
+    "squares_by_line",
     "traces",
 ]
 
@@ -80,6 +82,41 @@ def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) 
         axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
     return _svg(draw, 7.2, 3.4 if log else 2.4)
+
+
+def squares_by_line(frequency_hz: Array, square: Array) -> str:
+    """Squared residuals over their expectation by frequency, with a running mean; both of shape (lines,)."""
+
+    def draw(canvas: Canvas) -> None:
+        axes = canvas.subplots()
+        axes.semilogy(frequency_hz, np.maximum(square, 1e-4), ".", ms=1.5, color=_BLUE, alpha=0.5)
+        width = max(5, square.size // 100)
+        if square.size > 3 * width:
+            mean = np.convolve(square, np.full(width, 1 / width), "valid")
+            middle = np.convolve(frequency_hz, np.full(width, 1 / width), "valid")
+            axes.semilogy(middle, mean, lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
+            axes.legend(loc="upper right")
+        axes.axhline(1.0, color=_GREEN, ls="--", lw=1)
+        axes.set_xlabel("Frequency (Hz)")
+        axes.set_ylabel("squared residual")
+
+    return _svg(draw, 7.2, 2.4)
+
+
+def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
+    """Profile likelihoods side by side: name, values of the coordinate and ln ratio, each of shape (points,)."""
+
+    def draw(canvas: Canvas) -> None:
+        panels = np.atleast_1d(canvas.subplots(1, len(curves), sharey=True))
+        for axes, (name, value, log_ratio) in zip(panels, curves, strict=True):
+            scale = 1.0 if name == "rho" else 1 / np.log(10)
+            axes.plot(value * scale, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
+            axes.axhline(-1.92, color=_ORANGE, ls="--", lw=1)  # half the 95 % point of χ² with one degree of freedom
+            axes.set_ylim(-5, 0.3)
+            axes.set_xlabel("ρ" if name == "rho" else f"log₁₀ {name}")
+        panels[0].set_ylabel("ln likelihood ratio")
+
+    return _svg(draw, 7.4, 2.4)
 
 
 def residual_norm(norm: Array) -> str:

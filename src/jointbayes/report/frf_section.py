@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports, quantity_factor, receptance_model
+from jointbayes.frf import Ports, quantity_factor
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior import FrfPrediction, Posterior
+from jointbayes.posterior import FrfPrediction, Knowledge, Posterior
 from jointbayes.report import figures
 from jointbayes.report.format import number
+from jointbayes.report.knowledge_section import check_blocks
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series
 
 __all__ = ["fit_section"]
@@ -21,14 +22,14 @@ Triple = tuple[float, float, float]
 _RESPONSE_UNIT = {"receptance": "m/N", "mobility": "m/(s N)", "accelerance": "m/(s² N)"}
 
 
-def fit_section(posterior: Posterior, initial: Triple, summary: Summary) -> Section:
+def fit_section(posterior: Posterior, initial: Triple, summary: Summary, knowledge: Knowledge) -> Section:
     """Measured against predicted."""
     fit = summary["fit"]
     text = (
-        f"At the MAP the squared residual is {number(fit['chi2_per_line'], 4)} times what the noise predicts, over "
-        f"{fit['n_data']} values (1 is expected)."
+        f"At the MAP the squared residual is {number(fit['chi2_per_line'], 4)} times what the stated noise predicts, "
+        f"over {fit['n_data']} values (1 is expected)."
     )
-    blocks: list[Block] = [Paragraph(text)]
+    blocks: list[Block] = [Paragraph(text), *check_blocks(posterior, knowledge)]
     measurement = posterior.problem.measurement
     if isinstance(measurement, FrfMeasurement):
         blocks += _frf_figures(posterior, measurement, initial)
@@ -38,8 +39,10 @@ def fit_section(posterior: Posterior, initial: Triple, summary: Summary) -> Sect
 def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Triple) -> list[Block]:
     frf, problem = measurement.frf, posterior.problem
     band = posterior.predict_frf()
-    model = receptance_model(problem.structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    receptance = model.receptance(joint_matrix(np.array([initial, posterior.estimate.stiffness])))
+    theta, prior = posterior.estimate.theta, problem.prior
+    model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    factors = problem.structural(np.stack([np.ones(len(prior.nuisances)), prior.factors(theta)]))
+    receptance = model.receptance(joint_matrix(np.array([initial, prior.stiffness(theta)])), factors)
     guess, best = receptance * quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     label = "synthetic" if measurement.synthetic else "measured"
     blocks: list[Block] = []

@@ -31,11 +31,14 @@ def lead(posterior: Posterior, reference: Triple | None, source: str, summary: S
         *_banners(posterior, summary),
         _verdict_table(reference, source, summary),
         Paragraph(coupling_sentence(summary)),
+        *([Paragraph(_bold_head(summary["check"]["sentence"]))] if summary["check"]["explains"] else []),
     )
 
 
 def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
     banners: list[Block] = []
+    if not summary["check"]["explains"]:
+        banners.append(Callout("bad", _bold_head(summary["check"]["sentence"])))
     if posterior.converged:
         banners.append(Callout("good", f"**The sampler converged.** {posterior.reason}"))
     else:
@@ -62,6 +65,11 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
             )
         )
     return banners
+
+
+def _bold_head(sentence: str) -> str:
+    head, colon, rest = sentence.partition(":")
+    return f"**{head}**{colon}{rest}"
 
 
 def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> Table:
@@ -183,7 +191,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
     if "k12" in posterior.problem.parametrisation.names:
         draws, prior = np.log10(posterior.stiffness), np.log10(prior_stiffness)
         point = None if reference is None or min(reference) <= 0 else np.log10(reference)
-        mode = np.log10(list(posterior.mode.values()))
+        mode = np.log10([posterior.mode[name] for name in STIFFNESS_NAMES])
         labels = [f"log₁₀ {name}" for name in STIFFNESS_NAMES]
     else:
         parametrisation = posterior.problem.parametrisation
@@ -192,7 +200,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
         prior = parametrisation.coordinates(prior_stiffness) * scale
         inside = reference is not None and min(reference[0], reference[2]) > 0
         point = parametrisation.coordinates(np.array(reference)) * scale if inside else None
-        mode = posterior.mode_theta * scale
+        mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
         labels = ["log₁₀ k11", "log₁₀ k22", "ρ"]
     svg = figures.corner_plot(labels, draws, prior, point, mode)
     marks = "mode (orange, solid)" + ("" if point is None else f", published values (green, dashed; {source})")
@@ -231,10 +239,8 @@ def sampling_section(posterior: Posterior, summary: Summary) -> Section:
         ("Seed", f"{summary['seed']}"),
     )
     draws = posterior.draws
-    theta = posterior.problem.parametrisation.coordinates(
-        np.stack([posterior.values(name) for name in STIFFNESS_NAMES], axis=-1)
-    )
-    names = [n if n == "rho" else f"ln {n}" for n in posterior.problem.parametrisation.names]
+    theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
+    names = [n if n == "rho" else f"ln {n}" for n in posterior.problem.names]
     trace = figures.traces(names, theta, draws["ensemble"].values)
     correlation = figures.autocorrelation(names, theta, s["thin"])
     return Section(

@@ -1,9 +1,10 @@
 """Draws from a posterior of which nothing but the log-density is known."""
 
 from jointbayes.sampling.chains import Chains, Draws, Progress
-from jointbayes.sampling.chart import BoxChart, Chart
+from jointbayes.sampling.chart import BoxChart, Chart, Identity
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
+from jointbayes.sampling.product_chart import ProductChart
 from jointbayes.sampling.proposal import Proposal, Start, fit_proposal
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
@@ -20,6 +21,8 @@ __all__ = [
     # Coordinates and proposal
     "BoxChart",
     "Chart",
+    "Identity",
+    "ProductChart",
     "Proposal",
     "Start",
     "StudentMixture",

@@ -98,7 +98,8 @@ class BoxChart:
         score = theta[:, boxed]
         step = ndtr(-np.abs(score)) * self._width[boxed]
         theta[:, boxed] = np.where(score < 0, self.low[boxed] + step, self.high[boxed] - step)
-        return theta, (np.abs(score) < _FARTHEST).all(axis=1)
+        inside: NDArray[np.bool_] = np.all(np.abs(score) < _FARTHEST, axis=1)
+        return theta, inside
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): the width times the normal density of each score."""

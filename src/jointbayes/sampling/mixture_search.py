@@ -102,9 +102,7 @@ def _confirmed(pool: Pool, fit: Fit, rng: np.random.Generator) -> Fit:
     return replace(fit, efficiency=pool.extend(fit.density, fit.chart, rng, _CONFIRMING))
 
 
-def _round(
-    pool: Pool, chart: Chart, mixture: StudentMixture | StudentT | int, rng: np.random.Generator
-) -> Fit | None:
+def _round(pool: Pool, chart: Chart, mixture: StudentMixture | StudentT | int, rng: np.random.Generator) -> Fit | None:
     """Refit a mixture, or a new one of so many components, to the pool, and draw from it."""
     phi = chart.forward(pool.theta)
     log_weight = pool.log_weight

@@ -114,10 +114,10 @@ class BeamFamily:
         self.names = tuple(self._ranges)
         self.nominal = recipe.structure(dict.fromkeys(self.names, 1.0))
         self._at = {name: i for i, name in enumerate(self.names)}
-        damped = {ModalDamping: is_damping_ratio, LossFactor: lambda name: name == "loss_factor"}
-        belongs = damped.get(type(recipe.damping), lambda name: False)
+        law = recipe.damping
         for name in self.names:
-            if (is_damping_ratio(name) or name == "loss_factor") and not belongs(name):
+            of_other_law = is_damping_ratio(name) and not isinstance(law, ModalDamping)
+            if of_other_law or (name == "loss_factor" and not isinstance(law, LossFactor)):
                 raise ModelError(
                     f"uncertain beam: found {name!r} with a damping law of another kind; expected damping_ratio for "
                     "modal damping or loss_factor for structural damping; remove it or change the law"

@@ -1,0 +1,284 @@
+"""Posterior predictive checks: whether the model explains the data, before anything else is believed.
+
+Residuals at draws of the posterior are brought to the scores that the noise model makes white with unit variance, and
+their sum of squares and correlation along frequency are compared with those of replicated data.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from jointbayes.errors import ModelError
+from jointbayes.inference.noise import IntegratedScale, NoiseModel, ScaledNoise
+
+__all__ = ["FALSE_ALARM", "PredictiveCheck", "check_frequencies", "check_frfs"]
+
+Array = NDArray[np.float64]
+
+#: Share of right models that are said not to explain the data, at most: half of it for each of the two p-values.
+FALSE_ALARM = 0.01
+#: Neighbours whose residuals are compared: model error spans the lines of a resonance, so a few suffice.
+_LAGS = 5
+#: Replicated records, for a p-value of 1/2001 at the least, and the most values in each: the standardised statistic's
+#: law hardly depends on the length.
+_REPLICATES, _LONG = 2000, 1000
+#: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
+_SLIGHT = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictiveCheck:
+    """What a posterior predictive check found.
+
+    Parameters
+    ----------
+    chi2_per_line
+        Sum of squared residuals over what the noise model expects, per value, mean over draws: about 1.
+    chi2_band
+        Central 95 % of it in replicated data.
+    chi2_p_value
+        Probability that replicated data have a larger sum. Near 0: misfit. Near 1: the noise is overstated.
+    whiteness_p_value
+        Probability that white residuals look as correlated along frequency; None for natural frequencies.
+    lag1
+        Correlation of the residuals of neighbouring lines, mean over draws; None for natural frequencies.
+    largest
+        Largest residual of any value, in standard deviations of one part, mean over draws.
+    largest_p_value
+        Probability that the largest of as many values is larger.
+    largest_at
+        Line and pair (from 0) of the largest; for natural frequencies the frequency, and 0.
+    chi2_by_line
+        Mean over draws and pairs of the squared residual at each line, 1 expected, shape (lines,).
+    inferred
+        Names of the noise's hyperparameters with their medians: what had to be inferred to explain the data.
+    """
+
+    chi2_per_line: float
+    chi2_band: tuple[float, float]
+    chi2_p_value: float
+    whiteness_p_value: float | None
+    lag1: float | None
+    largest: float
+    largest_p_value: float
+    largest_at: tuple[int, int]
+    chi2_by_line: Array
+    inferred: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def _level(self) -> float:
+        return FALSE_ALARM / (1 if self.whiteness_p_value is None else 2)
+
+    @property
+    def misfit(self) -> bool:
+        """Whether residuals are larger than the noise allows."""
+        return self.chi2_p_value < self._level
+
+    @property
+    def correlated(self) -> bool:
+        """Whether residuals follow each other along frequency, as model error does and noise does not."""
+        return self.whiteness_p_value is not None and self.whiteness_p_value < self._level
+
+    @property
+    def overstated(self) -> bool:
+        """Whether residuals are smaller than the noise should make them; no reason to distrust the model."""
+        return self.chi2_p_value > 1 - self._level
+
+    @property
+    def explains(self) -> bool:
+        """Whether the model explains the data: neither misfit nor correlated."""
+        return not (self.misfit or self.correlated)
+
+    @property
+    def sentence(self) -> str:
+        """The finding in plain words, with its figures."""
+        low, high = self.chi2_band
+        parts = [
+            f"squared residuals are {self.chi2_per_line:.3g} times the expected noise "
+            f"(95 % of replicated data: {low:.3g} to {high:.3g}; p {_p(self.chi2_p_value)})"
+        ]
+        if self.lag1 is not None and self.whiteness_p_value is not None:
+            parts.append(
+                f"residuals of neighbouring lines correlate by {self.lag1:.2f} (white noise: 0; "
+                f"p {_p(self.whiteness_p_value)})"
+            )
+        head = "The model explains the data" if self.explains else "The model does NOT explain the data"
+        return " ".join([f"{head}: {' and '.join(parts)}.", *self._inferred_words(), *self._remarks()])
+
+    def _inferred_words(self) -> list[str]:
+        """What the noise model had to take up."""
+        values, words = dict(self.inferred), []
+        if "noise_scale" in values:
+            words.append(
+                f"The noise was inferred as {values['noise_scale']:.3g} times the stated, "
+                "so that the size of the residuals says little."
+            )
+        if "discrepancy_scale" in values:
+            size, length = values["discrepancy_scale"], values["discrepancy_length"]
+            words.append(
+                f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over "
+                f"{length:.3g} Hz."
+                if size > _SLIGHT
+                else f"The model discrepancy that it includes is slight, {size:.2g} times the stated noise."
+            )
+        return words
+
+    def _remarks(self) -> list[str]:
+        """What follows from the finding."""
+        words = []
+        if not self.explains:
+            words.append(
+                "Intervals that rest on it are too narrow: free what is uncertain (length, material, mass, noise) or "
+                "add a model discrepancy."
+            )
+        if self.overstated:
+            words.append("Residuals are smaller than the stated noise: it is overstated, and intervals are too wide.")
+        if self.largest_p_value < FALSE_ALARM / 10 and not self.misfit:
+            words.append(
+                f"One value stands out by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
+                "look at it, or use Student-t noise."
+            )
+        return words
+
+
+def check_frfs(
+    noise: NoiseModel, z: NDArray[np.inexact], hyper: ArrayLike, rng: np.random.Generator
+) -> PredictiveCheck:
+    """Posterior predictive check of FRFs.
+
+    For each draw θ the data's statistic T(y, θ) is compared with its law in data replicated from θ; the p-value is
+    the mean over draws of P(T(y_rep, θ) ≥ T(y, θ)). Since the noise model makes scores white with unit variance
+    whatever its hyperparameters, that law is one for all draws: for Σ|score|² it is a gamma distribution, taken
+    exactly, and for the correlation along frequency it is replicated.
+
+    Parameters
+    ----------
+    noise
+        Law of the residuals.
+    z
+        Standardised residuals at draws of the posterior, shape (draws, lines, pairs).
+    hyper
+        The noise's hyperparameters at these draws, shape (draws, q).
+    rng
+        Replicates the data.
+
+    Raises
+    ------
+    ModelError
+        If there are fewer than two lines, no draws, or a residual is not finite.
+
+    References
+    ----------
+    Gelman, A., Meng, X.-L., Stern, H. (1996). Posterior predictive assessment of model fitness via realized
+    discrepancies. Statistica Sinica 6(4), 733-760.
+    Ljung, G. M., Box, G. E. P. (1978). On a measure of lack of fit in time series models. Biometrika 65(2), 297-303.
+    DOI 10.1093/biomet/65.2.297
+    """
+    if z.ndim != 3 or z.size == 0 or z.shape[1] < 2 or not np.isfinite(z).all():
+        raise ModelError(
+            f"posterior check: found residuals of shape {z.shape}; expected finite ones, at one draw, two lines "
+            "and one pair at least"
+        )
+    rows = np.broadcast_to(np.asarray(hyper, dtype=float), (len(z), np.shape(hyper)[-1]))
+    if isinstance(noise, IntegratedScale):
+        squares = np.array([np.vdot(one, one).real for one in z])
+        rows, noise = noise.draw_scale(rng, squares, math.prod(z.shape[1:])), ScaledNoise(noise.parts)
+    scores = noise.scores(z, rows)
+    square = 2 / noise.parts * np.abs(scores) ** 2  # 1 is expected
+    observed, lag1 = _portmanteau(scores, noise.parts)
+    replicated = np.sort(_replicated_portmanteau(z.shape[1], z.shape[2], noise.parts, rng))
+    above = _REPLICATES - np.searchsorted(replicated, observed)
+    inferred = tuple(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True))
+    return _found(square, noise.parts, float(np.mean((1 + above) / (1 + _REPLICATES))), float(lag1.mean()), inferred)
+
+
+def check_frequencies(residuals: Array) -> PredictiveCheck:
+    """Posterior predictive check of natural frequencies: of the sum of squares only, since they are few.
+
+    With no more frequencies than parameters a right and a wrong model fit alike, and the check cannot tell.
+
+    Parameters
+    ----------
+    residuals
+        (predicted − measured)/sd at draws of the posterior, shape (draws, count).
+
+    Raises
+    ------
+    ModelError
+        If there are none, or one is not finite.
+    """
+    if residuals.ndim != 2 or residuals.size == 0 or not np.isfinite(residuals).all():
+        raise ModelError(
+            f"posterior check: found residuals of shape {residuals.shape}; expected finite ones, (draws, count)"
+        )
+    return _found(residuals[:, :, None] ** 2, 1, None, None, ())
+
+
+def _found(
+    square: Array, parts: int, whiteness: float | None, lag1: float | None, inferred: tuple[tuple[str, float], ...]
+) -> PredictiveCheck:
+    """The check from squared scores, shape (draws, lines, pairs), 1 expected."""
+    n_values = math.prod(square.shape[1:])
+    half = parts * n_values / 2
+    total = square.sum(axis=(1, 2))
+    p_value = float(special.gammaincc(half, parts / 2 * total).mean())
+    low, high = special.gammaincinv(half, [0.025, 0.975]) / half
+    largest = square.max(axis=(1, 2))
+    # P(one value larger), then of the largest of all; by log1p since the first may be tiny
+    beyond = np.clip(special.gammaincc(parts / 2, parts / 2 * largest), 0, 1 - 1e-16)
+    mean = square.mean(axis=0)
+    line, pair = np.unravel_index(int(mean.argmax()), mean.shape)
+    return PredictiveCheck(
+        chi2_per_line=float(total.mean()) / n_values,
+        chi2_band=(float(low), float(high)),
+        chi2_p_value=p_value,
+        whiteness_p_value=whiteness,
+        lag1=lag1,
+        largest=float(np.sqrt(parts * largest).mean()),
+        largest_p_value=float(-np.expm1(n_values * np.log1p(-beyond)).mean()),
+        largest_at=(int(line), int(pair)),
+        chi2_by_line=mean.mean(axis=1),
+        inferred=inferred,
+    )
+
+
+def _portmanteau(scores: NDArray[np.inexact], parts: int) -> tuple[Array, Array]:
+    """Ljung-Box statistic and correlation of neighbours of each row (n, lines, pairs), each shape (n,).
+
+    Correlations are those of each pair's residuals over their own sum of squares, so that a wrong level of noise plays
+    no part, averaged over pairs. At lag h that of a white record has variance parts·(lines − h)/(M(M + 2)) with
+    M = parts·lines.
+    """
+    n, lines, pairs = scores.shape
+    m = parts * lines
+    # the real part of conj(a)·b is the scalar product of (Re a, Im a) with (Re b, Im b)
+    flat = np.ascontiguousarray(scores.swapaxes(1, 2)).view(np.float64).reshape(n, pairs, m)
+    norm = np.einsum("npk,npk->np", flat, flat)
+    norm = np.where(norm > 0, norm, 1.0)
+    total, lag1 = np.zeros(n), np.zeros(n)
+    for h in range(1, min(_LAGS, lines - 1) + 1):
+        product = np.einsum("npk,npk->np", flat[:, :, : -h * parts], flat[:, :, h * parts :])
+        correlation = (product / norm).mean(axis=1)
+        lag1 = correlation if h == 1 else lag1
+        total += correlation**2 * pairs * m * (m + 2) / (parts * (lines - h))
+    return total, lag1
+
+
+def _replicated_portmanteau(lines: int, pairs: int, parts: int, rng: np.random.Generator) -> Array:
+    """The same statistic of white residuals, shape (replicates,)."""
+    length = min(lines, max(_LONG // pairs, 10 * _LAGS))
+    block = max(1, 100_000 // (length * pairs))
+    out = []
+    for start in range(0, _REPLICATES, block):
+        shape = (min(block, _REPLICATES - start), length, pairs * parts)
+        white = rng.standard_normal(shape)
+        out.append(_portmanteau(white.view(np.complex128) if parts == 2 else white, parts)[0])
+    return np.concatenate(out)
+
+
+def _p(value: float) -> str:
+    """A p-value in words."""
+    return "< 0.001" if value < 0.001 else "> 0.999" if value > 0.999 else f"= {value:.2g}"

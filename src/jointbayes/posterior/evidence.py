@@ -1,0 +1,251 @@
+"""The evidence Z = ∫ p(data | θ) p(θ) dθ of a model: by importance sampling, by nested sampling where that fails."""
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import SamplingError
+from jointbayes.inference import LogPosterior
+from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.sampling import Chart, LogDensity, Proposal, Start, fit_proposal
+
+__all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]
+
+Array = NDArray[np.float64]
+Method = Literal["exact", "importance", "nested"]
+
+PARETO_LIMIT = 0.7
+"""Pareto k of importance weights above which their mean is not trusted."""
+
+_LEAST_SHARE = 0.1  # of the draws, effective
+_DRAWS = 20_000
+_LIVE = 400
+_STOP = 0.01  # ln Z that the live points may still add
+_IMPOSSIBLE = -1e300  # dynesty knows no −inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightedDraws:
+    """Draws of θ, shape (n, d), and ln of their weights up to a constant, shape (n,)."""
+
+    theta: Array
+    log_weight: Array
+
+    def __post_init__(self) -> None:
+        self.theta.setflags(write=False)
+        self.log_weight.setflags(write=False)
+
+    @property
+    def weight(self) -> Array:
+        """Weights that sum to one, shape (n,)."""
+        weight = np.exp(self.log_weight - self.log_weight.max())
+        normalised: Array = weight / weight.sum()
+        return normalised
+
+    def resample(self, rng: np.random.Generator, n: int) -> Array:
+        """Equally weighted draws from the posterior, shape (n, d); some occur more than once."""
+        return self.theta[rng.choice(len(self.theta), n, p=self.weight)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """ln Z and how far to trust it.
+
+    Parameters
+    ----------
+    log_z : float
+        ln of the evidence; −inf where no draw has any likelihood.
+    error : float
+        Monte Carlo standard error of ``log_z``.
+    pareto_k : float
+        Shape of the tail of the importance weights: above 0.7 neither ``log_z`` nor ``error`` can be trusted. NaN
+        where no importance weights were drawn.
+    method : {"exact", "importance", "nested"}
+        How it was found; exact where there is no parameter.
+    evaluations : int
+        Number of evaluations of the density, the fit of the proposal included.
+    ess : float
+        Effective number of the weighted draws.
+    draws : WeightedDraws or None
+        The draws; None where there is no parameter.
+    """
+
+    log_z: float
+    error: float
+    pareto_k: float
+    method: Method
+    evaluations: int
+    ess: float
+    draws: WeightedDraws | None = None
+
+
+def importance_evidence(
+    log_density: LogDensity, proposal: Proposal, rng: np.random.Generator, draws: int = _DRAWS
+) -> Evidence:
+    """Evidence as the mean importance weight of draws from a fitted proposal.
+
+    Parameters
+    ----------
+    log_density : callable
+        ln of likelihood times normalised prior over θ, (n, d) array to (n,) array.
+    proposal : Proposal
+        From `jointbayes.sampling.fit_proposal`; whatever it is, the estimate has no bias, but the farther it is from
+        the posterior the larger is the error.
+    rng : numpy.random.Generator
+        Source of the draws.
+    draws : int
+        Number of draws.
+
+    Returns
+    -------
+    Evidence
+        Its error is that of a mean of independent weights, to first order in ln Z.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If the log-density returns NaN, +inf or an array of the wrong shape.
+
+    References
+    ----------
+    Geweke, J. (1989). Econometrica 57(6), 1317-1339. DOI 10.2307/1913710
+    """
+    theta, log_weight = proposal.weighted_draws(log_density, rng, draws)
+    evaluations = proposal.evaluations + draws
+    if not len(log_weight):
+        return Evidence(-math.inf, math.inf, math.inf, "importance", evaluations, 0.0)
+    top = float(log_weight.max())
+    weight = np.exp(log_weight - top)
+    ess = float(weight.sum() ** 2 / (weight**2).sum())
+    return Evidence(
+        log_z=top + math.log(float(weight.sum()) / draws),
+        error=math.sqrt(max(1 / ess - 1 / draws, 0.0)),
+        pareto_k=pareto_k(log_weight),
+        method="importance",
+        evaluations=evaluations,
+        ess=ess,
+        draws=WeightedDraws(theta, log_weight),
+    )
+
+
+def nested_evidence(
+    log_likelihood: LogDensity,
+    prior_transform: Callable[[Array], Array],
+    dimension: int,
+    rng: np.random.Generator,
+    live: int = _LIVE,
+) -> Evidence:
+    """Evidence by nested sampling, which needs neither a mode nor a proposal, and finds modes by itself.
+
+    Parameters
+    ----------
+    log_likelihood : callable
+        ln L, (n, d) array to (n,) array; −inf where the data are impossible.
+    prior_transform : callable
+        Uniform points of the unit cube, (n, d), to draws from the prior, (n, d): `JointPrior.transform`.
+    dimension : int
+        d; 0 for a model without parameters.
+    rng : numpy.random.Generator
+        Source of randomness.
+    live : int
+        Number of live points: the error falls with its root, the time grows with it.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If the log-likelihood is NaN or +inf somewhere.
+
+    References
+    ----------
+    Skilling, J. (2006). Nested sampling for general Bayesian computation. Bayesian Analysis 1(4), 833-859.
+    DOI 10.1214/06-BA127
+    Speagle, J. S. (2020). dynesty. Monthly Notices of the Royal Astronomical Society 493(3), 3132-3158.
+    DOI 10.1093/mnras/staa278
+    """
+    if dimension == 0:
+        return _without_parameters(log_likelihood)
+    import dynesty
+
+    def at(theta: Array) -> float:
+        value = float(log_likelihood(theta[None])[0])
+        if not value < math.inf:
+            raise SamplingError(
+                f"nested sampling: found ln L = {value} at θ = {theta.tolist()}; expected a finite number, or −inf "
+                "where the data are impossible; correct the likelihood"
+            )
+        return max(value, _IMPOSSIBLE)
+
+    sampler = dynesty.NestedSampler(
+        at, lambda u: prior_transform(u[None])[0], dimension, nlive=live, sample="rwalk", rstate=rng
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its own efficiency, and of logarithms of zero where ln L is flat
+        sampler.run_nested(dlogz=_STOP, print_progress=False)
+    found = sampler.results
+    log_weight = np.asarray(found.logwt, dtype=float)
+    weight = np.exp(log_weight - log_weight.max())
+    return Evidence(
+        log_z=float(found.logz[-1]),
+        error=float(found.logzerr[-1]),
+        pareto_k=math.nan,
+        method="nested",
+        evaluations=int(np.sum(found.ncall)),
+        ess=float(weight.sum() ** 2 / (weight**2).sum()),
+        draws=WeightedDraws(np.array(found.samples, dtype=float), log_weight),
+    )
+
+
+def evidence(
+    log_posterior: LogPosterior,
+    charts: Sequence[Chart | None],
+    starts: Sequence[Start],
+    rng: np.random.Generator,
+    draws: int = _DRAWS,
+) -> Evidence:
+    """Evidence by importance sampling from a proposal fitted here; by nested sampling where that cannot be trusted.
+
+    It is not where the Pareto k of the weights is above 0.7, nor where fewer than a tenth of the draws are effective:
+    a density that the fit did not come near to may have parts where no draw ever fell, of which k knows nothing.
+
+    Parameters
+    ----------
+    log_posterior : LogPosterior
+        Likelihood and normalised prior.
+    charts : sequence of Chart or None
+        Coordinates for the proposal, see `jointbayes.sampling.fit_proposal`.
+    starts : sequence of (theta, covariance)
+        One for each mode, the highest first; none is needed where there is no parameter.
+    rng : numpy.random.Generator
+        Source of randomness.
+    draws : int
+        Number of importance draws.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        As from `fit_proposal`.
+    """
+    prior = log_posterior.prior
+    if not prior.names:
+        return _without_parameters(log_posterior)
+    found = importance_evidence(log_posterior, fit_proposal(log_posterior, charts, starts, rng), rng, draws)
+    if found.pareto_k <= PARETO_LIMIT and found.ess >= _LEAST_SHARE * draws:
+        return found
+
+    def log_likelihood(theta: Array) -> Array:
+        out = np.full(len(theta), -np.inf)
+        inside = np.isfinite(prior.log_density(theta))
+        if inside.any():
+            out[inside] = log_posterior.log_likelihood(theta[inside])
+        return out
+
+    return nested_evidence(log_likelihood, prior.transform, len(prior.names), rng)
+
+
+def _without_parameters(log_density: LogDensity) -> Evidence:
+    return Evidence(float(log_density(np.zeros((1, 0)))[0]), 0.0, -math.inf, "exact", 1, 1.0)

@@ -1,0 +1,165 @@
+"""The table of what is identifiable: an independent Fisher information, and the package's, and sampling."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.inference import JointPrior, Problem, Uniform
+from jointbayes.joint import LogStiffness, joint_matrix
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior.directions import name_directions
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.freeing import freeing_table
+from jointbayes.sampling import SamplerSettings
+from jointbayes.structure import BeamMaterial, ModalDamping, Section, beam
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, rod
+
+FREQUENCY_HZ = np.arange(10.0, 2501.0, 2.0)
+OUTPUTS = ("11:y", "6:y", "2:y", "1:y", "1:rz")
+POINT = np.concatenate([np.log(TABLE_3), np.zeros(4)])  # then ln of E, L, ρ, ζ over their nominal values
+PRIOR_SD = np.array([0.02, 0.005, 0.01, np.inf])
+
+#: Measured outputs: sd of (ln k11, ln k12, ln k22) with all else known, then with E ±2 %, L ±0.5 %, ρ ±1 %, ζ free;
+#: and the unit of the last digit that the table prints.
+TABLE = {
+    ("11:y",): ((0.35, 0.14, 0.006), (0.75, 1.97, 1.24), ((0.01, 0.01, 0.001), (0.01, 0.01, 0.01))),
+    ("11:y", "6:y"): ((0.25, 0.10, 0.005), (0.28, 0.15, 0.008), ((0.01, 0.01, 0.001), (0.01, 0.01, 0.001))),
+    ("11:y", "2:y"): ((0.16, 0.06, 0.004), (0.17, 0.09, 0.017), ((0.01, 0.01, 0.001), (0.01, 0.01, 0.001))),
+    ("11:y", "1:y", "1:rz"): (
+        (0.001, 0.001, 0.001),
+        (0.001, 0.001, 0.0015),
+        ((0.001, 0.001, 0.001), (0.001, 0.001, 0.0001)),
+    ),
+}
+
+
+def receptance(theta, outputs):
+    """Receptances by dense solves of a beam built anew, shape (lines, outputs)."""
+    modulus, length, density, damping = np.exp(theta[3:])
+    structure = beam(
+        0.383 * length,
+        Section.circle(0.025),
+        BeamMaterial(2.1e11 * modulus, 0.3, 7800.0 * density),
+        ModalDamping((0.01 * damping,)),
+    )
+    solve = DirectSolve(structure, CLAMP, Ports(FREQUENCY_HZ, outputs, ("11:y",)))
+    return solve.receptance(joint_matrix(np.exp(theta[:3])))[0, :, :, 0]
+
+
+def part_sd(values):
+    """3 % of |H| and 1 % of its median over the lines, independent of each other: their squares add."""
+    magnitude = np.abs(values)
+    return np.hypot(0.03 * magnitude, 0.01 * np.median(magnitude, axis=0))
+
+
+@pytest.fixture(scope="module")
+def columns():
+    """Real and imaginary parts of ∂H/∂θ over their standard deviation by output, shape (2 lines, outputs, 7)."""
+    step = 1e-4 * np.eye(7)
+    slope = np.stack([(receptance(POINT + h, OUTPUTS) - receptance(POINT - h, OUTPUTS)) / 2e-4 for h in step], -1)
+    scaled = slope / part_sd(receptance(POINT, OUTPUTS))[..., None]
+    return np.concatenate([scaled.real, scaled.imag])
+
+
+def independent_information(columns, outputs):
+    """JᵀJ over E, L, ρ, ζ as well, from central differences, shape (7, 7)."""
+    jacobian = columns[:, [OUTPUTS.index(o) for o in outputs]].reshape(-1, 7)
+    return jacobian.T @ jacobian
+
+
+def agrees(found, printed, unit):
+    """Within 5 % of the printed number, or printed so when rounded to its digits."""
+    found, printed, unit = map(np.asarray, (found, printed, unit))
+    return np.abs(found - printed) <= np.maximum(0.05 * printed, 0.5 * unit)
+
+
+def problem_of(outputs) -> Problem:
+    """Exact data of Table 3's joint with the table's noise law stated."""
+    values = receptance(POINT, outputs)[..., None]
+    frf = FrfSet(FREQUENCY_HZ, values, outputs, ("11:y",))
+    prior = JointPrior(LogStiffness(), tuple(Uniform(mid - 5, mid + 5) for mid in POINT[:3]))
+    return Problem(rod(), CLAMP, FrfMeasurement(frf, 2 * part_sd(values) ** 2, synthetic=True), prior)
+
+
+@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
+def test_with_all_else_known_the_package_reproduces_the_table(outputs):
+    printed, _, (unit, _) = TABLE[outputs]
+    fisher = fisher_information(problem_of(outputs), POINT[:3])
+    assert agrees(list(fisher.sd().values()), printed, unit).all()
+
+
+@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
+def test_the_package_agrees_with_central_differences_of_dense_solves(columns, outputs):
+    fisher = fisher_information(problem_of(outputs), POINT[:3])
+    independent = independent_information(columns, outputs)[:3, :3]
+    scale = np.sqrt(np.outer(np.diag(independent), np.diag(independent)))
+    np.testing.assert_allclose(fisher.data / scale, independent / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
+def test_with_geometry_material_and_damping_free_the_table_is_reproduced(columns, outputs):
+    _, printed, (_, unit) = TABLE[outputs]
+    information = independent_information(columns, outputs)
+    information[range(3, 7), range(3, 7)] += PRIOR_SD**-2.0
+    assert agrees(np.sqrt(np.diag(np.linalg.inv(information)))[:3], printed, unit).all()
+
+
+NUISANCES = ("youngs_modulus", "length", "density", "damping_ratio")
+DOCS = (Path(__file__).resolve().parents[2] / "docs" / "identifiability.md").read_text(encoding="utf-8")
+
+
+def independent_fisher(columns, outputs) -> FisherInformation:
+    data = independent_information(columns, outputs)
+    precision = np.diag(np.concatenate([np.zeros(3), PRIOR_SD**-2.0]))
+    prior_sd = np.concatenate([np.full(3, 5.0), PRIOR_SD])
+    return FisherInformation(("k11", "k12", "k22", *NUISANCES), POINT, data, precision, prior_sd, LogStiffness())
+
+
+@pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
+def test_the_freeing_table_is_that_of_the_documentation(columns, outputs):
+    rows = freeing_table(independent_fisher(columns, outputs), NUISANCES)
+    _, printed, (_, unit) = TABLE[outputs]
+    assert agrees(list(rows[-1].sd_log.values()), printed, unit).all()
+    for row in rows if outputs in (("11:y",), ("11:y", "6:y")) else (rows[0], rows[-1]):
+        freed = ", ".join(row.freed) if len(row.freed) < len(NUISANCES) else "all four"
+        values = " | ".join(f"{sd:.3g}" for sd in row.sd_log.values())
+        assert f"| {', '.join(outputs)} | {freed or 'nothing'} | {values} |" in DOCS
+
+
+def test_the_tip_alone_loses_k12_and_k22_and_an_accelerometer_at_mid_span_brings_them_back(columns):
+    tip = freeing_table(independent_fisher(columns, ("11:y",)), NUISANCES)
+    assert tip[0].verdict == {"k11": "not identified", "k12": "weakly identified", "k22": "identified"}
+    assert set(tip[-1].verdict.values()) == {"not identified"}
+    both = freeing_table(independent_fisher(columns, ("11:y", "6:y")), NUISANCES)
+    assert both[-1].verdict == {"k11": "weakly identified", "k12": "weakly identified", "k22": "identified"}
+    for outputs in (("11:y",), ("11:y", "6:y")):
+        for named in name_directions(independent_fisher(columns, outputs)):
+            assert f"- {named.sentence}" in DOCS
+
+
+def test_the_example_of_the_documentation_prints_what_stands_below_it(monkeypatch):
+    monkeypatch.chdir(CONFIGS.parent)
+    code, printed = re.search(r"```python\n(.*?)```\n.*?```text\n(.*?)```", DOCS, re.DOTALL).groups()
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        exec(code, {})
+    assert out.getvalue() == printed
+
+
+def test_sampled_standard_deviations_agree_where_the_posterior_is_gaussian():
+    text = edited(
+        (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"),
+        ('outputs = ["11:y"] ', 'outputs = ["11:y", "1:y", "1:rz"] '),
+        ("f_step_hz = 1.0", "f_step_hz = 4.0"),
+    )
+    case = jb.case_from_text("joint measured", text)
+    posterior = jb.sample(case, seed=1, settings=SamplerSettings(walkers=24, max_steps=2000))
+    sampled = np.log(posterior.stiffness).std(axis=0)
+    expected = fisher_information(case.problem, posterior.mode_theta).sd()
+    np.testing.assert_allclose(sampled, list(expected.values()), rtol=0.05)

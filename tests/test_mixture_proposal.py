@@ -1,0 +1,219 @@
+"""Proposals of several bells, in several charts, from several modes."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jointbayes.errors import SamplingError
+from jointbayes.sampling import BoxChart, StudentMixture, StudentT, fit_proposal, importance_efficiency
+from jointbayes.sampling.chart import Identity
+from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture, split
+from jointbayes.sampling.pool import Pool
+from jointbayes.sampling.weights import resampled, tempered
+
+LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
+RIGHT = StudentT(np.array([3.0, 2.0]), 0.25 * np.eye(2), 8.0)
+TWO = StudentMixture((LEFT, RIGHT), np.array([0.8, 0.2]))
+
+
+def unequal_modes(x):
+    """Gaussians of masses 0.9 and 0.1, seven of their widths apart: integral one."""
+    left = stats.multivariate_normal([-3.0, 0.0], np.eye(2)).logpdf(x)
+    right = stats.multivariate_normal([4.0, 1.0], np.diag([0.25, 1.0])).logpdf(x)
+    return np.logaddexp(np.log(0.9) + left, np.log(0.1) + right)
+
+
+BOTH = ((np.array([-3.0, 0.0]), np.eye(2)), (np.array([4.0, 1.0]), np.eye(2)))
+
+
+class TestStudentMixture:
+    def test_log_density_is_the_weighted_sum(self):
+        x = np.random.default_rng(1).normal(scale=5.0, size=(50, 2))
+        bells = (stats.multivariate_t(b.mean, b.scale, b.dof).pdf(x) for b in (LEFT, RIGHT))
+        expected = np.log(sum(w * p for w, p in zip((0.8, 0.2), bells, strict=True)))
+        np.testing.assert_allclose(TWO.log_density(x), expected, rtol=1e-12)
+
+    @pytest.mark.parametrize("random", [np.random.default_rng(2), np.random.RandomState(2)], ids=["new", "old"])
+    def test_every_draw_is_from_the_mixture_whatever_its_place(self, random):
+        side = np.array([TWO.draw(random, 10)[:, 0] > 0.5 for _ in range(2000)])
+        # P(x > 0.5) of each component, and so of each place
+        expected = 0.8 * stats.t(5).sf(4.5) + 0.2 * stats.t(8).sf(-5.0)
+        assert np.abs(side.mean(axis=0) - expected).max() < 4.5 * np.sqrt(expected / 2000)
+
+    def test_survives_pickling(self):
+        x = np.ones((2, 2))
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(TWO)).log_density(x), TWO.log_density(x))
+
+    @pytest.mark.parametrize(
+        ("bells", "weights"),
+        [
+            ((), []),
+            ((LEFT,), [0.5]),
+            ((LEFT, RIGHT), [1.0]),
+            ((LEFT, RIGHT), [1.5, -0.5]),
+            ((LEFT, RIGHT), [np.nan, 0.5]),
+            ((LEFT, StudentT(np.zeros(1), np.eye(1), 5.0)), [0.5, 0.5]),
+        ],
+    )
+    def test_impossible_parameters_are_refused_in_one_line(self, bells, weights):
+        with pytest.raises(SamplingError, match=r"^Student-t mixture: found .*; expected .*; correct"):
+            StudentMixture(bells, np.array(weights))
+
+
+class TestBoxChart:
+    chart = BoxChart([2.0, -np.inf, -1.0], [5.0, np.inf, 1.0])
+
+    def test_there_and_back(self):
+        phi = np.random.default_rng(3).normal(scale=1.5, size=(200, 3))
+        theta, inside = self.chart.inverse(phi)
+        assert inside.all()
+        np.testing.assert_allclose(self.chart.forward(theta), phi, rtol=1e-7, atol=1e-9)
+        np.testing.assert_array_equal(theta[:, 1], phi[:, 1])
+
+    def test_volume_is_that_of_differences(self):
+        phi = np.random.default_rng(4).normal(size=(20, 3))
+        theta, _ = self.chart.inverse(phi)
+        h = 1e-5
+        slopes = [
+            (self.chart.inverse(phi + h * e)[0] - self.chart.inverse(phi - h * e)[0])[:, i] / (2 * h)
+            for i, e in enumerate(np.eye(3))
+        ]
+        np.testing.assert_allclose(self.chart.log_volume(theta), np.log(np.prod(slopes, axis=0)), rtol=1e-7, atol=1e-8)
+
+    def test_a_uniform_density_becomes_a_normal_one(self):
+        theta = np.random.default_rng(5).uniform(2.0, 5.0, size=(4000, 3))
+        assert stats.kstest(self.chart.forward(theta)[:, 0], stats.norm.cdf).pvalue > 1e-3
+
+    def test_the_ends_are_finite_and_points_beyond_seven_are_not_of_the_box(self):
+        ends = self.chart.forward(np.array([[2.0, 0.0, 1.0], [5.0, 0.0, -1.0]]))
+        assert np.isfinite(ends).all()
+        assert (np.abs(ends[:, [0, 2]]) > 7.0).all()
+        assert self.chart.inverse(np.array([[7.1, 0.0, 0.0], [0.0, 70.0, 6.9]]))[1].tolist() == [False, True]
+
+    @pytest.mark.parametrize(("low", "high"), [([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0])])
+    def test_impossible_ends_are_refused(self, low, high):
+        with pytest.raises(SamplingError, match=r"^box chart: found .*; expected .*; correct"):
+            BoxChart(low, high)
+
+
+class TestWeights:
+    def test_tempering_leaves_enough_draws_and_no_more_than_needed(self):
+        log_weight = 50.0 * np.random.default_rng(6).normal(size=1000)
+        weight = tempered(log_weight, 50)
+        assert 1 / (weight**2).sum() >= 50
+        np.testing.assert_allclose(tempered(np.zeros(4), 4), 0.25)
+
+    def test_resampling_gives_each_draw_its_share_to_within_one(self):
+        weight = np.random.default_rng(7).dirichlet(np.full(20, 0.3))
+        counts = np.bincount(resampled(weight, 1000, np.random.default_rng(8)), minlength=20)
+        assert np.abs(counts - 1000 * weight).max() < 1.0
+
+
+class TestMixtureFit:
+    def test_weights_centres_and_scales_are_those_of_the_draws(self):
+        x = TWO.draw(np.random.default_rng(9), 20_000)
+        weight = np.full(len(x), 1 / len(x))
+        mixture = first_mixture(x, weight, 2, np.random.default_rng(1))
+        for _ in range(4):
+            mixture = most_likely_mixture(mixture, x, weight)
+        # beside the wide component of 0.05 that both share
+        order = np.argsort([bell.mean[0] for bell in mixture.components[:-1]])
+        assert mixture.weights[-1] == pytest.approx(0.05)
+        np.testing.assert_allclose(mixture.weights[order] / 0.95, [0.8, 0.2], atol=0.02)
+        for bell, known in zip(np.array(mixture.components[:-1], dtype=object)[order], (LEFT, RIGHT), strict=True):
+            np.testing.assert_allclose(bell.mean, known.mean, atol=0.06)
+            np.testing.assert_allclose(bell.scale, known.scale, atol=0.15)
+
+    def test_components_without_draws_are_dropped(self):
+        x = LEFT.draw(np.random.default_rng(10), 2000)
+        mixture = StudentMixture((LEFT, RIGHT, LEFT), np.array([0.5, 0.3, 0.2]))
+        kept = most_likely_mixture(mixture, x, np.full(2000, 1 / 2000))
+        assert len(kept.components) == 2
+
+    def test_splitting_keeps_place_and_weight(self):
+        halves = split(TWO)
+        assert len(halves.components) == 3
+        assert halves.weights[:2].sum() == pytest.approx(0.8)
+        np.testing.assert_allclose(np.mean([b.mean for b in halves.components[:2]], axis=0), LEFT.mean, atol=1e-12)
+        assert min(np.linalg.eigvalsh(b.scale).min() for b in halves.components) > 0
+
+    def test_first_centres_reach_a_light_mode_far_off(self):
+        near = np.random.default_rng(11).normal(size=(1000, 2))
+        x = np.concatenate([near, near + 50.0])
+        weight = np.repeat([0.995, 0.005], 1000) / 1000
+        found = [first_mixture(x, weight, 4, np.random.default_rng(seed)) for seed in range(20)]
+        # by weight alone one of fifty would
+        assert sum(max(bell.mean[0] for bell in one.components[:-1]) > 40.0 for one in found) > 15
+
+
+class TestPool:
+    def test_weights_are_over_the_mixture_of_all_proposals(self):
+        rng = np.random.default_rng(12)
+        pool = Pool(unequal_modes, 2)
+        box = BoxChart([-20.0, -20.0], [20.0, 20.0])
+        pool.extend(StudentT(np.zeros(2), 16.0 * np.eye(2), 5.0), Identity(), rng, 3000)
+        pool.extend(StudentT(np.zeros(2), 0.1 * np.eye(2), 5.0), box, rng, 2000)
+        pool.extend(LEFT, Identity(), rng, 1000)
+        # weights over the sum of counts times densities add up to the integral, which is one
+        assert np.exp(pool.log_weight).sum() == pytest.approx(1.0, abs=0.05)
+
+
+class TestFit:
+    @pytest.mark.parametrize("seed", range(3))
+    def test_two_modes_are_both_proposed_with_their_masses(self, seed):
+        found = fit_proposal(unequal_modes, [None], BOTH, np.random.default_rng(seed))
+        assert isinstance(found.density, StudentMixture)
+        assert found.efficiency > 0.7
+        right = found.density.draw(np.random.default_rng(20), 20_000)[:, 0] > 1.0
+        # 0.95 of the weight follows the density, the wide rest is about both
+        assert 0.95 * 0.1 - 0.02 < right.mean() < 0.95 * 0.1 + 0.05
+        theta, log_weight = found.weighted_draws(unequal_modes, np.random.default_rng(21), 20_000)
+        weight = np.exp(log_weight)
+        assert weight.sum() / 20_000 == pytest.approx(1.0, abs=0.03)
+        assert weight[theta[:, 0] > 1.0].sum() / weight.sum() == pytest.approx(0.1, abs=0.02)
+
+    def test_one_start_that_a_bell_fits_gives_one_bell_and_asks_no_other_chart(self):
+        class Forbidden(Identity):
+            def forward(self, theta):
+                raise AssertionError
+
+        start = (np.zeros(2), np.eye(2))
+        found = fit_proposal(
+            lambda x: -0.5 * np.sum(x**2, axis=1), [None, Forbidden()], [start], np.random.default_rng(1)
+        )
+        assert isinstance(found.density, StudentT)
+        assert type(found.chart) is Identity
+
+    def test_the_chart_that_serves_is_taken(self):
+        box = BoxChart(np.zeros(3), np.full(3, 10.0))
+
+        def flat(x):
+            return np.where(((x > 0) & (x < 10)).all(axis=1), -0.1 * x[:, 0], -np.inf)
+
+        start = (np.array([0.5, 5.0, 9.999]), np.eye(3))
+        found = fit_proposal(flat, [None, box], [start], np.random.default_rng(2))
+        assert found.chart is box
+        assert found.efficiency > 0.7
+
+    def test_evaluations_are_those_made(self):
+        calls = []
+
+        def counted(x):
+            calls.append(len(x))
+            return unequal_modes(x)
+
+        found = fit_proposal(counted, [None, BoxChart([-20.0, -20.0], [20.0, 20.0])], BOTH, np.random.default_rng(3))
+        assert found.evaluations == sum(calls)
+
+    def test_the_efficiency_is_that_of_other_draws(self):
+        for seed in range(4):
+            found = fit_proposal(unequal_modes, [None], BOTH, np.random.default_rng(seed))
+            _, log_weight = found.weighted_draws(unequal_modes, np.random.default_rng(30 + seed), 20_000)
+            assert importance_efficiency(log_weight) == pytest.approx(found.efficiency, abs=0.08)
+
+    @pytest.mark.parametrize(("charts", "starts"), [([], BOTH), ([None], ())])
+    def test_nothing_to_start_from_is_refused(self, charts, starts):
+        with pytest.raises(SamplingError, match=r"^proposal: found .*; expected at least one of each"):
+            fit_proposal(unequal_modes, charts, starts, np.random.default_rng(1))
