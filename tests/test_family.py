@@ -1,0 +1,120 @@
+"""Families of structures: the modes of a beam whose quantities are uncertain are those of the beam built anew."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
+from jointbayes.joint import Joint, joint_matrix
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section
+from jointbayes.structure.family import _SolvedModes
+
+STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
+JOINT = Joint(("1:y", "1:rz"))
+CLAMP = joint_matrix([5.05e9, 3.44e7, 1.52e6])
+PORTS = Ports(np.arange(20.0, 2500.0, 13.0), ("11:y", "6:y"), ("11:y",))
+MATERIAL_AND_LENGTH = {"youngs_modulus": (-0.12, 0.12), "density": (-0.06, 0.06), "length": (-0.03, 0.03)}
+MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
+
+
+def recipe(law=None, **more):
+    return BeamRecipe(0.383, Section.circle(0.025), STEEL, law or ModalDamping((0.01, 0.02)), **more)
+
+
+def draws(family, ranges, n, seed=1):
+    low, high = np.array(list(ranges.values())).T
+    return np.exp(np.random.default_rng(seed).uniform(low, high, (n, len(ranges))))
+
+
+def worst_against_dense_solve(family, factors):
+    found = receptance_model(family, JOINT, PORTS).receptance(np.repeat(CLAMP[None], len(factors), 0), factors)
+    worst = 0.0
+    for one, row in zip(found, factors, strict=True):
+        exact = DirectSolve(family.structure(row), JOINT, PORTS).receptance(CLAMP)[0]
+        worst = max(worst, float(np.abs(one - exact).max() / np.abs(exact).max()))
+    return worst
+
+
+@pytest.mark.parametrize("more", [{}, MASS], ids=["bare", "with accelerometer"])
+@pytest.mark.parametrize(
+    ("law", "damping"),
+    [
+        (ModalDamping((0.01, 0.02)), {"damping_ratio_1": (-2.3, 2.3), "damping_ratio_2": (-1.0, 1.0)}),
+        (LossFactor(0.01), {"loss_factor": (-2.3, 2.3)}),
+        (Rayleigh(1.0, 1e-6), {}),
+    ],
+    ids=["modal", "loss factor", "rayleigh"],
+)
+def test_receptances_are_those_of_the_beam_assembled_with_these_quantities(law, damping, more):
+    ranges = MATERIAL_AND_LENGTH | damping | ({"accelerometer_mass": (-0.6, 0.6)} if more else {})
+    family = BeamFamily(recipe(law, **more), ranges)
+    assert worst_against_dense_solve(family, draws(family, ranges, 4)) < 1e-6
+
+
+def test_an_accelerometer_of_known_mass_counts_beside_an_uncertain_beam():
+    family = BeamFamily(recipe(**MASS), MATERIAL_AND_LENGTH)
+    assert worst_against_dense_solve(family, draws(family, MATERIAL_AND_LENGTH, 4)) < 1e-6
+
+
+def test_where_modes_meet_the_beam_is_solved_anew():
+    ranges = {"section_size": (-0.05, 0.05), "shear_coefficient": (-0.3, 0.3)}
+    family = BeamFamily(recipe(), ranges)
+    assert isinstance(family.free_modes(np.eye(22)[:, :1]), _SolvedModes)
+    assert worst_against_dense_solve(family, draws(family, ranges, 3)) < 1e-9
+
+
+def test_two_planes_of_a_round_beam_share_their_frequencies_and_are_interpolated_all_the_same():
+    family = BeamFamily(recipe(dofs_per_node=5, elements=4), {"length": (-0.01, 0.01)})
+    ports = Ports(np.arange(20.0, 2500.0, 61.0), ("5:y", "5:z"), ("5:y", "5:z"))
+    factors = np.array([[0.993], [1.006]])
+    found = receptance_model(family, JOINT, ports).receptance(np.repeat(CLAMP[None], 2, 0), factors)
+    for one, row in zip(found, factors, strict=True):
+        exact = DirectSolve(family.structure(row), JOINT, ports).receptance(CLAMP)[0]
+        assert_allclose(one, exact, atol=1e-6 * np.abs(exact).max())
+
+
+def test_natural_frequencies_follow_length_and_material():
+    family = BeamFamily(recipe(), MATERIAL_AND_LENGTH)
+    factors = draws(family, MATERIAL_AND_LENGTH, 5)
+    found = NaturalFrequencies(family, JOINT, 4).frequency_hz(np.repeat(CLAMP[None], 5, 0), factors)
+    for one, row in zip(found, factors, strict=True):
+        assert_allclose(one, NaturalFrequencies(family.structure(row), JOINT, 4).frequency_hz(CLAMP)[0], rtol=1e-7)
+
+
+def test_without_factors_the_family_is_its_nominal_structure():
+    family = BeamFamily(recipe(), MATERIAL_AND_LENGTH)
+    found = receptance_model(family, JOINT, PORTS).receptance(CLAMP)
+    exact = receptance_model(family.nominal, JOINT, PORTS).receptance(CLAMP)
+    assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
+
+
+def test_factors_multiply_what_they_name():
+    beam = recipe().structure({"damping_ratio": 2.0, "damping_ratio_2": 3.0})
+    assert_allclose(beam.damping.ratios, (0.02, 0.12))
+    heavy, light = recipe(**MASS).structure({"accelerometer_mass": 2.0}), recipe().structure()
+    at = heavy.index(["11:y"])[0]
+    assert heavy.mass[at, at] - light.mass[at, at] == pytest.approx(0.04)
+    both = recipe().structure({"section_size": 1.1, "length": 1.1})
+    assert_allclose(both.modes().frequency_hz[2:6], light.modes().frequency_hz[2:6] / 1.1, rtol=1e-8)
+
+
+def test_what_is_unknown_or_of_another_damping_law_is_refused():
+    with pytest.raises(ModelError, match="'colour'"):
+        recipe().structure({"colour": 1.0})
+    with pytest.raises(ModelError, match="another kind"):
+        BeamFamily(recipe(), {"loss_factor": (-1.0, 1.0)})
+    with pytest.raises(ModelError, match="another kind"):
+        BeamFamily(recipe(LossFactor(0.01)), {"damping_ratio": (-1.0, 1.0)})
+    with pytest.raises(ModelError, match="accelerometer"):
+        recipe(accelerometer_mass=-1.0, accelerometer_dofs=("11:y",)).structure()
+
+
+def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
+    family = BeamFamily(recipe(), {"damping_ratio_1": (-1.0, 1.0), "damping_ratio_2": (-1.0, 1.0)})
+    ratios = family.damping_ratios(np.array([[1.5, 0.5]]))
+    assert_allclose(ratios[0, :4], [0.015, 0.01, 0.01, 0.01])
+    assert ratios.shape == (1, 22)
+    assert math.isclose(ratios[0, -1], 0.01)
