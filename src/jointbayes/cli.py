@@ -167,7 +167,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     if out is not None:
         require_writable(out, COMPARISON_MARK)
     comparison = weigh(cases, seed, lambda name: click.echo(f"weighing {name}", err=True))
-    for line in text_table(evidence_table(comparison.summary())):
+    for line in text_table(evidence_table(comparison.summary(), method=True)):
         click.echo(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
         click.echo(f"Cross-validation is {note}.")

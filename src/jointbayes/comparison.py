@@ -1,27 +1,25 @@
 """Which joint, and which case, explains the data best: the evidence of each hypothesis."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.case import Case
+from jointbayes.comparison_result import Candidate, Comparison, PriorEdge
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.joint import RIGID, STIFFNESS_NAMES, PlainSprings
+from jointbayes.joint import PlainSprings
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
-from jointbayes.posterior.bayes_factors import bayes_factor_words, model_probabilities
-from jointbayes.posterior.evidence import Evidence, importance_evidence, nested_evidence
+from jointbayes.posterior.evidence import evidence
 from jointbayes.posterior.leave_one_out import LeaveOneOut, leave_one_out
-from jointbayes.sampling import Proposal, fit_proposal
-from jointbayes.sampling.weights import importance_efficiency, resampled
-from jointbayes.workflow import charts, find_map, package_versions, starts_of
+from jointbayes.sampling import Start
+from jointbayes.workflow import charts, find_map, starts_of
 
-__all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "under"]
+__all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "under"]
 
 Array = NDArray[np.float64]
 
@@ -34,193 +32,9 @@ HYPOTHESES: dict[str, tuple[str, ...] | None] = {
     "full": None,
 }
 
-_DRAWS = 20_000  # of each importance sample
 _KEPT = 2000  # posterior draws, for what the evidence does not need
-_LARGEST_K = 0.7  # Pareto shape up to which an importance sample says its own error
 _EDGE = 0.05  # of a prior's interval
 _PILED = 2.0  # times the prior's probability in that strip
-
-
-@dataclass(frozen=True, slots=True)
-class PriorEdge:
-    """A prior's edge that the posterior piles up on.
-
-    Parameters
-    ----------
-    name
-        Coordinate.
-    side
-        ``"low"`` or ``"high"``.
-    probability
-        Posterior probability of the outer 5 % of the prior's interval.
-    """
-
-    name: str
-    side: str
-    probability: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """One hypothesis about the joint in one case.
-
-    Parameters
-    ----------
-    case, title
-        Name and title of the case.
-    hypothesis
-        One of `HYPOTHESES`.
-    names
-        Coordinates, those of nuisances included.
-    stiffness
-        (k11, k12, k22) at the posterior mode, shape (3,); `jointbayes.joint.RIGID` stands for a motion that is held.
-    evidence
-        ln Z of the data with its error, and how it was found.
-    at_edge
-        Edges of the prior that the posterior piles up on: there ln Z depends on where the prior ends.
-    loo
-        Cross-validation; None where it makes no sense, and `loo_note` says why.
-    """
-
-    case: str
-    title: str
-    hypothesis: str
-    names: tuple[str, ...]
-    stiffness: Array
-    evidence: Evidence
-    at_edge: tuple[PriorEdge, ...]
-    loo: LeaveOneOut | None
-    loo_note: str
-
-    @property
-    def label(self) -> str:
-        """Hypothesis and case in words."""
-        return f"{self.hypothesis} in {self.case}"
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the stated error of the evidence may be believed."""
-        return self.evidence.method != "importance sampling" or self.evidence.pareto_k <= _LARGEST_K
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Candidates for the same data.
-
-    Parameters
-    ----------
-    candidates
-        One for each case and hypothesis, in the order of the cases.
-    seed
-        Seed of all random numbers.
-    data_sha256
-        Fingerprint of the data that all share.
-    """
-
-    candidates: tuple[Candidate, ...]
-    seed: int
-    data_sha256: str
-
-    @property
-    def best(self) -> Candidate:
-        """The candidate of the largest evidence."""
-        return max(self.candidates, key=lambda c: c.evidence.log_z)
-
-    @property
-    def ranking(self) -> tuple[Candidate, ...]:
-        """All candidates, the best first."""
-        return tuple(sorted(self.candidates, key=lambda c: -c.evidence.log_z))
-
-    @property
-    def probabilities(self) -> Array:
-        """Posterior probability of each candidate, shape (candidates,), if all were equally probable before."""
-        return model_probabilities([c.evidence.log_z for c in self.candidates])
-
-    @property
-    def trusted(self) -> bool:
-        """Whether every evidence's error may be believed."""
-        return all(c.trusted for c in self.candidates)
-
-    def two_log_b(self, candidate: Candidate) -> float:
-        """2 ln B of the best against a candidate: 0 for the best itself."""
-        return 2 * (self.best.evidence.log_z - candidate.evidence.log_z)
-
-    def words(self, candidate: Candidate) -> str:
-        """Evidence for the best against a candidate in the words of Kass and Raftery; ``"best"`` for itself."""
-        return "best" if candidate is self.best else bayes_factor_words(self.two_log_b(candidate))
-
-    @property
-    def verdict(self) -> str:
-        """One plain sentence, or two, that name the winner."""
-        best, *others = self.ranking
-        z = best.evidence
-        text = f"The data favour {best.label}: ln Z = {_log_z_text(z)}."
-        if others:
-            two_log_b = self.two_log_b(others[0])
-            text += f" The evidence against the next, {others[0].label}, is {bayes_factor_words(two_log_b)}"
-            text += f" (2 ln B = {two_log_b:.1f})."
-        else:
-            text += " It is the only one: nothing was compared."
-        if best.at_edge:
-            edges = ", ".join(dict.fromkeys(edge.name for edge in best.at_edge))
-            text += f" Its posterior piles up on an edge of the prior of {edges}: there ln Z depends on the prior."
-        return text
-
-    def summary(self) -> dict[str, Any]:
-        """The numbers, as in ``compare.json``."""
-        rows = zip(self.candidates, self.probabilities, strict=True)
-        return {
-            "verdict": self.verdict,
-            "trusted": self.trusted,
-            "seed": self.seed,
-            "data_sha256": self.data_sha256,
-            "best": {"case": self.best.case, "hypothesis": self.best.hypothesis},
-            "candidates": [self._row(candidate, float(probability)) for candidate, probability in rows],
-            "versions": package_versions(),
-        }
-
-    def _row(self, candidate: Candidate, probability: float) -> dict[str, Any]:
-        z = candidate.evidence
-        held = [bool(k == RIGID) for k in candidate.stiffness]
-        stiffness = zip(STIFFNESS_NAMES, candidate.stiffness.tolist(), held, strict=True)
-        return {
-            "case": candidate.case,
-            "title": candidate.title,
-            "hypothesis": candidate.hypothesis,
-            "parameters": list(candidate.names),
-            "map": {name: None if rigid else value for name, value, rigid in stiffness},
-            "rigid": [name for name, rigid in zip(STIFFNESS_NAMES, held, strict=True) if rigid],
-            "log_z": z.log_z,
-            "log_z_error": z.error,
-            "method": z.method,
-            "pareto_k": _finite(z.pareto_k),
-            "ess": _finite(z.ess),
-            "evaluations": z.evaluations,
-            "trusted": candidate.trusted,
-            "two_log_b": self.two_log_b(candidate),
-            "words": self.words(candidate),
-            "probability": probability,
-            "at_prior_edge": [
-                {"name": e.name, "side": e.side, "probability": e.probability} for e in candidate.at_edge
-            ],
-            "loo": self._loo(candidate),
-            "loo_note": candidate.loo_note,
-        }
-
-    def _loo(self, candidate: Candidate) -> dict[str, Any] | None:
-        if candidate.loo is None:
-            return None
-        known = [c.loo for c in self.candidates if c.loo is not None]
-        best = max(known, key=lambda loo: loo.elpd)
-        difference, se = candidate.loo.difference(best)
-        return {
-            "elpd": candidate.loo.elpd,
-            "se": candidate.loo.se,
-            "difference": difference,
-            "difference_se": se,
-            "pareto_k_max": _finite(float(candidate.loo.pareto_k.max())),
-            "pareto_k_above_0.7": int((candidate.loo.pareto_k > _LARGEST_K).sum()),
-        }
 
 
 def under(problem: Problem, hypothesis: str) -> Problem:
@@ -328,22 +142,16 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     rng = np.random.default_rng(key)
     problem = under(case.problem, hypothesis)
     log_posterior = problem.log_posterior
+    starts: tuple[Start, ...] = ()
+    mode = np.empty(0)
     if problem.names:
         estimate = find_map(replace(case, problem=problem), seed=seed)
-        proposal = fit_proposal(log_posterior, charts(problem), starts_of(estimate), rng)
-        evidence = importance_evidence(log_posterior, proposal, rng, _DRAWS)
-        if not evidence.pareto_k <= _LARGEST_K:
-            evidence = nested_evidence(
-                log_posterior.log_likelihood, getattr(problem.prior, "transform", None), len(problem.names), rng
-            )
-        draws, efficiency = _posterior_draws(problem, proposal, rng)
-        mode = estimate.theta
-    else:
-        mode, draws, efficiency = np.empty(0), np.empty((_KEPT, 0)), 1.0
-        log_z = float(log_posterior(mode)[0])
-        if not np.isfinite(log_z):
-            raise ModelError("found a likelihood of zero; expected data that a rigid joint can have; leave it out")
-        evidence = Evidence(log_z, 0.0, 0.0, "exact", 1, 1.0)
+        starts, mode = starts_of(estimate), estimate.theta
+    found = evidence(log_posterior, charts(problem), starts, rng)
+    if not np.isfinite(found.log_z):
+        raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
+    draws = np.empty((_KEPT, 0)) if found.draws is None else found.draws.resample(rng, _KEPT)
+    efficiency = 1.0 if found.draws is None else min(1.0, found.ess / _KEPT)
     loo, note = _cross_validated(problem, draws, efficiency)
     return Candidate(
         case.name,
@@ -351,19 +159,11 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
         hypothesis,
         problem.names,
         problem.prior.stiffness(mode),
-        evidence,
+        found,
         _piled_up(problem.prior, draws),
         loo,
         note,
     )
-
-
-def _posterior_draws(problem: Problem, proposal: Proposal, rng: np.random.Generator) -> tuple[Array, float]:
-    """Draws from the posterior, shape (n, d), by resampling, and how many of them count."""
-    theta, log_weight = proposal.weighted_draws(problem.log_posterior, rng, _DRAWS)
-    weight = np.exp(log_weight - log_weight.max())
-    effective = importance_efficiency(log_weight) * len(log_weight)
-    return theta[resampled(weight / weight.sum(), _KEPT, rng)], min(1.0, effective / _KEPT)
 
 
 def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple[LeaveOneOut | None, str]:
@@ -387,12 +187,3 @@ def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
         shares = {"low": float((place < _EDGE).mean()), "high": float((place > 1 - _EDGE).mean())}
         found += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * _EDGE]
     return tuple(found)
-
-
-def _log_z_text(evidence: Evidence) -> str:
-    value = f"{evidence.log_z:.2f}".replace("-", "−")
-    return value if evidence.method == "exact" else f"{value} ± {evidence.error:.1g}"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

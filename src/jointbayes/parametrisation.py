@@ -108,7 +108,7 @@ class PlainSprings:
 
     def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ = 1/k, shape (n, d), and whether φ is positive, shape (n,)."""
-        inside: NDArray[np.bool_] = (phi > 0).all(axis=-1)
+        inside = np.asarray((phi > 0).all(axis=-1))
         return -np.log(np.where(inside[:, None], phi, 1.0)), inside
 
     def log_compliance_volume(self, theta: Array) -> Array:

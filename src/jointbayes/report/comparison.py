@@ -22,13 +22,19 @@ _MEANING = {
     "springs": "two springs without coupling (k11, k22)",
     "full": "the case's own joint, with coupling (k11, k12, k22)",
 }
+_METHOD_HEAD = ("Method", "Pareto k")
+_METHODS = {"exact": "exact", "importance": "importance sampling", "nested": "nested sampling"}
 _REACH = 12.0  # of ln Z below the best that the figure shows
 
 
-def evidence_table(summary: dict[str, Any]) -> Table:
-    """All candidates, the best first."""
-    head = ("Joint", "Case", "ln Z", "Method", "Pareto k", "2 ln B", "Evidence against it", "Probability", "Mark")
-    rows = tuple(_evidence_row(row) for row in _ranked(summary))
+def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
+    """All candidates, the best first; on request with how ln Z was found."""
+    head = ["Joint", "Case", "ln Z", "2 ln B", "Evidence against it", "Probability", "Mark"]
+    rows = [list(_evidence_row(row)) for row in _ranked(summary)]
+    if method:
+        head[3:3] = _METHOD_HEAD
+        for cells, row in zip(rows, _ranked(summary), strict=True):
+            cells[3:3] = _method_cells(row)
     kinds = tuple(
         "good" if row["words"] == "best" else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else ""
         for row in _ranked(summary)
@@ -38,7 +44,7 @@ def evidence_table(summary: dict[str, Any]) -> Table:
         "probability if all were equally probable before the data. An edge in the last column is one of the prior "
         "that the posterior piles up on: there ln Z depends on where the prior ends."
     )
-    return Table("Evidence", head, rows, note=note, row_kinds=kinds)
+    return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=note, row_kinds=kinds)
 
 
 def text_table(table: Table) -> list[str]:
@@ -68,7 +74,7 @@ def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Rep
         subtitle=" against ".join(dict.fromkeys(row["title"] for row in summary["candidates"])),
         lead=_lead(summary),
         sections=(
-            Section("evidence", "Evidence", (evidence_table(summary), _figure(summary))),
+            Section("evidence", "Evidence", (evidence_table(summary), _figure(summary), _method_table(summary))),
             Section("joints", "Best joint of each candidate", (_joint_table(summary),)),
             Section("cross-validation", "Cross-validation", _loo_blocks(summary)),
             Section("reading", "How to read this", _reading(summary)),
@@ -88,7 +94,7 @@ def _signed(value: float, digits: int) -> str:
 
 
 def _evidence_row(row: Row) -> tuple[str, ...]:
-    exact = row["method"] == "exact"
+    error = "" if row["method"] == "exact" else f" ± {number(row['log_z_error'], 1)}"
     marks = [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
     if not row["trusted"]:
         marks.insert(0, "error not to be trusted")
@@ -97,14 +103,16 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
     return (
         row["hypothesis"],
         row["case"],
-        _signed(row["log_z"], 2) + ("" if exact else f" ± {number(row['log_z_error'], 1)}"),
-        row["method"],
-        "–" if exact else number(row["pareto_k"], 2).replace("-", "−"),
+        _signed(row["log_z"], 2) + error,
         f"{row['two_log_b']:.1f}",
         "–" if row["words"] == "best" else row["words"],
         number(row["probability"], 2),
         ", ".join(marks),
     )
+
+
+def _method_cells(row: Row) -> tuple[str, str]:
+    return _METHODS[row["method"]], number(row["pareto_k"], 2).replace("-", "−")
 
 
 def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
@@ -126,6 +134,19 @@ def _figure(summary: dict[str, Any]) -> Figure:
         f"Evidence of {len(rows)} candidates; the best is {labels[0]} with ln Z {log_z[0]:.2f}.",
         figures.evidences(labels, log_z, error, _REACH),
     )
+
+
+def _method_table(summary: dict[str, Any]) -> Table:
+    head = ("Joint", "Case", *_METHOD_HEAD, "Effective draws", "Evaluations")
+    rows = tuple(
+        (row["hypothesis"], row["case"], *_method_cells(row), f"{row['ess']:.0f}", str(row["evaluations"]))
+        for row in _ranked(summary)
+    )
+    note = (
+        "Pareto k is the shape of the largest importance weights: up to 0.7 the error of ln Z may be believed, above "
+        "it nested sampling takes over, which has none."
+    )
+    return Table("How ln Z was found", head, rows, note=note)
 
 
 def _joint_table(summary: dict[str, Any]) -> Table:
@@ -173,10 +194,10 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     return (
         Paragraph(f"{meaning}. What is not said to yield is rigid."),
         Paragraph(
-            "ln Z is the logarithm of the probability of the data under a hypothesis, averaged over its prior. It falls "
-            "with every parameter that the data do not ask for, and with the width of that parameter's prior: twice "
-            "as many decades of a stiffness that the data pin down cost ln 2 = 0.7. It says which of these candidates is "
-            "the most probable, not whether any of them is true."
+            "ln Z is the logarithm of the probability of the data under a hypothesis, averaged over its prior. It "
+            "falls with every parameter that the data do not ask for, and with the width of that parameter's prior: "
+            "twice as many decades of a stiffness that the data pin down cost ln 2 = 0.7. It says which of these "
+            "candidates is the most probable, not whether any of them is true."
         ),
     )
 

@@ -15,7 +15,7 @@ from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Rep
 
 __all__ = ["render_pdf"]
 
-_LONG_WORD = re.compile(r"\S{28,}")
+_LONG_WORD = re.compile(r"\S{20,}")
 _WORD_PIECE = re.compile(r"(.{12}|[/\\_.,;:=&?-]+)(?=.)")
 _HEADER_LENGTH = 80
 _NO_GLYPH = "could not be displayed with font"
