@@ -148,8 +148,12 @@ class _Maker:
         if node in nodes:
             return "at the joint"
         if share in (0.0, 1.0):
-            return "at the tip" if len(nodes) == 1 and nodes <= {1, spec.nodes} else f"at {spec.length_mm * share:.0f} mm"
-        return "at mid-span" if share == 0.5 else f"at {spec.length_mm * share:.0f} mm of the beam"
+            return (
+                "at the tip"
+                if len(nodes) == 1 and nodes <= {1, spec.nodes}
+                else f"at {spec.length_mm * share:.0f} mm along the beam"
+            )
+        return "at mid-span" if share == 0.5 else f"at {spec.length_mm * share:.0f} mm along the beam"
 
 
 def _heavier(recipe: BeamRecipe, mass: float) -> BeamRecipe:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.case import Case
 from jointbayes.case_candidates import candidates_of
@@ -24,10 +24,11 @@ from jointbayes.posterior.planning import (
     plan_sentence,
     verdict_on,
 )
-from jointbayes.posterior.planning_check import Confirmation, confirm, weighted_posterior
-from jointbayes.workflow import chart_of, find_map
+from jointbayes.posterior.planning_check import Confirmation, assumed_truth, confirm, weighted_posterior
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import chart_of, find_map, sample
 
-__all__ = ["Plan", "plan"]
+__all__ = ["Plan", "plan", "present_draws"]
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,8 @@ CONFIRMED = 3
 _DRAWS, _MORE = 4000, 5
 _LEAST = 400.0  # effective draws of the present posterior
 _KEPT = 4000
+#: Good enough for truths to simulate, not for figures to quote.
+_SHORT = SamplerSettings(walkers=32, max_steps=3000, tau_factor=20.0, tau_tolerance=0.1, r_hat_max=1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,8 @@ class Plan:
         What simulated measurements say, by names of a set.
     note
         Why nothing was confirmed; empty otherwise.
+    assumed
+        Whether the joint was assumed, rather than taken from the present posterior.
     """
 
     case_name: str
@@ -73,6 +78,7 @@ class Plan:
     best_by_gain: Forecast
     confirmations: Mapping[tuple[str, ...], Confirmation]
     note: str
+    assumed: bool = False
 
     @property
     def best(self) -> Forecast:
@@ -88,14 +94,17 @@ class Plan:
 
     @property
     def sentence(self) -> str:
-        """What the best measurement does, by Fisher information, and what simulated measurements make of it."""
-        best = self.best
-        said = plan_sentence(best.words, self.parameter, best.sd_before, best.sd_after)
-        if said.endswith("."):
-            said = f"{said[:-1]} by Fisher information at the mode."
-        found = self.confirmations.get(best.names)
+        """What the best measurement does; see `sentence_of`."""
+        return self.sentence_of(self.best)
+
+    def sentence_of(self, one: Forecast) -> str:
+        """What a set does by Fisher information, and what simulated measurements make of it, in plain words."""
+        said = plan_sentence(one.words, self.parameter, one.sd_before, one.sd_after)
+        where = "at the assumed joint" if self.assumed else "at the mode"
+        said = f"{said[:-1]} by Fisher information {where}."
+        found = self.confirmations.get(one.names)
         if found is None or not found.valid:
-            return f"{said} Not confirmed{': ' + self.note if self.note else ' by simulated measurements.'}"
+            return f"{said} Not confirmed: {self.note or 'too few of the simulated posteriors were found.'}"
         low, high = found.sd_range
         return (
             f"{said} Simulated measurements: from {spread_in_words(found.sd_before)} to "
@@ -118,6 +127,7 @@ class Plan:
             "title": self.title,
             "seed": self.seed,
             "parameter": self.parameter,
+            "assumed": self.assumed,
             "theta": dict(zip(self.fisher.names, self.fisher.theta.tolist(), strict=True)),
             "candidates": [self._entry(f) for f in self.forecasts],
             "best_set": self._entry(self.best_set),
@@ -165,6 +175,7 @@ def plan(
     posterior: Posterior | None = None,
     seed: int | None = None,
     *,
+    assume: ArrayLike | None = None,
     simulations: int = 12,
     progress: Callable[[str], None] | None = None,
 ) -> Plan:
@@ -178,6 +189,9 @@ def plan(
         Posterior of the case. Without one the mode is found and the posterior is drawn by importance sampling.
     seed
         Seed of the one random generator; by default the case's.
+    assume
+        (k11, k12, k22), shape (3,), of the joint that makes the simulated measurements, and about which the information
+        is taken. By default the mode for the information, and draws of the present posterior for the simulations.
     simulations
         Measurements to simulate of each of the best three candidates and of the best set; 0 for Fisher alone.
     progress
@@ -192,64 +206,97 @@ def plan(
     ------
     CaseError
         If the data are natural frequencies, the posterior is of another case, or there is nothing to choose from.
+    ModelError
+        If the prior thinks the assumed joint impossible.
     """
     tell = progress or (lambda line: None)
     candidates = {c.name: c for c in candidates_of(case)}
-    if not candidates:
-        raise CaseError(f"{case.name}: found no further measurement to rank; expected one; name DOFs in [plan]")
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
     seed = case.spec.sampling.seed if seed is None else seed
     rng = np.random.default_rng([seed, 7])
+    problem = case.problem
     if posterior is None:
         tell("finding the mode")
-        theta = find_map(case, seed=seed).theta
+        mode = find_map(case, seed=seed).theta
     else:
-        theta = posterior.mode_theta
+        mode = posterior.mode_theta
+    truth = None if assume is None else assumed_truth(problem, mode, assume)
+    fisher = fisher_information(problem, mode if truth is None else truth)
+    ranking = _ranked(case, candidates, fisher)
+    found: dict[tuple[str, ...], Confirmation] = {}
+    draws, note = None, "no measurement was simulated."
+    if simulations:
+        tell("drawing from the present posterior")
+        draws, note = present_draws(case, mode, rng) if posterior is None else (posterior.theta, "")
+    if draws is not None:
+        for names in dict.fromkeys([*(f.names for f in ranking.singles[:CONFIRMED]), ranking.best.names]):
+            tell(f"simulating {' + '.join(names)}")
+            found[names] = confirm(
+                problem,
+                [candidates[name] for name in names],
+                case.spec.plan.parameter,
+                draws,
+                chart_of(problem),
+                rng,
+                truth=truth,
+                simulations=simulations,
+            )
+    return Plan(
+        case.name,
+        case.title,
+        seed,
+        case.spec.plan.parameter,
+        fisher,
+        ranking.singles,
+        ranking.best,
+        ranking.by_gain,
+        found,
+        note,
+        assumed=truth is not None,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ranking:
+    """Candidates alone, and the best sets by spread and by information."""
+
+    singles: tuple[Forecast, ...]
+    best: Forecast
+    by_gain: Forecast
+
+
+def _ranked(case: Case, candidates: Mapping[str, Candidate], fisher: FisherInformation) -> _Ranking:
     settings = case.spec.plan
-    parameter: str = settings.parameter
-    fisher = fisher_information(case.problem, theta)
-    information = {name: measurement_information(c, case.problem, theta) for name, c in candidates.items()}
+    parameter, count = settings.parameter, settings.max_measurements
+    information = {name: measurement_information(c, case.problem, fisher.theta) for name, c in candidates.items()}
 
     def looked_at(names: tuple[str, ...]) -> Forecast:
         return forecast(fisher, information, [candidates[name] for name in names], parameter)
 
     singles = sorted((looked_at((name,)) for name in candidates), key=lambda f: (f.sd_after, -f.gain_nats))
-    count = settings.max_measurements
     best = looked_at(choose(fisher, information, count, parameter))
-    by_gain = looked_at(choose(fisher, information, count, parameter, by="gain"))
-    found: dict[tuple[str, ...], Confirmation] = {}
-    draws, note = None, "no measurements were simulated."
-    if simulations:
-        draws, note = _present_draws(case, posterior, fisher, rng)
-    if draws is not None:
-        for names in dict.fromkeys([*(f.names for f in singles[:CONFIRMED]), best.names]):
-            tell(f"simulating {' + '.join(names)}")
-            chosen: list[Candidate] = [candidates[name] for name in names]
-            found[names] = confirm(
-                case.problem, chosen, parameter, draws, chart_of(case.problem), rng, simulations=simulations
-            )
-    return Plan(case.name, case.title, seed, parameter, fisher, tuple(singles), best, by_gain, found, note)
+    return _Ranking(tuple(singles), best, looked_at(choose(fisher, information, count, parameter, by="gain")))
 
 
-def _present_draws(
-    case: Case, posterior: Posterior | None, fisher: FisherInformation, rng: np.random.Generator
-) -> tuple[Array | None, str]:
-    """Draws of θ from the present posterior, shape (n, d); or none, and why."""
-    if posterior is not None:
-        return posterior.theta, ""
+def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array | None, str]:
+    """Draws of θ from the present posterior, shape (n, d), equally weighted; or none, and why.
+
+    By importance sampling about the mode; where that finds too few, by a short run of the sampler.
+    """
+    fisher, chart = fisher_information(case.problem, mode), chart_of(case.problem)
     covariance = np.linalg.inv(fisher.total() + np.diag(fisher.prior_sd**-2.0))
     for count in (_DRAWS, _MORE * _DRAWS):
-        theta, log_weight = weighted_posterior(
-            case.problem.log_posterior, fisher.theta, covariance, chart_of(case.problem), rng, count
-        )
+        theta, log_weight = weighted_posterior(case.problem.log_posterior, mode, covariance, chart, rng, count)
+        if len(theta) == 0:
+            break
         weight = np.exp(log_weight - log_weight.max())
-        effective = float(weight.sum() ** 2 / (weight**2).sum())
-        if effective >= _LEAST:
+        if weight.sum() ** 2 / (weight**2).sum() >= _LEAST:
             return theta[rng.choice(len(theta), _KEPT, p=weight / weight.sum())], ""
+    sampled = sample(case, int(rng.integers(2**31)), settings=_SHORT)
+    if sampled.converged:
+        return sampled.theta, ""
     return None, (
-        f"importance sampling left {effective:.0f} effective draws of the present posterior; sample the case and give "
-        "the posterior to plan"
+        "the present posterior was found neither by importance sampling nor by a short run of the sampler; sample the "
+        "case and give the posterior to plan."
     )
-
-

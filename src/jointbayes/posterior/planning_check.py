@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
 
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import LogPosterior, Problem
@@ -25,7 +26,7 @@ from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.planning import measurement_information
 from jointbayes.sampling import Chart, fit_proposal
 
-__all__ = ["Confirmation", "Spread", "WithFurther", "confirm", "spread_after", "weighted_posterior"]
+__all__ = ["Confirmation", "Spread", "WithFurther", "assumed_truth", "confirm", "spread_after", "weighted_posterior"]
 
 Array = NDArray[np.float64]
 
@@ -150,6 +151,7 @@ def confirm(
     chart: Chart,
     rng: np.random.Generator,
     *,
+    truth: Array | None = None,
     simulations: int = 12,
     inner: int = 2000,
 ) -> Confirmation:
@@ -169,6 +171,8 @@ def confirm(
         Coordinates in which the posterior is near a bell.
     rng
         Source of truths, noise and importance draws.
+    truth
+        θ that makes every simulated measurement, shape (d,), if it is assumed; by default drawn from `draws`.
     simulations
         How many further measurements to simulate.
     inner
@@ -186,8 +190,12 @@ def confirm(
         )
     before = _spread(problem, draws, np.zeros(len(draws)), parameter, len(draws))
     found: list[Spread] = []
-    for truth in draws[rng.choice(len(draws), simulations, replace=len(draws) < simulations)]:
-        one = spread_after(problem, candidates, parameter, truth, chart, rng, inner=inner)
+    if truth is None:
+        truths = draws[rng.choice(len(draws), simulations, replace=len(draws) < simulations)]
+    else:
+        truths = np.repeat(truth[None], simulations, axis=0)
+    for one_truth in truths:
+        one = spread_after(problem, candidates, parameter, one_truth, chart, rng, inner=inner)
         if one is not None:
             found.append(one)
     _, old = np.linalg.slogdet(before.covariance)
@@ -297,6 +305,47 @@ def _spread(problem: Problem, theta: Array, log_weight: Array, parameter: str, d
     centred = joint - weight @ joint
     sd = math.sqrt(float(weight @ (value - weight @ value) ** 2))
     return Spread(sd, (centred.T * weight) @ centred, effective, drawn)
+
+
+def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array:
+    """θ, shape (d,), of an assumed joint, all else as the present data have it, given that joint.
+
+    Parameters
+    ----------
+    problem
+        The problem in hand.
+    theta
+        Mode of its posterior, shape (d,), from which the other quantities start.
+    stiffness
+        (k11, k12, k22), shape (3,).
+
+    Raises
+    ------
+    ModelError
+        If the prior thinks that joint impossible.
+    """
+    prior, log_posterior = problem.prior, problem.log_posterior
+    joint = prior.parametrisation.coordinates(stiffness)
+    low, high = prior.support
+    start = np.concatenate([joint, theta[joint.size :]])
+    if not (prior.feasible(start) and (start >= low).all() and (start <= high).all()):
+        given = ", ".join(f"{k:g}" for k in np.asarray(stiffness, dtype=float))
+        raise ModelError(f"planning: found an assumed joint ({given}) outside the prior; expected one inside it")
+    moving = slice(joint.size, start.size - log_posterior.likelihood.hyper_count)
+    if moving.start == moving.stop:
+        return start
+
+    def whole(part: Array) -> Array:
+        return np.concatenate([joint, part, start[moving.stop :]])
+
+    found = optimize.least_squares(
+        lambda part: log_posterior.residuals(whole(part))[0],
+        start[moving],
+        jac=lambda part: log_posterior.residuals(whole(part))[1][:, moving],
+        bounds=(low[moving], high[moving]),
+        x_scale=prior.sd[moving],
+    )
+    return whole(found.x)
 
 
 def _error_of_mean(values: Array) -> float:
