@@ -91,11 +91,11 @@ class LogPosterior:
         return gradient.reshape(t.shape)
 
     def _differences(self, theta: Array) -> Array:
-        """∇ ln p at one θ, shape (d,), by differences inside the support."""
-        low, high = self.prior.support
+        """∇ ln p at one θ, shape (d,), by differences inside the support; 0 along what has no room in it."""
         step = 1e-5 * np.minimum(self.prior.sd, 1.0)
-        moves = np.diag(step)
-        up, down = np.minimum(theta + moves, high), np.maximum(theta - moves, low)
+        up, down = (self.prior.moved(theta, np.diag(sign * step)) for sign in (1, -1))
         value = self(np.concatenate([up, down]))
-        slope: Array = (value[: theta.size] - value[theta.size :]) / np.diag(up - down)
+        apart = np.diag(up - down)
+        slope = np.zeros(theta.size)
+        np.divide(value[: theta.size] - value[theta.size :], apart, out=slope, where=apart > 0)
         return slope
