@@ -61,7 +61,7 @@ def problem(law: DampingLaw, names: tuple[str, ...], noise: NoiseModel | None = 
 
 def problems() -> dict[str, Problem]:
     """What is compared."""
-    both = MATERIAL + ("damping_ratio",)
+    both = (*MATERIAL, "damping_ratio")
     return {
         "nothing": problem(MODAL, ()),
         "E, density, damping ratio": problem(MODAL, ("youngs_modulus", "density", "damping_ratio")),
