@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes import case_schema as schema
-from jointbayes.frf import FrfSet, Ports
+from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
 from jointbayes.inference import (
     CorrelatedNoise,
     GaussianNoise,
@@ -31,6 +31,7 @@ from jointbayes.measurement import (
     RelativeNoise,
     synthesise_frf,
 )
+from jointbayes.parametrisation import RIGID
 from jointbayes.structure import (
     STRUCTURE_QUANTITIES,
     BeamFamily,
@@ -153,9 +154,25 @@ def _quantities(spec: schema.CaseSpec) -> list[Nuisance]:
             ratios = structure.damping.ratio
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             found += [Nuisance(n, "1", ratio, _factor_prior(prior)) for n, ratio in zip(labels, ratios, strict=True)]
+        elif name == "mode_frequencies":
+            count = _modes_in_band(spec)
+            found += [
+                Nuisance(f"mode_frequency_{i + 1}", "× predicted", 1.0, _factor_prior(prior)) for i in range(count)
+            ]
         else:
             found.append(Nuisance(name, *stated[name], _factor_prior(prior)))
     return sorted(found, key=lambda nuisance: nuisance.name == "gain")
+
+
+def _modes_in_band(spec: schema.CaseSpec) -> int:
+    """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
+    if isinstance(spec.data, schema.NaturalFrequenciesSpec):
+        return len(spec.data.frequencies_hz)
+    structure = beam_recipe(spec.structure, spec.data).structure()
+    joint = Joint(spec.joint.dofs, spec.joint.against)
+    count = min(structure.n_dofs - len(joint.dofs), 30)
+    rigid = NaturalFrequencies(structure, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    return max(1, int((rigid < 1.1 * spec.data.lines_hz()[-1]).sum()))
 
 
 def _factor_prior(spec: schema.FactorPriorSpec) -> Marginal:
@@ -199,7 +216,7 @@ def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily | None:
     ranges = {
         n.name: n.range
         for n in prior.nuisances
-        if n.name in STRUCTURE_QUANTITIES or n.name.startswith("damping_ratio_")
+        if n.name in STRUCTURE_QUANTITIES or n.name.startswith(("damping_ratio_", "mode_frequency_"))
     }
     return BeamFamily(recipe, ranges) if ranges else None
 

@@ -130,6 +130,7 @@ class UncertainSpec(Spec):
     damping_ratio: Annotated[FactorPriorSpec | None, _uncertain("each damping ratio")] = None
     loss_factor: Annotated[FactorPriorSpec | None, _uncertain("the loss factor")] = None
     accelerometer_mass: Annotated[FactorPriorSpec | None, _uncertain("the mass of the accelerometers")] = None
+    mode_frequencies: Annotated[FactorPriorSpec | None, _uncertain("each predicted natural frequency")] = None
     gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
 
     @property

@@ -88,6 +88,9 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data:
                 yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
         return
     yield from _damping_findings(uncertain, structure)
+    if uncertain.mode_frequencies and structure.damping.law != "modal":
+        found = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
+        yield Finding(("uncertain", "mode_frequencies"), found, 'law = "modal"', "remove it or change the law")
     translations = [label for label in data.outputs if ":r" not in label]
     if mass > 0 and not translations:
         found = f"found {mass!r}, but data.outputs holds rotations only"

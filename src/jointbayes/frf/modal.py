@@ -35,7 +35,8 @@ class NaturalFrequencies:
     """
 
     def __init__(self, structure: Structure | StructureFamily, joint: Joint, count: int) -> None:
-        n = as_family(structure).nominal.n_dofs
+        self._family = as_family(structure)
+        n = self._family.nominal.n_dofs
         if not 1 <= count <= n:
             raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
         self._modes, self._count = JoinedModes(structure, joint, np.empty((n, 0))), count
@@ -45,18 +46,23 @@ class NaturalFrequencies:
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
         """
-        eigenvalues, _, _ = self._modes.solve(as_batch(stiffness), factors)
-        return np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
+        matrices = as_batch(stiffness)
+        known = as_factors(factors, len(matrices))
+        eigenvalues, _, _ = self._modes.solve(matrices, known)
+        frequency: Array = np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
+        return frequency * _first(self._family.frequency_factors(known), self._count)
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), factors)
+        known = as_factors(factors, 1)
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), known)
+        (off,) = _first(self._family.frequency_factors(known), self._count)
         shapes = np.linalg.solve(springs.T, rows)[:, : self._count]
         frequency = np.sqrt(np.maximum(eigenvalues[: self._count], 0.0)) / (2 * np.pi)
         slope = np.einsum("ir,pij,jr->pr", shapes, np.asarray(directions, dtype=float), shapes)
-        return frequency, slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
+        return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
 
 class AssembledModes:
@@ -109,6 +115,8 @@ class AssembledModes:
         shapes = rows[:, r:]
         if self._along.any():
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
+        off = self._family.frequency_factors(known)
+        eigenvalues[:, : off.shape[1]] *= off**2
         return eigenvalues, np.ascontiguousarray(shapes), self._family.damping_ratios(known)
 
     def tangent(
@@ -147,16 +155,25 @@ class AssembledModes:
         d_out, d_in = out @ turn, into @ turn
         constants = out[:, None, :] * into[None, :, :]
         d_constants = d_out[:, :, None, :] * into + out[:, None, :] * d_in[:, None, :, :]
+        off = _first(self._family.frequency_factors(known), lam.size)[0] ** 2
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
-        shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0), into)
+        shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0) * off, into)
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, lam.size)
         ratio = self._family.damping_ratios(known)[0]
-        summed = self._sum.spread(lam, ratio, rows, shared.reshape(-1, lam.size))
+        summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, lam.size))
         summed = np.moveaxis(summed.reshape(-1, pairs, self._omega.size), 1, 2)
         each = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return each[0], each[1:]
+
+
+def _first(factors: Array, count: int) -> Array:
+    """Factors of the first `count` modes, shape (n, count), 1 where none is given."""
+    out = np.ones((len(factors), count))
+    given = min(count, factors.shape[1])
+    out[:, :given] = factors[:, :given]
+    return out
 
 
 class AssembledMisfit:

@@ -14,7 +14,7 @@ from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import Joint, Parametrisation, joint_matrix
 from jointbayes.measurement import Measurement
-from jointbayes.structure import Structure, StructureFamily
+from jointbayes.structure import Structure, StructureFamily, is_mode_frequency
 
 __all__ = ["Problem"]
 
@@ -94,13 +94,18 @@ class Problem:
         return np.asarray(factors, dtype=float)[..., :count]
 
     def natural_frequencies_hz(
-        self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None
+        self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False
     ) -> NDArray[np.float64]:
         """Lowest natural frequencies, shape (n, count), Hz, for stiffness (n, 3) or (3,).
 
-        At the nominal structure, or at factors (n, q) of the nuisances.
+        At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural
+        frequencies themselves are given by ``mode_frequency_1`` and so on.
         """
         if factors is None or self.family is None:
             return NaturalFrequencies(self.structure, self.joint, count).frequency_hz(joint_matrix(stiffness))
         model = NaturalFrequencies(self.family, self.joint, count)
-        return model.frequency_hz(joint_matrix(stiffness), self.structural(factors))
+        structural = self.structural(factors)
+        if of_model:
+            named = np.array([is_mode_frequency(name) for name in self.family.names])
+            structural = np.where(named, 1.0, structural)
+        return model.frequency_hz(joint_matrix(stiffness), structural)

@@ -229,11 +229,16 @@ class Posterior:
             ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
         return predict_frf(self.problem, self.thinned(max_draws), ports, quantity, probability)
 
-    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000) -> Array:
-        """Natural frequencies of posterior draws, shape (draws, count), Hz."""
+    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, of_model: bool = False) -> Array:
+        """Natural frequencies of posterior draws, shape (draws, count), Hz.
+
+        Those of the structure as it was measured; with `of_model` those that the model gives the joint, without the
+        errors of its natural frequencies that the case may allow for (``[uncertain.mode_frequencies]``).
+        """
         theta = self.thinned(max_draws)
         prior = self.problem.prior
-        return self.problem.natural_frequencies_hz(prior.stiffness(theta), count, prior.factors(theta))
+        factors = prior.factors(theta)
+        return self.problem.natural_frequencies_hz(prior.stiffness(theta), count, factors, of_model=of_model)
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""

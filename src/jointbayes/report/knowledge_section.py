@@ -160,12 +160,16 @@ def nuisance_section(summary: Summary) -> Section | None:
 
 def coordinate_label(name: str) -> str:
     """Short label of a coordinate for an axis."""
+    if name.startswith("mode_frequency_"):
+        return f"ln f{name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):
         return f"ln ζ{name.rsplit('_', 1)[1]}"
     return _SHORT.get(name, f"ln {name}")
 
 
 def _readable(name: str) -> str:
+    if name.startswith("mode_frequency_"):
+        return f"natural frequency {name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):
         return f"damping ratio of mode {name.rsplit('_', 1)[1]}"
     return _READABLE.get(name, name)

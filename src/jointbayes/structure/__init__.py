@@ -4,7 +4,7 @@ from jointbayes.structure.assembled import Modes, Structure, mode_shift
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
 from jointbayes.structure.family import BeamFamily, FixedFamily, FreeModes, StructureFamily, as_family
-from jointbayes.structure.recipe import STRUCTURE_QUANTITIES, BeamRecipe
+from jointbayes.structure.recipe import STRUCTURE_QUANTITIES, BeamRecipe, is_mode_frequency
 from jointbayes.structure.section import Section
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "FreeModes",
     "StructureFamily",
     "as_family",
+    "is_mode_frequency",
     # damping
     "DampingLaw",
     "LossFactor",

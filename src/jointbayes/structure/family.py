@@ -17,7 +17,7 @@ from scipy import optimize
 from jointbayes.errors import ModelError
 from jointbayes.structure.assembled import Modes, Structure
 from jointbayes.structure.damping import LossFactor, ModalDamping
-from jointbayes.structure.recipe import BeamRecipe, is_damping_ratio
+from jointbayes.structure.recipe import BeamRecipe, is_damping_ratio, is_mode_frequency
 
 __all__ = ["BeamFamily", "FixedFamily", "FreeModes", "StructureFamily", "as_family"]
 
@@ -66,6 +66,10 @@ class StructureFamily(Protocol):
         """Loss factor, shape (n or 1,), for structural damping."""
         ...
 
+    def frequency_factors(self, factors: Array) -> Array:
+        """True over predicted natural frequency of the first modes of the assembled structure, shape (n or 1, c)."""
+        ...
+
 
 class FixedFamily:
     """The family of one: a structure that is exactly known."""
@@ -93,6 +97,10 @@ class FixedFamily:
         """Loss factor, shape (1,)."""
         law = self.nominal.damping
         return np.array([law.loss_factor if isinstance(law, LossFactor) else 0.0])
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """No mode is off: shape (1, 0)."""
+        return np.empty((1, 0))
 
 
 class BeamFamily:
@@ -125,6 +133,11 @@ class BeamFamily:
                     f"uncertain beam: found {name!r} with a damping law of another kind; expected damping_ratio for "
                     "modal damping or loss_factor for structural damping; remove it or change the law"
                 )
+        numbers = [name for name in self.names if is_mode_frequency(name)]
+        if numbers != [f"mode_frequency_{i + 1}" for i in range(len(numbers))]:
+            raise ModelError(
+                f"uncertain beam: found {', '.join(numbers)}; expected mode_frequency_1, mode_frequency_2 and so on"
+            )
         self._axes = _ShapeAxes(recipe, self._ranges)
         self._table: _ModeTable | None = None
         self._tabulated = False
@@ -158,6 +171,12 @@ class BeamFamily:
         law = self.recipe.damping
         nominal = law.loss_factor if isinstance(law, LossFactor) else 0.0
         return nominal * self.factor(factors, "loss_factor")
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """True over predicted natural frequency of the first modes of the assembled structure, shape (n, c)."""
+        named = [name for name in self.names if is_mode_frequency(name)]
+        each = [self.factor(factors, name) for name in named]
+        return np.stack(each, axis=-1) if each else np.empty((len(factors), 0))
 
     def factor(self, factors: Array, name: str) -> Array:
         """Factor on one quantity, shape (n,); ones where it is certain, or no factors are given."""

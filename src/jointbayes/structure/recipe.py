@@ -12,9 +12,9 @@ from jointbayes.structure.beam import BeamMaterial, beam
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
 from jointbayes.structure.section import Section
 
-__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "is_damping_ratio"]
+__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "is_damping_ratio", "is_mode_frequency"]
 
-#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``damping_ratio_2`` and so on.
+#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on.
 STRUCTURE_QUANTITIES = (
     "youngs_modulus",
     "density",
@@ -30,6 +30,11 @@ STRUCTURE_QUANTITIES = (
 def is_damping_ratio(name: str) -> bool:
     """Whether a quantity is the damping ratio of all modes, or of one."""
     return name == "damping_ratio" or name.startswith("damping_ratio_")
+
+
+def is_mode_frequency(name: str) -> bool:
+    """Whether a quantity is the error of one natural frequency of the assembled structure."""
+    return name.startswith("mode_frequency_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +75,8 @@ class BeamRecipe:
         ----------
         factors
             By name, see `STRUCTURE_QUANTITIES`. ``section_size`` multiplies every dimension of the section,
-            ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode.
+            ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode. Errors of natural frequencies,
+            ``mode_frequency_1`` and so on, are those of the assembled structure, and change nothing here.
 
         Raises
         ------
@@ -79,7 +85,7 @@ class BeamRecipe:
         """
         given = dict(factors or {})
         for name in given:
-            if name not in STRUCTURE_QUANTITIES and not is_damping_ratio(name):
+            if name not in STRUCTURE_QUANTITIES and not (is_damping_ratio(name) or is_mode_frequency(name)):
                 raise ModelError(
                     f"beam: found uncertain quantity {name!r}; expected one of {', '.join(STRUCTURE_QUANTITIES)}"
                 )
