@@ -105,8 +105,6 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
-    if not start.size:  # a rigid joint and nothing else uncertain: nothing to climb
-        return start, float(log_posterior(start)[0])
     likelihood = log_posterior.likelihood
     if likelihood.gaussian:
         found = _least_squares(log_posterior, start)
@@ -145,6 +143,8 @@ def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
 def _least_squares(log_posterior: LogPosterior, start: Array) -> Array:
     """End of a climb on the residuals, the parameters of the noise model held as they are."""
     moving = start.size - log_posterior.likelihood.hyper_count
+    if moving == 0:  # a rigid joint and a structure that is exactly known
+        return start
     low, high = (end[:moving] for end in log_posterior.prior.support)
     feasible = log_posterior.prior.parametrisation.feasible
     tail, joint = start[moving:], log_posterior.prior.joint
@@ -307,6 +307,9 @@ def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
         move = step[i] * np.eye(theta.size)[i]
         up, down = np.minimum(theta + move, high), np.maximum(theta - move, low)
         hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
-    values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(sd, sd))
+    # a difference that leaves the cone is no number: there the squares' own curvature will do
+    known = np.isfinite(hessian) & np.isfinite(hessian.T)
+    symmetric = np.where(known, (hessian + hessian.T) / 2, jacobian.T @ jacobian)
+    values, vectors = np.linalg.eigh(symmetric * np.outer(sd, sd))
     covariance: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)
     return covariance

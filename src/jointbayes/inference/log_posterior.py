@@ -96,6 +96,12 @@ class LogPosterior:
         step = 1e-5 * np.minimum(self.prior.sd, 1.0)
         moves = np.diag(step)
         up, down = np.minimum(theta + moves, high), np.maximum(theta - moves, low)
-        value = self(np.concatenate([up, down]))
-        slope: Array = (value[: theta.size] - value[theta.size :]) / np.diag(up - down)
+        value = self(np.concatenate([up, down, theta[None]]))
+        # beside the cone one end may be impossible: then the difference is taken from the point itself
+        possible = np.isfinite(value[:-1])
+        ends = np.where(possible[:, None], np.concatenate([up, down]), theta)
+        value = np.where(possible, value[:-1], value[-1])
+        width = np.diag(ends[: theta.size] - ends[theta.size :])
+        with np.errstate(invalid="ignore", divide="ignore"):  # NaN where both are impossible
+            slope: Array = (value[: theta.size] - value[theta.size :]) / width
         return slope
