@@ -195,7 +195,7 @@ class TestCut:
 
     def test_marginals_that_leave_no_joint_are_refused(self):
         prior = JointPrior(LogStiffness(), (Uniform(0.0, 1.0), Uniform(5.0, 6.0), Uniform(0.0, 1.0)))
-        with pytest.raises(ModelError, match="^prior: found no positive definite joint"):
+        with pytest.raises(ModelError, match=r"^prior: found no positive definite joint"):
             prior.log_density(np.zeros((1, 3)))
 
     @pytest.mark.parametrize("prior", [LOG, SIGNED, UNCERTAIN], ids=["log", "signed", "with a nuisance"])
@@ -271,9 +271,13 @@ class TestModes:
 
         prior = JointPrior(SignedCoupling(), (Uniform(0.0, 10.0), Uniform(0.0, 10.0), Uniform(-1.0, 1.0)))
 
+        def __init__(self, width=0.03):
+            self.width = width
+
         def __call__(self, theta):
             t = np.atleast_2d(theta)
-            value = np.logaddexp(-0.5 * ((t[:, 2] - 0.9) / 0.03) ** 2, -2 - 0.5 * ((t[:, 2] + 0.9) / 0.03) ** 2)
+            w = self.width
+            value = np.logaddexp(-0.5 * ((t[:, 2] - 0.9) / w) ** 2, -2 - 0.5 * ((t[:, 2] + 0.9) / w) ** 2)
             return value - 0.5 * (t[:, 1] - 5.0) ** 2
 
         def residuals(self, theta):
@@ -293,6 +297,13 @@ class TestModes:
         assert [mode.theta[2] for mode in modes] == [0.9, -0.9]
         assert modes[0].log_posterior - modes[1].log_posterior == pytest.approx(2.0)
         np.testing.assert_allclose(np.sqrt(np.diag(modes[0].covariance))[1:], [1.0, 0.03], rtol=1e-6)
+
+    @pytest.mark.parametrize(("width", "count"), [(0.35, 2), (0.9, 1)])
+    def test_a_valley_of_one_is_a_valley(self, width, count):
+        # where the lower mode meets the flank of the higher one the log density is 1.7 below it, or not below at all
+        density = self.Bimodal(width)
+        ends = [(place, float(density(place)[0])) for place in (np.array([5.0, 5.0, r]) for r in (0.9, -0.9))]
+        assert len(local_modes(density, ends)) == count
 
     def test_a_mode_that_is_far_lower_does_not_matter(self):
         density = self.Bimodal()

@@ -218,7 +218,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
         joint,
         joint_matrix(stiffness_of(spec.truth)),
         ports,
-        _noise_law(spec.noise),
+        noise_law(spec.noise),
         spec.quantity,
         rng,
         gain=spec.truth.gain,
@@ -248,7 +248,8 @@ def _true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
     )
 
 
-def _noise_law(spec: schema.NoiseSpec) -> NoiseLaw:
+def noise_law(spec: schema.NoiseSpec) -> NoiseLaw:
+    """Law of the noise of synthetic data."""
     if spec.coherence is not None and spec.averages is not None:
         return CoherenceNoise(spec.coherence, spec.averages, spec.floor)
     return RelativeNoise(spec.relative, spec.floor)

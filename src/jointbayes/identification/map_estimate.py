@@ -297,19 +297,16 @@ def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
     The Hessian is a central difference of the exact gradient. Directions in which it is flatter than the prior
     (a mode at the edge of its support, data that do not see a combination) get the prior's width.
     """
-    sd = log_posterior.prior.sd
-    low, high = log_posterior.prior.support
+    prior = log_posterior.prior
+    sd = prior.sd
     _, jacobian = log_posterior.residuals(theta)
     scaled = jacobian * sd
     step = 1e-3 * sd / np.sqrt(np.maximum((scaled**2).sum(axis=0), 1.0))
-    hessian = np.empty((theta.size, theta.size))
-    for i in range(theta.size):
-        move = step[i] * np.eye(theta.size)[i]
-        up, down = np.minimum(theta + move, high), np.maximum(theta - move, low)
-        hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
-    # a difference that leaves the cone is no number: there the squares' own curvature will do
-    known = np.isfinite(hessian) & np.isfinite(hessian.T)
-    symmetric = np.where(known, (hessian + hessian.T) / 2, jacobian.T @ jacobian)
-    values, vectors = np.linalg.eigh(symmetric * np.outer(sd, sd))
+    hessian = np.zeros((theta.size, theta.size))
+    ups, downs = (prior.moved(theta, np.diag(sign * step)) for sign in (1, -1))
+    for i, (up, down) in enumerate(zip(ups, downs, strict=True)):
+        if up[i] > down[i]:
+            hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
+    values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(sd, sd))
     covariance: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)
     return covariance

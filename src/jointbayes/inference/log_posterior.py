@@ -91,17 +91,11 @@ class LogPosterior:
         return gradient.reshape(t.shape)
 
     def _differences(self, theta: Array) -> Array:
-        """∇ ln p at one θ, shape (d,), by differences inside the support."""
-        low, high = self.prior.support
+        """∇ ln p at one θ, shape (d,), by differences inside the support; 0 along what has no room in it."""
         step = 1e-5 * np.minimum(self.prior.sd, 1.0)
-        moves = np.diag(step)
-        up, down = np.minimum(theta + moves, high), np.maximum(theta - moves, low)
-        value = self(np.concatenate([up, down, theta[None]]))
-        # beside the cone one end may be impossible: then the difference is taken from the point itself
-        possible = np.isfinite(value[:-1])
-        ends = np.where(possible[:, None], np.concatenate([up, down]), theta)
-        value = np.where(possible, value[:-1], value[-1])
-        width = np.diag(ends[: theta.size] - ends[theta.size :])
-        with np.errstate(invalid="ignore", divide="ignore"):  # NaN where both are impossible
-            slope: Array = (value[: theta.size] - value[theta.size :]) / width
+        up, down = (self.prior.moved(theta, np.diag(sign * step)) for sign in (1, -1))
+        value = self(np.concatenate([up, down]))
+        apart = np.diag(up - down)
+        slope = np.zeros(theta.size)
+        np.divide(value[: theta.size] - value[theta.size :], apart, out=slope, where=apart > 0)
         return slope

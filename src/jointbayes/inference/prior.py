@@ -261,6 +261,15 @@ class JointPrior:
             inside = inside & (t[..., i] >= low) & (t[..., i] <= high)
         return inside
 
+    def moved(self, theta: Array, moves: Array) -> Array:
+        """θ, shape (d,), after each of several moves, shape (n, d), that stops at the support's edge, shape (n, d).
+
+        At the edge of the box; a move out of the cone of possible joints, which is no box, is not made at all.
+        """
+        low, high = self.support
+        ends = np.clip(theta + moves, low, high)
+        return np.where(self.feasible(ends)[:, None], ends, theta)
+
     def log_density(self, theta: ArrayLike) -> Array:
         """ln p(θ), shape (n,), for θ of shape (n, d); −inf where impossible. The density integrates to one."""
         t = np.atleast_2d(np.asarray(theta, dtype=float))

@@ -22,7 +22,7 @@ Method = Literal["exact", "importance", "nested"]
 PARETO_LIMIT = 0.7
 """Pareto k of importance weights above which their mean is not trusted."""
 
-_LEAST_SHARE = 0.1  # of the draws, effective
+_LEAST_SHARE = 0.25  # of the draws, effective
 _DRAWS = 20_000
 _LIVE = 400
 _STOP = 0.01  # ln Z that the live points may still add
@@ -209,7 +209,7 @@ def evidence(
 ) -> Evidence:
     """Evidence by importance sampling from a proposal fitted here; by nested sampling where that cannot be trusted.
 
-    It is not where the Pareto k of the weights is above 0.7, nor where fewer than a tenth of the draws are effective:
+    It is not where the Pareto k of the weights is above 0.7, nor where fewer than a quarter of the draws are effective:
     a density that the fit did not come near to may have parts where no draw ever fell, of which k knows nothing.
 
     Parameters

@@ -5,7 +5,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
 
 from jointbayes.errors import SamplingError
 
@@ -84,6 +83,8 @@ class BoxChart:
 
     def forward(self, theta: Array) -> Array:
         """φ, shape (n, d), of θ, shape (n, d); a point at an end goes where the last 10⁻¹² of the width begin."""
+        from scipy.special import ndtri  # nobody who reads the settings of a sampler waits for scipy
+
         boxed, phi = self._boxed, np.array(theta, dtype=np.float64)
         inside = phi[:, boxed]
         # counted from the nearer end, where the fraction keeps its digits
@@ -94,6 +95,8 @@ class BoxChart:
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), and whether it lies within the ends, shape (n,)."""
+        from scipy.special import ndtr
+
         boxed, theta = self._boxed, np.array(phi, dtype=np.float64)
         score = theta[:, boxed]
         step = ndtr(-np.abs(score)) * self._width[boxed]

@@ -6,11 +6,13 @@ between Chebyshev points at which the beam is assembled and solved; the interpol
 """
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.assembled import Modes, Structure
@@ -21,7 +23,8 @@ __all__ = ["BeamFamily", "FixedFamily", "FreeModes", "StructureFamily", "as_fami
 
 Array = NDArray[np.float64]
 
-_NODES = (4, 6, 8, 11, 15, 20)
+_NODES = (4, 6, 8, 11, 15, 20, 27, 36)
+_MOST_POINTS = 1000  # beyond, tabulating costs more than it gains
 _ACCURATE = 1e-8  # of the interpolation, relative to each eigenvalue and to the largest motion in any mode
 _SAME_PLANE = 1e-6  # eigenvalues closer than this (relative) share a plane in which any basis is as good
 
@@ -227,18 +230,21 @@ def _chebyshev(low: float, high: float, n: int) -> Array:
 
 
 def _solved(family: BeamFamily, numbers: Sequence[float], nominal: Modes) -> Modes:
-    """Modes at shape numbers, each turned to lie as its nominal counterpart does."""
+    """Modes at shape numbers in the order of their nominal counterparts, each turned to lie as its own does."""
     factors = dict(zip(family._axes.names, np.exp(numbers).tolist(), strict=True))
     if "accelerometer_mass" in factors:  # here the section's size changes the beam's mass, and the ratio is wanted
         factors["accelerometer_mass"] *= factors.get("section_size", 1.0) ** 2
     structure = family.recipe.structure(factors)
     modes = structure.modes()
-    shapes = modes.shapes.copy()
+    # modes of different symmetry cross as the beam becomes thicker: each is known by its shape, not by its number
+    overlap = np.abs(modes.shapes.T @ structure.mass @ nominal.shapes)
+    _, number = optimize.linear_sum_assignment(-overlap.T)
+    eigenvalues, shapes = modes.eigenvalues[number], modes.shapes[:, number]
     for plane in _planes(nominal.eigenvalues):
         # the rotation within the plane that brings the shapes nearest to the nominal ones; a sign for one mode
         left, _, right = np.linalg.svd(shapes[:, plane].T @ structure.mass @ nominal.shapes[:, plane])
         shapes[:, plane] = shapes[:, plane] @ (left @ right)
-    return Modes(modes.eigenvalues, shapes)
+    return Modes(eigenvalues, shapes)
 
 
 def _planes(eigenvalues: Array) -> list[slice]:
@@ -259,6 +265,8 @@ def _tabulated(family: BeamFamily) -> _ModeTable | None:
         if found is None:
             return None
         counts.append(found)
+    if math.prod(counts) > _MOST_POINTS:
+        return None
     table = _ModeTable(family, ends, counts)
     return table if _error(family, table, ends) < 10 * _ACCURATE else None
 
@@ -270,7 +278,7 @@ def _accurate(family: BeamFamily, ends: Sequence[tuple[float, float]], counts: S
 def _error(family: BeamFamily, table: _ModeTable, ends: Sequence[tuple[float, float]]) -> float:
     """Largest error of the table at a few points beside its own, near the ends among them.
 
-    Of the lower half of the modes each has to be right. The highest meet each other as the beam becomes thicker, and
+    Of the lower half of the modes each has to be right. The highest avoid each other as the beam becomes thicker, and
     are then no smooth functions one by one; of them only the sum counts, in the receptance below them.
     """
     nominal, worst = family.nominal.modes(), 0.0
@@ -319,7 +327,12 @@ class _ScaledModes:
         eigenvalues = found[:, :m] * (stiffness / (density * size**2))[:, None]
         unit = 1 / np.sqrt(density * size**3)
         scale = np.where(self._turned, (unit / size)[:, None], unit[:, None])
-        return eigenvalues, found[:, m:].reshape(-1, k, m) * scale[:, :, None]
+        motions = found[:, m:].reshape(-1, k, m) * scale[:, :, None]
+        if (np.diff(eigenvalues, axis=1) < 0).any():
+            order = np.argsort(eigenvalues, axis=1)
+            eigenvalues = np.take_along_axis(eigenvalues, order, axis=1)
+            motions = np.take_along_axis(motions, order[:, None, :], axis=2)
+        return eigenvalues, motions
 
 
 class _SolvedModes:

@@ -1,0 +1,215 @@
+"""The further measurements that a case could be given, from its `[plan]` table."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes import case_schema as schema
+from jointbayes.case import Case
+from jointbayes.case_objects import beam_recipe, family_of, noise_law
+from jointbayes.errors import CaseError
+from jointbayes.frf import Ports
+from jointbayes.inference import CorrelatedNoise
+from jointbayes.posterior.candidates import Candidate, CandidateKind, VarianceLaw, repeated
+from jointbayes.structure import BeamFamily, BeamRecipe, FreeModes, Structure
+
+__all__ = ["HeavierFamily", "candidates_of"]
+
+Array = NDArray[np.float64]
+_G = 1e-3
+
+
+def candidates_of(case: Case) -> tuple[Candidate, ...]:
+    """All single candidates of a case, in the order in which its plan names them.
+
+    Each DOF that could be measured and is not, with the present inputs; each that could be excited and is not, with
+    the present outputs; both new at once where the plan names inputs; more averages; a wider band; an added mass. A
+    pair of DOFs that by reciprocity says what an earlier candidate says is left out where no accelerometer has mass.
+
+    Raises
+    ------
+    CaseError
+        If the data are natural frequencies.
+    """
+    data = case.spec.data
+    if not isinstance(data, schema.SyntheticFrfSpec):
+        raise CaseError(
+            f"{case.name}: found natural frequencies as data; a plan expects FRFs, whose noise and band it can vary; "
+            'write [data] with kind = "synthetic_frf"'
+        )
+    return _Maker(case, data).all()
+
+
+class _Maker:
+    """Makes candidates from one case."""
+
+    def __init__(self, case: Case, data: schema.SyntheticFrfSpec) -> None:
+        self._case, self._data, self._spec = case, data, case.spec
+        self._recipe = beam_recipe(case.spec.structure, data)
+        self._law: VarianceLaw = noise_law(data.noise)
+        self._lines = np.array(data.lines_hz())
+
+    def all(self) -> tuple[Candidate, ...]:
+        seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
+        found: list[Candidate] = []
+        for candidate in self._at_dofs():
+            ports = candidate.ports
+            pairs = {frozenset((o, i)) for o in ports.outputs for i in ports.inputs}
+            if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
+                found.append(candidate)
+                seen |= pairs
+        if not isinstance(self._case.problem.noise, CorrelatedNoise):  # model error does not average out
+            found.append(repeated(self._case.problem, self._spec.plan.averages_factor))
+        return (*found, *self._band(), *self._mass())
+
+    def _at_dofs(self) -> Iterator[Candidate]:
+        here, struck = self._data.outputs, self._data.inputs
+        new_outputs = [dof for dof in self._spec.plan_outputs if dof not in here]
+        new_inputs = [dof for dof in self._spec.plan_inputs if dof not in struck]
+        for dof in new_outputs:
+            yield self._measured(dof, "accelerometer", self._sensor(dof), (dof,), struck)
+        for dof in new_inputs:
+            yield self._measured(f"hammer {dof}", "hammer", self._hammer(dof), here, (dof,))
+        for out in new_outputs:
+            for dof in new_inputs:
+                words = f"{self._sensor(out)} with {self._hammer(dof)}"
+                yield self._measured(f"{out} / hammer {dof}", "pair", words, (out,), (dof,))
+
+    def _measured(
+        self, name: str, kind: CandidateKind, words: str, outputs: tuple[str, ...], inputs: tuple[str, ...]
+    ) -> Candidate:
+        """A candidate at other DOFs; a new accelerometer's mass is on the structure beside that of the present ones."""
+        loaded = self._recipe.accelerometer_dofs + tuple(
+            dof for dof in outputs if dof not in self._recipe.accelerometer_dofs
+        )
+        recipe = replace(self._recipe, accelerometer_dofs=loaded)
+        problem = self._case.problem
+        structure, family = problem.structure, problem.family
+        if recipe.accelerometer_mass > 0 and kind != "hammer":
+            structure, family = recipe.structure(), family_of(recipe, problem.prior)
+        ports = Ports(self._lines, outputs, inputs)
+        return Candidate(name, kind, words, structure, family, ports, self._data.quantity, self._law)
+
+    def _band(self) -> Iterator[Candidate]:
+        top, data, problem = self._spec.plan.f_max_hz, self._data, self._case.problem
+        if top is None or data.f_step_hz is None:
+            return
+        steps = math.floor((top - float(self._lines[0])) / data.f_step_hz + 1e-9)
+        lines = float(self._lines[0]) + data.f_step_hz * np.arange(steps + 1)
+        if lines[-1] <= self._lines[-1]:
+            return
+        yield Candidate(
+            f"band to {top:g} Hz",
+            "band",
+            f"a band up to {top:g} Hz",
+            problem.structure,
+            problem.family,
+            Ports(lines, data.outputs, data.inputs),
+            data.quantity,
+            self._law,
+            above_hz=float(self._lines[-1]),
+        )
+
+    def _mass(self) -> Iterator[Candidate]:
+        grams = self._spec.plan.added_mass_g
+        translations = tuple(dof for dof in self._data.outputs if ":r" not in dof)
+        if grams is None or not translations:
+            return
+        heavier, data, problem = _heavier(self._recipe, grams * _G), self._data, self._case.problem
+        uncertain = () if problem.family is None else problem.family.names
+        ranges = {n.name: n.range for n in problem.prior.nuisances if n.name in uncertain}
+        yield Candidate(
+            f"+{grams:g} g",
+            "mass",
+            f"a mass of {grams:g} g at {' and '.join(translations)}",
+            heavier.structure(),
+            None if problem.family is None else HeavierFamily(self._recipe, grams * _G, ranges),
+            Ports(self._lines, data.outputs, data.inputs),
+            data.quantity,
+            self._law,
+        )
+
+    def _sensor(self, dof: str) -> str:
+        kind = "a rotational accelerometer" if ":r" in dof else "an accelerometer"
+        return f"{kind} {self._place(dof)} ({dof})"
+
+    def _hammer(self, dof: str) -> str:
+        return f"{'a moment' if ':r' in dof else 'a hammer'} {self._place(dof)} ({dof})"
+
+    def _place(self, dof: str) -> str:
+        """Where a node is, in words."""
+        spec = self._spec.structure
+        nodes = {int(label.split(":")[0]) for label in self._spec.joint.dofs + self._spec.joint.against}
+        node = int(dof.split(":")[0])
+        share = (node - 1) / spec.elements
+        if node in nodes:
+            return "at the joint"
+        if share in (0.0, 1.0):
+            return (
+                "at the tip"
+                if len(nodes) == 1 and nodes <= {1, spec.nodes}
+                else f"at {spec.length_mm * share:.0f} mm along the beam"
+            )
+        return "at mid-span" if share == 0.5 else f"at {spec.length_mm * share:.0f} mm along the beam"
+
+
+def _heavier(recipe: BeamRecipe, mass: float) -> BeamRecipe:
+    """The beam with a further mass at each measured translation."""
+    return replace(recipe, accelerometer_mass=recipe.accelerometer_mass + mass)
+
+
+class HeavierFamily:
+    """A family of beams with a mass, exactly known, added to each accelerometer.
+
+    Parameters
+    ----------
+    recipe
+        The beam without that mass.
+    mass
+        Mass added at each measured translation, kg.
+    ranges
+        Smallest and largest logarithm of the factor by uncertain quantity, as for `BeamFamily`; the factor of
+        ``accelerometer_mass`` is that on the accelerometer alone.
+    """
+
+    def __init__(self, recipe: BeamRecipe, mass: float, ranges: Mapping[str, tuple[float, float]]) -> None:
+        self._own, self._mass = recipe.accelerometer_mass, mass
+        self.names = tuple(ranges)
+        self._at = self.names.index("accelerometer_mass") if "accelerometer_mass" in self.names else None
+        turned = dict(ranges)
+        if self._at is not None:
+            low, high = np.log(self._total(np.exp(turned["accelerometer_mass"])))
+            turned["accelerometer_mass"] = float(low), float(high)
+        self._family = BeamFamily(_heavier(recipe, mass), turned)
+        self.nominal: Structure = self._family.nominal
+
+    def _total(self, factor: Array) -> Array:
+        """Factor on accelerometer and added mass together, from that on the accelerometer alone."""
+        return (self._own * factor + self._mass) / (self._own + self._mass)
+
+    def _turned(self, factors: Array) -> Array:
+        if self._at is None or factors.shape[-1] == 0:
+            return factors
+        turned = np.array(factors, dtype=float)
+        turned[..., self._at] = self._total(turned[..., self._at])
+        return turned
+
+    def structure(self, factors: Array) -> Structure:
+        """Beam at factors (q,), assembled anew."""
+        return self._family.structure(self._turned(np.asarray(factors, dtype=float)))
+
+    def free_modes(self, motions: Array) -> FreeModes:
+        """Modes without the joint as functions of the factors."""
+        modes = self._family.free_modes(motions)
+        return lambda factors: modes(self._turned(factors))
+
+    def damping_ratios(self, factors: Array) -> Array:
+        """Damping ratio of every mode, shape (n, m)."""
+        return self._family.damping_ratios(self._turned(factors))
+
+    def loss_factors(self, factors: Array) -> Array:
+        """Loss factor, shape (n,)."""
+        return self._family.loss_factors(self._turned(factors))

@@ -1,0 +1,310 @@
+"""Is an analysis calibrated? Ranks of truths among draws, bands for their distribution, coverage of intervals.
+
+If truths come from the prior and data from the likelihood, the rank of a truth among independent draws of its posterior
+is uniform, whatever the prior, the likelihood and the data: anything else is an error in one of the three, or in the
+sampler. This knows nothing of beams: ranks and numbers only.
+
+References
+----------
+Talts, S. et al. (2018). Validating Bayesian inference algorithms with simulation-based calibration. arXiv:1804.06788
+Säilynoja, T., Bürkner, P.-C., Vehtari, A. (2022). Graphical test for discrete uniformity and its applications in
+goodness-of-fit evaluation and multiple sample comparison. Statistics and Computing 32, 32.
+DOI 10.1007/s11222-022-10090-6
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from jointbayes.errors import ModelError
+
+__all__ = ["CalibrationResult", "Coverage", "EcdfBand", "calibrate", "coverage", "ecdf", "ecdf_band", "rank_statistic"]
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_BISECTIONS = 40
+
+
+def rank_statistic(truth: ArrayLike, draws: ArrayLike, kept: int, rng: np.random.Generator) -> IntArray:
+    """Rank of the truth of each parameter among so many draws that are nearly independent, 0 to `kept`.
+
+    The draws are picked at random, without replacement, from all of them. Two that are picked correlate as two draws
+    do on average, 1/ESS: with `kept` well below the effective sample size they are as good as independent.
+
+    Parameters
+    ----------
+    truth
+        True values, shape (d,).
+    draws
+        Draws of the posterior in any order, shape (n, d), n at least `kept`.
+    kept
+        How many draws to compare with.
+    rng
+        Picks the draws, and parts ties.
+
+    Returns
+    -------
+    ndarray of int, shape (d,)
+
+    Raises
+    ------
+    ModelError
+        If the shapes do not fit, there are too few draws, or a number is not finite.
+
+    Examples
+    --------
+    >>> rank_statistic([0.0], np.arange(-2.0, 3.0)[:, None] + 0.5, 5, np.random.default_rng(1)).tolist()
+    [2]
+    """
+    true, values = np.asarray(truth, dtype=float), np.asarray(draws, dtype=float)
+    if true.ndim != 1 or values.ndim != 2 or values.shape[1] != true.size or not 0 < kept <= len(values):
+        raise ModelError(
+            f"rank: found a truth of shape {true.shape} and draws of shape {values.shape}; expected (d,) and at least "
+            f"{kept} draws of shape (n, d)"
+        )
+    if not (np.isfinite(true).all() and np.isfinite(values).all()):
+        raise ModelError("rank: found a truth or a draw that is not finite; expected numbers; correct them")
+    picked = values[rng.choice(len(values), kept, replace=False)]
+    below, ties = (picked < true).sum(axis=0), (picked == true).sum(axis=0)
+    ranks: IntArray = below + rng.integers(0, ties + 1)
+    return ranks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EcdfBand:
+    """Simultaneous band for the empirical distribution of uniform ranks.
+
+    Parameters
+    ----------
+    position
+        Values of u = (rank + 1)/(draws + 1) at which it is looked at, shape (points,), between 0 and 1.
+    low, high
+        Least and largest share of ranks up to there, shape (points,).
+    probability
+        Probability that n uniform ranks lie inside at all points: at least what was asked for.
+    pointwise
+        Probability with which each point by itself lies outside: γ of Säilynoja et al.
+    """
+
+    position: Array
+    low: Array
+    high: Array
+    probability: float
+    pointwise: float
+
+
+@lru_cache(maxsize=32)
+def ecdf_band(n: int, draws: int, probability: float = 0.95) -> EcdfBand:
+    """Band that contains the empirical distribution of n uniform ranks, 0 to `draws`, with a given probability.
+
+    At each point the count of ranks is binomial, and the band is its central interval of one probability 1 − γ for
+    all points. γ is as large as the simultaneous probability allows. That probability is computed exactly: from point
+    to point the counts are a Markov chain of binomial steps.
+
+    Parameters
+    ----------
+    n
+        Number of ranks, that is of data sets.
+    draws
+        Number of draws among which each truth was ranked.
+    probability
+        Simultaneous probability.
+
+    Raises
+    ------
+    ModelError
+        If a number is impossible.
+
+    References
+    ----------
+    Säilynoja et al. (2022), section 2.2, DOI 10.1007/s11222-022-10090-6
+    """
+    if n < 1 or draws < 1 or not 0 < probability < 1:
+        raise ModelError(
+            f"band: found {n} ranks, {draws} draws and a probability of {probability:g}; expected at least one of "
+            "either and a probability between 0 and 1"
+        )
+    position = np.arange(1, draws + 1) / (draws + 1)
+    least, most = 0.0, 1 - probability  # one point alone has as much
+    for _ in range(_BISECTIONS):
+        middle = (least + most) / 2
+        inside = _inside_probability(n, position, *_limits(n, position, middle))
+        least, most = (middle, most) if inside >= probability else (least, middle)
+    low, high = _limits(n, position, least)
+    return EcdfBand(position, low / n, high / n, _inside_probability(n, position, low, high), least)
+
+
+def _limits(n: int, position: Array, gamma: float) -> tuple[IntArray, IntArray]:
+    """Least and largest count at each point of a central interval of probability at least 1 − γ."""
+    low: IntArray = np.maximum(stats.binom.ppf(gamma / 2, n, position), 0).astype(np.int64)
+    high: IntArray = stats.binom.isf(gamma / 2, n, position).astype(np.int64)
+    return low, high
+
+
+def _inside_probability(n: int, position: Array, low: IntArray, high: IntArray) -> float:
+    """Probability that the counts of n uniform numbers up to each position lie within the limits at all of them."""
+    counts, chance, before = np.zeros(1, dtype=np.int64), np.ones(1), 0.0
+    for at, least, most in zip(position, low, high, strict=True):
+        following = np.arange(least, most + 1)
+        # of those not counted so far each lies before this point with the same probability
+        step = stats.binom.pmf(following - counts[:, None], n - counts[:, None], (at - before) / (1 - before))
+        counts, chance, before = following, chance @ step, at
+    return float(chance.sum())
+
+
+def ecdf(ranks: ArrayLike, draws: int) -> Array:
+    """Share of ranks, shape (n,), at or below 0, 1, …, draws − 1, shape (draws,): at the positions of the band."""
+    counts = np.bincount(np.asarray(ranks, dtype=np.int64), minlength=draws + 1)
+    shares: Array = np.cumsum(counts)[:draws] / counts.sum()
+    return shares
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How often intervals held the truth.
+
+    Parameters
+    ----------
+    inside, total
+        Intervals that held it, and all of them.
+    interval95
+        95 % interval of the probability (Clopper and Pearson): what so many data sets can tell.
+    """
+
+    inside: int
+    total: int
+    interval95: tuple[float, float]
+
+    @property
+    def share(self) -> float:
+        """Share that held it."""
+        return self.inside / self.total
+
+
+def coverage(intervals: ArrayLike, truths: ArrayLike) -> Coverage:
+    """Count how often intervals, shape (n, 2), hold truths, shape (n,).
+
+    Raises
+    ------
+    ModelError
+        If the shapes do not fit or there are none.
+
+    References
+    ----------
+    Clopper, C. J., Pearson, E. S. (1934). The use of confidence or fiducial limits illustrated in the case of the
+    binomial. Biometrika 26(4), 404-413. DOI 10.1093/biomet/26.4.404
+
+    Examples
+    --------
+    >>> coverage([[0.0, 1.0], [0.0, 1.0]], [0.5, 2.0]).share
+    0.5
+    """
+    ends, true = np.asarray(intervals, dtype=float), np.asarray(truths, dtype=float)
+    if true.ndim != 1 or true.size == 0 or ends.shape != (true.size, 2):
+        raise ModelError(
+            f"coverage: found intervals of shape {ends.shape} and truths of shape {true.shape}; expected (n, 2) and (n,)"
+        )
+    inside = int(((ends[:, 0] <= true) & (true <= ends[:, 1])).sum())
+    exact = stats.binomtest(inside, true.size).proportion_ci(0.95, method="exact")
+    return Coverage(inside, true.size, (float(exact.low), float(exact.high)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationResult:
+    """What the ranks of one parameter over many data sets say.
+
+    Parameters
+    ----------
+    name
+        Of the parameter.
+    ranks
+        Rank of the truth in each data set, shape (n,).
+    draws
+        Number of draws among which it was ranked.
+    band
+        Simultaneous band of uniform ranks.
+    shares
+        Empirical distribution at the positions of the band, shape (points,).
+    p_value
+        Probability that uniform ranks come as near to the edge of such a band at some point, exact: ranks are inside
+        the 95 % band where it is above 0.05. Of several parameters one may well lie below.
+    coverage
+        Of the intervals of the posteriors.
+    """
+
+    name: str
+    ranks: IntArray
+    draws: int
+    band: EcdfBand
+    shares: Array
+    p_value: float
+    coverage: Coverage
+
+    @property
+    def inside_band(self) -> bool:
+        """Whether the empirical distribution stays in the band."""
+        return bool(((self.shares >= self.band.low) & (self.shares <= self.band.high)).all())
+
+    @property
+    def largest_deviation(self) -> float:
+        """Largest distance of the empirical distribution from the uniform one, with its sign.
+
+        Above 0: more low ranks than there should be, draws lie above the truths.
+        """
+        difference = self.shares - self.band.position
+        return float(difference[np.abs(difference).argmax()])
+
+
+def calibrate(
+    ranks: Mapping[str, ArrayLike],
+    intervals: Mapping[str, ArrayLike],
+    truths: Mapping[str, ArrayLike],
+    draws: int,
+    probability: float = 0.95,
+) -> tuple[CalibrationResult, ...]:
+    """Judge every parameter from ranks (n,), posterior intervals (n, 2) and truths (n,) by its name.
+
+    Parameters
+    ----------
+    ranks, intervals, truths
+        By name of the parameter; one row for each data set.
+    draws
+        Number of draws among which truths were ranked.
+    probability
+        Of the band.
+
+    Raises
+    ------
+    ModelError
+        If a rank is impossible or shapes do not fit.
+    """
+    results = []
+    for name, values in ranks.items():
+        found = np.asarray(values, dtype=np.int64)
+        if found.ndim != 1 or found.size == 0 or found.min() < 0 or found.max() > draws:
+            raise ModelError(f"calibration: found ranks of {name} beyond 0 to {draws}, or none; correct them")
+        band, shares = ecdf_band(found.size, draws, probability), ecdf(found, draws)
+        p_value = _p_value(found.size, band.position, shares)
+        covered = coverage(intervals[name], truths[name])
+        results.append(CalibrationResult(name, found, draws, band, shares, p_value, covered))
+    return tuple(results)
+
+
+def _p_value(n: int, position: Array, shares: Array) -> float:
+    """Probability that uniform ranks are at some point as improbable as these are at their least probable one."""
+    counts = np.rint(shares * n)
+    tail = np.minimum(stats.binom.cdf(counts, n, position), stats.binom.sf(counts - 1, n, position))
+    least = float(tail.min())
+    # counts whose tail probability, to their own side, is above that
+    low = stats.binom.ppf(least, n, position)
+    low += stats.binom.cdf(low, n, position) <= least * (1 + 1e-9)
+    high = stats.binom.isf(least, n, position)
+    high -= stats.binom.sf(high - 1, n, position) <= least * (1 + 1e-9)
+    if (low > high).any():
+        return 1.0
+    return 1 - _inside_probability(n, position, low.astype(np.int64), high.astype(np.int64))

@@ -1,0 +1,110 @@
+"""The evidence on the measured frequencies, by three methods; modes that are far apart are visited in proportion."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import jointbayes as jb
+from jointbayes.joint import ComplianceChart, SignedCoupling
+from jointbayes.posterior import evidence, importance_evidence, nested_evidence
+from jointbayes.sampling import BoxChart, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
+from jointbayes.workflow import charts, find_map, starts_of
+from tests.conftest import CONFIGS
+
+pytestmark = pytest.mark.science
+
+#: ln Z of the full K^J with its error, from an independent nested sampler.
+KNOWN = {"clamped_beam_frequencies": (-16.0, 0.2), "clamped_beam_frequencies_360mm": (-14.5, 0.2)}
+
+
+@pytest.fixture(scope="module", params=KNOWN)
+def measured(request):
+    case = jb.load_case(CONFIGS / f"{request.param}.toml")
+    found = evidence(
+        case.problem.log_posterior, charts(case.problem), starts_of(find_map(case)), np.random.default_rng(1)
+    )
+    return case, found, KNOWN[request.param]
+
+
+def test_the_evidence_of_the_measured_frequencies_is_the_known_one(measured):
+    _, found, (log_z, error) = measured
+    assert found.method == "importance"
+    assert found.pareto_k < 0.7
+    assert found.ess > 10_000
+    assert found.error < 0.01
+    assert abs(found.log_z - log_z) < 2 * error
+
+
+def test_draws_from_the_prior_give_the_same_evidence(measured):
+    case, found, _ = measured
+    log_posterior, rng = case.problem.log_posterior, np.random.default_rng(2)
+    draws = [log_posterior.prior.transform(rng.random((25_000, 3))) for _ in range(12)]
+    likelihood = np.exp(np.concatenate([log_posterior.log_likelihood(theta) for theta in draws]) - found.log_z)
+    error = likelihood.std() / math.sqrt(likelihood.size)
+    assert abs(likelihood.mean() - 1) < 4 * error < 0.4
+
+
+def test_nested_sampling_gives_the_same_evidence(measured):
+    case, found, _ = measured
+    log_posterior = case.problem.log_posterior
+    nested = nested_evidence(
+        log_posterior.log_likelihood, log_posterior.prior.transform, 3, np.random.default_rng(3), live=100
+    )
+    assert abs(nested.log_z - found.log_z) < 4 * nested.error < 1.5
+
+
+class TwoCouplings:
+    """Density over signed coordinates, of mass 0.7 near ρ = 0.97 and 0.3 near −0.95, of different stiffnesses."""
+
+    masses = (0.7, 0.3)
+    low, high = np.array([15.0, 8.0, -1.0]), np.array([26.0, 19.0, 1.0])
+
+    def __init__(self):
+        places = (np.array([22.0, 14.0]), np.array([20.5, 12.5]))
+        self.stiffness = [stats.multivariate_normal(place, 0.01 * np.eye(2)) for place in places]
+        self.coupling = [stats.beta(60, 1.5, loc=-1, scale=2), stats.beta(2, 40, loc=-1, scale=2)]
+
+    def __call__(self, theta):
+        with np.errstate(divide="ignore"):
+            each = [
+                math.log(mass) + stiffness.logpdf(theta[:, :2]) + coupling.logpdf(theta[:, 2])
+                for mass, stiffness, coupling in zip(self.masses, self.stiffness, self.coupling, strict=True)
+            ]
+        return np.logaddexp(*each)
+
+
+@pytest.fixture(scope="module")
+def two_couplings():
+    density = TwoCouplings()
+    starts = (
+        (np.array([22.0, 14.0, 0.96]), np.diag([0.01, 0.01, 0.001])),
+        (np.array([20.5, 12.5, -0.93]), np.diag([0.01, 0.01, 0.001])),
+    )
+    known = ComplianceChart(SignedCoupling()), BoxChart(density.low, density.high)
+    return density, starts, fit_proposal(density, known, starts, np.random.default_rng(4))
+
+
+def test_evidence_of_two_modes_near_both_limits_of_the_coupling(two_couplings):
+    density, _, proposal = two_couplings
+    assert proposal.efficiency > 0.4
+    found = importance_evidence(density, proposal, np.random.default_rng(5))
+    assert abs(found.log_z) < 4 * found.error < 0.08
+    draws = found.draws.resample(np.random.default_rng(6), 20_000)
+    assert np.mean(draws[:, 2] > 0) == pytest.approx(0.7, abs=0.03)
+
+
+def test_chains_visit_two_modes_near_both_limits_in_proportion(two_couplings):
+    density, starts, proposal = two_couplings
+    rng = np.random.default_rng(7)
+    settings = SamplerSettings(ensembles=4, walkers=24, tau_factor=20.0)
+    # half of the walkers about each mode, though one is more than twice as heavy as the other
+    balls = [rng.multivariate_normal(mean, 0.1 * covariance, size=(4, 12)) for mean, covariance in starts]
+    chains = run_ensembles(
+        density, np.concatenate(balls, axis=1), rng, settings, chart=proposal.chart, proposal=proposal
+    )
+    assert chains.converged, chains.reason
+    positive = (chains.theta[:, chains.burn_in :, :, 2:] > 0).astype(float)
+    error = math.sqrt(0.21 * autocorrelation_time(positive)[0] / positive.size)
+    assert abs(positive.mean() - 0.7) < 4 * error < 0.1
