@@ -258,7 +258,7 @@ def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]
 
 def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: float) -> bool:
     """Whether a valley lies between two ends."""
-    if np.abs((higher - lower) / log_posterior.prior.sd).max() < _SAME_POINT:
+    if (np.abs((higher - lower) / log_posterior.prior.sd) < _SAME_POINT).all():
         return False
     fraction = np.linspace(0, 1, _LINE)[1:-1, None]
     straight = higher + fraction * (lower - higher)
