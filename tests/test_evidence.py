@@ -76,7 +76,7 @@ class TestImportance:
         start = (np.ones(dimension), 0.3 * np.eye(dimension))
         proposal = fit_proposal(known, [None], [start], rng)
         found = importance_evidence(known, proposal, rng)
-        assert found.method == "importance"
+        assert found.method == "importance sampling"
         assert abs(found.log_z - known.log_z) < 4 * found.error
         assert found.error < 0.01
         assert found.pareto_k < 0.5
@@ -125,7 +125,7 @@ class TestNested:
     def test_a_gaussian_has_its_closed_form(self):
         known = Gaussian(2)
         found = nested_evidence(known.log_likelihood, known.transform, 2, np.random.default_rng(6), live=200)
-        assert found.method == "nested"
+        assert found.method == "nested sampling"
         assert abs(found.log_z - known.log_z) < 4 * found.error
         assert 0.02 < found.error < 0.2
         assert found.draws.resample(np.random.default_rng(7), 2000).mean() == pytest.approx(0.94, abs=0.1)
@@ -148,13 +148,13 @@ class TestChoice:
     def test_importance_sampling_where_its_weights_are_good(self):
         start = (np.zeros(2), np.eye(2))
         found = evidence(FakePosterior(self.bell), [None], [start], np.random.default_rng(8))
-        assert found.method == "importance"
+        assert found.method == "importance sampling"
         assert found.log_z == pytest.approx(math.log(2 * math.pi / 400), abs=0.01)
 
     def test_nested_sampling_where_they_are_not(self):
         start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
         found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=2000)
-        assert found.method == "nested"
+        assert found.method == "nested sampling"
         area = math.sqrt(2 * math.pi) * 0.005 * 2 * math.pi * 6.0
         assert abs(found.log_z - math.log(area / 400)) < 4 * found.error
 

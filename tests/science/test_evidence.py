@@ -30,7 +30,7 @@ def measured(request):
 
 def test_the_evidence_of_the_measured_frequencies_is_the_known_one(measured):
     _, found, (log_z, error) = measured
-    assert found.method == "importance"
+    assert found.method == "importance sampling"
     assert found.pareto_k < 0.7
     assert found.ess > 10_000
     assert found.error < 0.01

@@ -17,7 +17,7 @@ from jointbayes.sampling import Chart, LogDensity, Proposal, Start, fit_proposal
 __all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]
 
 Array = NDArray[np.float64]
-Method = Literal["exact", "importance", "nested"]
+Method = Literal["exact", "importance sampling", "nested sampling"]
 
 PARETO_LIMIT = 0.7
 """Pareto k of importance weights above which their mean is not trusted."""
@@ -65,7 +65,7 @@ class Evidence:
     pareto_k : float
         Shape of the tail of the importance weights: above 0.7 neither ``log_z`` nor ``error`` can be trusted. NaN
         where no importance weights were drawn.
-    method : {"exact", "importance", "nested"}
+    method : {"exact", "importance sampling", "nested sampling"}
         How it was found; exact where there is no parameter.
     evaluations : int
         Number of evaluations of the density, the fit of the proposal included.
@@ -118,7 +118,7 @@ def importance_evidence(
     theta, log_weight = proposal.weighted_draws(log_density, rng, draws)
     evaluations = proposal.evaluations + draws
     if not len(log_weight):
-        return Evidence(-math.inf, math.inf, math.inf, "importance", evaluations, 0.0)
+        return Evidence(-math.inf, math.inf, math.inf, "importance sampling", evaluations, 0.0)
     top = float(log_weight.max())
     weight = np.exp(log_weight - top)
     ess = float(weight.sum() ** 2 / (weight**2).sum())
@@ -126,7 +126,7 @@ def importance_evidence(
         log_z=top + math.log(float(weight.sum()) / draws),
         error=math.sqrt(max(1 / ess - 1 / draws, 0.0)),
         pareto_k=pareto_k(log_weight),
-        method="importance",
+        method="importance sampling",
         evaluations=evaluations,
         ess=ess,
         draws=WeightedDraws(theta, log_weight),
@@ -193,7 +193,7 @@ def nested_evidence(
         log_z=float(found.logz[-1]),
         error=float(found.logzerr[-1]),
         pareto_k=math.nan,
-        method="nested",
+        method="nested sampling",
         evaluations=int(np.sum(found.ncall)),
         ess=float(weight.sum() ** 2 / (weight**2).sum()),
         draws=WeightedDraws(np.array(found.samples, dtype=float), log_weight),

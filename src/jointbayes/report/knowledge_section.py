@@ -10,7 +10,7 @@ from jointbayes.report import figures
 from jointbayes.report.format import interval, number
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
-__all__ = ["check_blocks", "knowledge_section", "nuisance_section"]
+__all__ = ["check_blocks", "coordinate_label", "knowledge_section", "nuisance_section"]
 
 Summary = dict[str, Any]
 _READABLE = {
@@ -27,13 +27,27 @@ _READABLE = {
     "discrepancy_scale": "model discrepancy, in noise sd",
     "discrepancy_length": "its correlation length",
 }
+_SHORT = {
+    "rho": "ρ",
+    "youngs_modulus": "ln E",
+    "density": "ln density",
+    "length": "ln L",
+    "section_size": "ln size",
+    "shear_coefficient": "ln κ",
+    "damping_ratio": "ln ζ",
+    "loss_factor": "ln η",
+    "accelerometer_mass": "ln mass",
+    "noise_scale": "ln noise",
+    "discrepancy_scale": "ln discr.",
+    "discrepancy_length": "ln Hz",
+}
 _KINDS = {"identified": "good", "weakly identified": "caution", "not identified": "bad"}
 
 
 def check_blocks(posterior: Posterior, knowledge: Knowledge) -> list[Block]:
     """Whether the model explains the data, and where it does not."""
     check = knowledge.check
-    blocks: list[Block] = [Paragraph(f"**{check.sentence}**")]
+    blocks: list[Block] = [Paragraph(check.sentence)]
     measurement = posterior.problem.measurement
     if isinstance(measurement, FrfMeasurement):
         svg = figures.squares_by_line(measurement.frf.frequency_hz, check.chi2_by_line)
@@ -142,6 +156,13 @@ def nuisance_section(summary: Summary) -> Section | None:
         "What else was uncertain",
         (Table("Other uncertain quantities", head, rows, note=note),),
     )
+
+
+def coordinate_label(name: str) -> str:
+    """Short label of a coordinate for an axis."""
+    if name.startswith("damping_ratio_"):
+        return f"ln ζ{name.rsplit('_', 1)[1]}"
+    return _SHORT.get(name, f"ln {name}")
 
 
 def _readable(name: str) -> str:

@@ -10,6 +10,7 @@ from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.posterior import Posterior
 from jointbayes.report import figures
 from jointbayes.report.format import interval, number
+from jointbayes.report.knowledge_section import coordinate_label
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Section, Table
 
 __all__ = [
@@ -240,7 +241,7 @@ def sampling_section(posterior: Posterior, summary: Summary) -> Section:
     )
     draws = posterior.draws
     theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
-    names = [n if n == "rho" else f"ln {n}" for n in posterior.problem.names]
+    names = [coordinate_label(n) for n in posterior.problem.names]
     trace = figures.traces(names, theta, draws["ensemble"].values)
     correlation = figures.autocorrelation(names, theta, s["thin"])
     return Section(
