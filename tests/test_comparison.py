@@ -44,7 +44,7 @@ def comparison(cases):
     return compare(cases, seed=3)
 
 
-def made_up(log_z, *, method="importance", pareto_k=0.2, at_edge=()):
+def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
     """A candidate whose numbers nobody computed."""
     evidence = Evidence(log_z, 0.01, pareto_k, method, 100, 50.0)
     stiffness = np.array([RIGID, 0.0, 2e5])
@@ -149,7 +149,12 @@ def test_the_verdict_names_the_winner_the_next_and_a_prior_that_decides():
 
 @pytest.mark.parametrize(
     ("method", "pareto_k", "trusted"),
-    [("importance", 0.69, True), ("importance", 0.71, False), ("importance", np.inf, False), ("nested", np.nan, True)],
+    [
+        ("importance sampling", 0.69, True),
+        ("importance sampling", 0.71, False),
+        ("importance sampling", np.inf, False),
+        ("nested sampling", np.nan, True),
+    ],
 )
 def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):
     candidate = made_up(-10.0, method=method, pareto_k=pareto_k)
@@ -275,7 +280,7 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     report = build_comparison_report(comparison.summary(), DATE)
     assert comparison.verdict in report.lead[0].text
     assert report.lead[0].kind == "good"
-    doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance", 1, 1.0))
+    doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
     doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
     report = build_comparison_report(doubt, DATE)
     assert report.lead[0].kind == "caution"
