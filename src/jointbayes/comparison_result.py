@@ -76,7 +76,7 @@ class Candidate:
     @property
     def trusted(self) -> bool:
         """Whether the stated error of the evidence may be believed."""
-        return self.evidence.method != "importance" or self.evidence.pareto_k <= PARETO_LIMIT
+        return not self.evidence.pareto_k > PARETO_LIMIT  # without importance weights k is no number
 
 
 @dataclass(frozen=True, slots=True)

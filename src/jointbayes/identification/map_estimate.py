@@ -105,8 +105,6 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
-    if not start.size:  # a rigid joint and nothing else uncertain: nothing to climb
-        return start, float(log_posterior(start)[0])
     likelihood = log_posterior.likelihood
     if likelihood.gaussian:
         found = _least_squares(log_posterior, start)
@@ -145,6 +143,8 @@ def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
 def _least_squares(log_posterior: LogPosterior, start: Array) -> Array:
     """End of a climb on the residuals, the parameters of the noise model held as they are."""
     moving = start.size - log_posterior.likelihood.hyper_count
+    if moving == 0:  # a rigid joint and a structure that is exactly known
+        return start
     low, high = (end[:moving] for end in log_posterior.prior.support)
     feasible = log_posterior.prior.parametrisation.feasible
     tail, joint = start[moving:], log_posterior.prior.joint
@@ -258,7 +258,7 @@ def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]
 
 def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: float) -> bool:
     """Whether a valley lies between two ends."""
-    if np.abs((higher - lower) / log_posterior.prior.sd).max() < _SAME_POINT:
+    if (np.abs((higher - lower) / log_posterior.prior.sd) < _SAME_POINT).all():
         return False
     fraction = np.linspace(0, 1, _LINE)[1:-1, None]
     straight = higher + fraction * (lower - higher)

@@ -118,4 +118,4 @@ def residual_of(kind: ResidualKind, measured: ComplexArray, variance: Array) -> 
 
 def _paired(values: NDArray[Any]) -> NDArray[Any]:
     """Outputs and inputs joined to pairs: shape (n, lines, outputs·inputs)."""
-    return values.reshape(*values.shape[:2], -1)
+    return values.reshape(*values.shape[:2], math.prod(values.shape[2:]))  # n may be 0: nothing of the joint yields

@@ -1,0 +1,360 @@
+"""Comparing joints: hypotheses, words, the same-data rule, prior edges, cross-validation, files and the command."""
+
+import dataclasses
+import datetime
+import json
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from jointbayes.case import case_from_text
+from jointbayes.cli import main
+from jointbayes.comparison import HYPOTHESES, compare, require_same_data, under
+from jointbayes.comparison_result import Candidate, Comparison, PriorEdge
+from jointbayes.errors import CaseError, ModelError
+from jointbayes.joint import RIGID, joint_matrix
+from jointbayes.posterior.bayes_factors import bayes_factor_words, model_probabilities
+from jointbayes.posterior.evidence import Evidence
+from jointbayes.posterior.leave_one_out import leave_one_out
+from jointbayes.report.comparison import build_comparison_report, evidence_table, text_table
+from jointbayes.run_directory import write_comparison
+from tests.conftest import cheap_frequencies_text, cheap_text, edited
+
+DATE = datetime.date(2026, 1, 2)
+
+
+def frequencies_text(*changes, hypotheses=("rigid", "springs")):
+    text = re.sub(r"hypotheses = \[[^\]]*\]", f"hypotheses = {json.dumps(hypotheses)}", cheap_frequencies_text())
+    return edited(text, *changes)
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """Two free lengths, the same measured frequencies."""
+    return (
+        case_from_text("long", frequencies_text(("length_mm = 360.0", "length_mm = 383.0"))),
+        case_from_text("short", frequencies_text()),
+    )
+
+
+@pytest.fixture(scope="module")
+def comparison(cases):
+    return compare(cases, seed=3)
+
+
+def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
+    """A candidate whose numbers nobody computed."""
+    evidence = Evidence(log_z, 0.01, pareto_k, method, 100, 50.0)
+    stiffness = np.array([RIGID, 0.0, 2e5])
+    return Candidate("case", "A case", "rotation", ("k22",), stiffness, evidence, at_edge, None, "left out: made up")
+
+
+# ---- words and probabilities
+
+
+@pytest.mark.parametrize(
+    ("two_log_b", "words"),
+    [
+        (0.0, "not worth more than a bare mention"),
+        (1.99, "not worth more than a bare mention"),
+        (2.01, "positive"),
+        (5.99, "positive"),
+        (6.01, "strong"),
+        (9.99, "strong"),
+        (10.01, "very strong"),
+        (1e9, "very strong"),
+    ],
+)
+def test_bayes_factors_are_graded_as_by_kass_and_raftery(two_log_b, words):
+    assert bayes_factor_words(two_log_b) == words
+
+
+def test_probabilities_are_in_the_ratio_of_the_evidences_however_small_these_are():
+    found = model_probabilities([-5000.0, -5000.0 + np.log(3), -9000.0])
+    np.testing.assert_allclose(found, [0.25, 0.75, 0.0], atol=1e-12)
+
+
+# ---- hypotheses
+
+
+def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(cases):
+    problem = cases[0].problem
+    assert problem.names == ("k11", "k22", "rho")
+    for hypothesis, names in HYPOTHESES.items():
+        found = under(problem, hypothesis)
+        assert found.names == (problem.names if names is None else names)
+        assert found.measurement is problem.measurement
+        for name, marginal in zip(found.names, found.prior.marginals, strict=True):
+            assert marginal == problem.prior.marginals[problem.names.index(name)]
+    k11, k12, k22 = under(problem, "rotation").prior.stiffness(np.log([2e5]))
+    assert (k11, k12, k22) == (RIGID, 0.0, pytest.approx(2e5))
+    with pytest.raises(ModelError, match="expected one of rigid, translation"):
+        under(problem, "loose")
+
+
+def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
+    text = cheap_text() + "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n"
+    problem = case_from_text("uncertain", text).problem
+    for hypothesis in HYPOTHESES:
+        assert under(problem, hypothesis).names[-1] == "youngs_modulus"
+    assert under(problem, "rigid").names == ("youngs_modulus",)
+
+
+def test_a_rigid_joint_has_the_likelihood_itself_as_evidence(cases, comparison):
+    rigid = comparison.candidates[0]
+    likelihood = cases[0].problem.log_posterior.likelihood
+    expected = likelihood.log_likelihood(joint_matrix([[1e30, 0.0, 1e30]]))[0]
+    assert rigid.hypothesis == "rigid"
+    assert rigid.names == ()
+    assert rigid.evidence.log_z == pytest.approx(expected, abs=1e-9)
+    assert (rigid.evidence.method, rigid.evidence.error) == ("exact", 0.0)
+
+
+# ---- the whole
+
+
+def test_candidates_come_case_by_case_and_the_best_is_that_of_the_largest_evidence(comparison):
+    labels = [c.label for c in comparison.candidates]
+    assert labels == ["rigid in long", "springs in long", "rigid in short", "springs in short"]
+    log_z = [c.evidence.log_z for c in comparison.candidates]
+    assert comparison.best.label == labels[int(np.argmax(log_z))] == "springs in short"
+    assert [c.evidence.log_z for c in comparison.ranking] == sorted(log_z, reverse=True)
+    assert comparison.probabilities.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(
+        np.log(comparison.probabilities[1] / comparison.probabilities[0]), log_z[1] - log_z[0], rtol=1e-9
+    )
+    assert comparison.two_log_b(comparison.candidates[1]) == pytest.approx(2 * (max(log_z) - log_z[1]))
+    assert comparison.words(comparison.best) == "best"
+
+
+def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, comparison):
+    alone = compare(cases[1:], seed=3)
+    assert [c.evidence.log_z for c in alone.candidates] == [c.evidence.log_z for c in comparison.candidates[2:]]
+    other = compare(cases[1:], seed=4)
+    assert abs(other.candidates[1].evidence.log_z - alone.candidates[1].evidence.log_z) > 1e-6
+
+
+def test_the_verdict_names_the_winner_the_next_and_a_prior_that_decides():
+    text = Comparison((made_up(-20.0), made_up(-10.0)), 1, "").verdict
+    assert text.startswith("The data favour rotation in case: ln Z = −10.00 ± 0.01.")
+    assert "against the next, rotation in case, is very strong (2 ln B = 20.0)" in text
+    assert "prior" not in text
+    edge = PriorEdge("k22", "high", 0.4)
+    alone = Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
+    assert "nothing was compared" in alone
+    assert "piles up on an edge of the prior of k22" in alone
+
+
+@pytest.mark.parametrize(
+    ("method", "pareto_k", "trusted"),
+    [
+        ("importance sampling", 0.69, True),
+        ("importance sampling", 0.71, False),
+        ("importance sampling", np.inf, False),
+        ("nested sampling", np.nan, True),
+    ],
+)
+def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):
+    candidate = made_up(-10.0, method=method, pareto_k=pareto_k)
+    assert candidate.trusted == trusted
+    assert Comparison((candidate, made_up(-11.0)), 1, "").trusted == trusted
+
+
+# ---- the same data
+
+
+def test_cases_of_other_data_are_refused_by_name(cases):
+    other = case_from_text("other", frequencies_text(("120.0, 762.0", "121.0, 762.0")))
+    with pytest.raises(CaseError, match="found other data in other than in long; expected the same"):
+        compare([*cases, other])
+    noisier = case_from_text("noisier", frequencies_text(("sd_hz = 0.5", "sd_hz = 0.6")))
+    with pytest.raises(CaseError, match="noisier"):
+        require_same_data([cases[0], noisier])
+    with pytest.raises(CaseError, match="two cases named long"):
+        require_same_data([cases[0], cases[0]])
+    with pytest.raises(CaseError, match="found no case"):
+        compare([])
+    require_same_data(cases)
+
+
+def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data():
+    plain = case_from_text("plain", cheap_text())
+    magnitude = case_from_text("magnitude", cheap_text() + '\n[noise]\nresiduals = "log_magnitude"\n')
+    with pytest.raises(CaseError, match="magnitude than in plain"):
+        require_same_data([plain, magnitude])
+
+
+# ---- prior edges
+
+
+def test_a_posterior_that_piles_up_on_an_edge_of_its_prior_is_marked():
+    # at 383 mm the springs want to be rigid: k11 has no upper end but the prior's
+    changes = ("length_mm = 360.0", "length_mm = 383.0"), ("high = 1.0e11", "high = 1.0e10")
+    case = case_from_text("narrow", frequencies_text(*changes, hypotheses=("springs",)))
+    (found,) = compare([case], seed=1).candidates
+    assert [(edge.name, edge.side) for edge in found.at_edge] == [("k11", "high")]
+    assert found.at_edge[0].probability > 0.1
+
+
+def test_a_posterior_inside_its_prior_is_not_marked(comparison):
+    assert comparison.best.at_edge == ()
+
+
+# ---- cross-validation
+
+
+@pytest.fixture(scope="module")
+def rotation():
+    """An FRF problem of one coordinate, with fine noise: every line counts."""
+    return under(case_from_text("cheap", cheap_text()).problem, "rotation")
+
+
+def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
+    likelihood, prior = rotation.log_posterior.likelihood, rotation.prior
+    theta = np.linspace(np.log(1.40e6), np.log(1.60e6), 801)[:, None]
+    values = likelihood.pointwise(joint_matrix(prior.stiffness(theta)), prior.factors(theta)).reshape(len(theta), -1)
+    np.testing.assert_allclose(values.sum(axis=1), likelihood.log_likelihood(joint_matrix(prior.stiffness(theta))))
+    # p(y_i | others) = ∫ L / ∫ L/L_i, the prior being flat here
+    total = values.sum(axis=1)
+    expected = -np.log(np.exp(total[:, None] - values - total.max()).sum(axis=0) / np.exp(total - total.max()).sum())
+    weight = np.exp(total - total.max())
+    rng = np.random.default_rng(1)
+    draws = rng.choice(theta[:, 0], 4000, p=weight / weight.sum())[:, None] + rng.uniform(-0.5, 0.5, (4000, 1)) * 1.7e-4
+    found = leave_one_out(rotation, draws, 1.0)
+    assert found.elpd == pytest.approx(expected.sum(), abs=0.5)
+    reliable = found.pareto_k < 0.5
+    assert reliable.sum() > 200
+    np.testing.assert_allclose(found.elpd_i[reliable], expected[reliable], atol=0.05)
+    assert found.elpd < total.max()
+    difference, se = found.difference(found)
+    assert (difference, se) == (0.0, 0.0)
+    assert found.se == pytest.approx(np.sqrt(found.elpd_i.size) * found.elpd_i.std())
+
+
+def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood():
+    problem = under(case_from_text("cheap", cheap_text()).problem, "rigid")
+    found = leave_one_out(problem, np.empty((50, 0)), 1.0)
+    assert found.elpd == pytest.approx(problem.log_posterior(np.empty(0))[0])
+    assert not found.pareto_k.any()
+
+
+def test_cross_validation_is_left_out_where_it_makes_no_sense_and_the_table_says_why(comparison):
+    assert all(c.loo is None for c in comparison.candidates)
+    assert "3 natural frequencies, too few" in comparison.candidates[0].loo_note
+    correlated = "\n[noise.discrepancy]\nlength_low_hz = 20.0\nlength_high_hz = 500.0\n"
+    text = cheap_text() + correlated + '\n[compare]\nhypotheses = ["rigid"]\n'
+    (found,) = compare([case_from_text("correlated", text)], seed=1).candidates
+    assert found.loo is None
+    assert "correlates" in found.loo_note
+
+
+# ---- files
+
+
+def test_the_summary_is_json_without_infinities_and_says_what_is_rigid(comparison):
+    summary = comparison.summary()
+    again = json.loads(json.dumps(summary, allow_nan=False))
+    assert again == summary
+    rigid = summary["candidates"][0]
+    assert rigid["rigid"] == ["k11", "k22"]
+    assert rigid["map"] == {"k11": None, "k12": 0.0, "k22": None}
+    assert summary["best"] == {"case": "short", "hypothesis": "springs"}
+    assert summary["candidates"][3]["words"] == "best"
+    assert sum(row["probability"] for row in summary["candidates"]) == pytest.approx(1.0)
+
+
+def test_the_table_has_the_best_first_and_aligned_columns(comparison):
+    table = evidence_table(comparison.summary(), method=True)
+    assert table.rows[0][:2] == ("springs", "short")
+    assert "best" in table.rows[0][-1]
+    assert table.row_kinds[0] == "good"
+    lines = text_table(table)
+    assert len(lines) == 5
+    column = lines[0].index("Method")
+    assert {line[column:].split()[0] for line in lines} == {"Method", "importance", "exact"}
+
+
+def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(comparison):
+    report = build_comparison_report(comparison.summary(), DATE)
+    assert comparison.verdict in report.lead[0].text
+    assert report.lead[0].kind == "good"
+    doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
+    doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
+    report = build_comparison_report(doubt, DATE)
+    assert report.lead[0].kind == "caution"
+    assert "no error to be trusted for: springs in short" in report.lead[1].text
+
+
+def test_cross_validation_has_its_table_where_there_is_one():
+    text = cheap_text() + '\n[compare]\nhypotheses = ["rigid", "rotation"]\n'
+    found = compare([case_from_text("cheap", text)], seed=1)
+    rows = found.summary()["candidates"]
+    assert rows[1]["loo"]["difference"] == 0.0
+    assert rows[0]["loo"]["difference"] == pytest.approx(rows[0]["loo"]["elpd"] - rows[1]["loo"]["elpd"])
+    report = build_comparison_report(found.summary(), DATE)
+    (section,) = [s for s in report.sections if s.identifier == "cross-validation"]
+    assert section.blocks[-1].rows[0][1] == "cheap"
+
+
+# ---- command
+
+
+def cli(*arguments):
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    assert "Traceback" not in result.output
+    return result
+
+
+def write(place, name, text):
+    (place / name).write_text(text, encoding="utf-8")
+    return place / name
+
+
+def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tmp_path, cases, comparison):
+    files = [write(tmp_path, f"{case.name}.toml", case.text) for case in cases]
+    out = tmp_path / "out"
+    result = cli("compare", *files, "--seed", 3, "--out", out)
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert lines[:5] == text_table(evidence_table(comparison.summary(), method=True))
+    assert lines[-1] == comparison.verdict
+    assert {p.name for p in tmp_path.iterdir()} == {"long.toml", "short.toml", "out"}
+    listed = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    assert listed == {
+        "report.html", "report.pdf", "compare.json", "cases/long.toml", "cases/short.toml", "figures/evidence-plot.svg"
+    }  # fmt: skip
+    assert json.loads((out / "compare.json").read_text(encoding="utf-8")) == comparison.summary()
+    assert (out / "report.pdf").read_bytes().startswith(b"%PDF-")
+    assert comparison.best.label in (out / "report.html").read_text(encoding="utf-8")
+    write_comparison(comparison, cases, out)  # an earlier comparison may be replaced
+    assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == listed
+
+
+def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path):
+    case = write(tmp_path, "case.toml", frequencies_text())
+    other = write(tmp_path, "other.toml", frequencies_text(("120.0, 762.0", "121.0, 762.0")))
+    run = tmp_path / "run"
+    run.mkdir()
+    write(run, "summary.json", "{}")  # a run directory, not a comparison's
+    for arguments, said in (
+        ((case, other), "found other data in other than in case"),
+        ((case, tmp_path / "none.toml"), "none.toml"),
+        ((case, case), "two cases named case"),
+        ((case, "--out", run), "holds other files"),
+    ):
+        result = cli("compare", *arguments)
+        assert result.exit_code == 2
+        assert said in result.stderr
+        assert len(result.stderr.splitlines()) == 1
+        assert result.stdout == ""
+
+
+def test_an_evidence_that_is_not_to_be_trusted_exits_3(tmp_path, monkeypatch):
+    doubtful = Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, "")
+    monkeypatch.setattr("jointbayes.comparison.compare", lambda *_: doubtful)
+    result = cli("compare", write(tmp_path, "case.toml", frequencies_text()))
+    assert result.exit_code == 3
+    assert "NOT TRUSTED" in result.stdout
