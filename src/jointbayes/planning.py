@@ -25,6 +25,7 @@ from jointbayes.posterior.planning import (
     verdict_on,
 )
 from jointbayes.posterior.planning_check import Confirmation, assumed_truth, confirm, weighted_posterior
+from jointbayes.report.plan import candidate_table
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import chart_of, find_map, sample
 
@@ -118,6 +119,19 @@ class Plan:
         if found is not None and found.valid:
             return verdict_on(self.fisher, self.parameter, found.sd_after)
         return next(f.verdict_after for f in self._asked if f.names == names)
+
+    def text(self) -> list[str]:
+        """The plan as lines of text: table, then a sentence for each set that was asked about."""
+        table = candidate_table(self.summary())
+        rows = [table.head, *table.rows]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(table.head))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        asked = [f for f in self._asked if f.names in self.confirmations and f.names != self.best.names]
+        lines += ["", self.sentence, *(self.sentence_of(f) for f in asked)]
+        if len(self.best_set.names) > 1 or self.best_by_gain.names != self.best_set.names:
+            lines.append(f"Least spread by Fisher information: {' + '.join(self.best_set.names)}; most information "
+                         f"about the joint: {' + '.join(self.best_by_gain.names)}.")  # fmt: skip
+        return lines
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
@@ -285,7 +299,8 @@ def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Ar
     By importance sampling about the mode; where that finds too few, by a short run of the sampler.
     """
     fisher, chart = fisher_information(case.problem, mode), chart_of(case.problem)
-    covariance = np.linalg.inv(fisher.total() + np.diag(fisher.prior_sd**-2.0))
+    information: Array = fisher.total() + np.diag(1 / np.square(fisher.prior_sd))
+    covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     for count in (_DRAWS, _MORE * _DRAWS):
         theta, log_weight = weighted_posterior(case.problem.log_posterior, mode, covariance, chart, rng, count)
         if len(theta) == 0:

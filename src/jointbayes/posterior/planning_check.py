@@ -292,7 +292,8 @@ def _bounded(covariance: Array, prior_sd: Array) -> Array:
     finite = np.where(np.isfinite(covariance), covariance, 0.0)
     np.fill_diagonal(finite, variance)
     shrink = np.minimum(1.0, prior_sd / np.sqrt(variance))
-    return finite * np.outer(shrink, shrink)
+    bounded: Array = finite * np.outer(shrink, shrink)
+    return bounded
 
 
 def _spread(problem: Problem, theta: Array, log_weight: Array, parameter: str, drawn: int) -> Spread:
@@ -338,10 +339,18 @@ def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array
     def whole(part: Array) -> Array:
         return np.concatenate([joint, part, start[moving.stop :]])
 
+    def residual(part: Array) -> Array:
+        return log_posterior.residuals(whole(part))[0]
+
+    def jacobian(part: Array) -> Array:
+        return log_posterior.residuals(whole(part))[1][:, moving]
+
+    inner = 1e-9 * (high - low)[moving]
+    inner[~np.isfinite(inner)] = 0.0
     found = optimize.least_squares(
-        lambda part: log_posterior.residuals(whole(part))[0],
-        start[moving],
-        jac=lambda part: log_posterior.residuals(whole(part))[1][:, moving],
+        residual,
+        np.clip(start[moving], low[moving] + inner, high[moving] - inner),
+        jac=jacobian,
         bounds=(low[moving], high[moving]),
         x_scale=prior.sd[moving],
     )
