@@ -165,20 +165,16 @@ def analyse(seed: int, simulations: int = 8, settings: jb.SamplerSettings = SETT
     fisher = fisher_information(problem, mode)
     information = {candidate.name: measurement_information(candidate, problem, mode)}
     by_fisher = forecast(fisher, information, [candidate], parameter)
-    before = expected = told = math.nan
-    low, high = math.nan, math.nan
-    if draws is not None:
-        truth = assumed_truth(problem, mode, np.exp(drawn.truth[:3]))
-        said, at_truth = (
-            confirm(problem, [candidate], parameter, draws, chart_of(problem), rng, truth=t, simulations=simulations)
-            for t in (None, truth)
-        )
-        before, expected, (low, high), told = said.sd_before, said.sd_after, said.sd_range, at_truth.sd_after
+    truth = assumed_truth(problem, mode, np.exp(drawn.truth[:3]))
+    said, told = (
+        confirm(problem, [candidate], parameter, draws, chart_of(problem), rng, truth=t, simulations=simulations)
+        for t in (None, truth)
+    )
     posterior = jb.sample(drawn.both, seed=1, settings=settings)
     found = float(np.log(posterior.values(parameter)).std())
     return Row(
-        seed, parameter, drawn.dof, len(drawn.uncertain), before, by_fisher.sd_after, expected, low, high, told, found,
-        posterior.converged,
+        seed, parameter, drawn.dof, len(drawn.uncertain), said.sd_before, by_fisher.sd_after, said.sd_after,
+        *said.sd_range, told.sd_after, found, posterior.converged,
     )  # fmt: skip
 
 

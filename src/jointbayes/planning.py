@@ -64,7 +64,7 @@ class Plan:
     confirmations
         What simulated measurements say, by names of a set.
     note
-        Why nothing was confirmed; empty otherwise.
+        What is wrong with the simulations, if anything is.
     assumed
         Whether the joint was assumed, rather than taken from the present posterior.
     """
@@ -105,7 +105,7 @@ class Plan:
         said = f"{said[:-1]} by Fisher information {where}."
         found = self.confirmations.get(one.names)
         if found is None or not found.valid:
-            return f"{said} Not confirmed: {self.note or 'too few of the simulated posteriors were found.'}"
+            return f"{said} Not confirmed by simulated measurements."
         low, high = found.sd_range
         return (
             f"{said} Simulated measurements: from {spread_in_words(found.sd_before)} to "
@@ -131,7 +131,7 @@ class Plan:
         if len(self.best_set.names) > 1 or self.best_by_gain.names != self.best_set.names:
             lines.append(f"Least spread by Fisher information: {' + '.join(self.best_set.names)}; most information "
                          f"about the joint: {' + '.join(self.best_by_gain.names)}.")  # fmt: skip
-        return lines
+        return [*lines, self.note] if self.note else lines
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
@@ -239,11 +239,10 @@ def plan(
     fisher = fisher_information(problem, mode if truth is None else truth)
     ranking = _ranked(case, candidates, fisher)
     found: dict[tuple[str, ...], Confirmation] = {}
-    draws, note = None, "no measurement was simulated."
+    note = "No measurement was simulated."
     if simulations:
         tell("drawing from the present posterior")
         draws, note = present_draws(case, mode, rng) if posterior is None else (posterior.theta, "")
-    if draws is not None:
         for names in dict.fromkeys([*(f.names for f in ranking.singles[:CONFIRMED]), ranking.best.names]):
             tell(f"simulating {' + '.join(names)}")
             found[names] = confirm(
@@ -293,8 +292,8 @@ def _ranked(case: Case, candidates: Mapping[str, Candidate], fisher: FisherInfor
     return _Ranking(tuple(singles), best, looked_at(choose(fisher, information, count, parameter, by="gain")))
 
 
-def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array | None, str]:
-    """Draws of θ from the present posterior, shape (n, d), equally weighted; or none, and why.
+def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array, str]:
+    """Draws of θ from the present posterior, shape (n, d), equally weighted, and what is wrong with them if anything is.
 
     By importance sampling about the mode; where that finds too few, by a short run of the sampler.
     """
@@ -311,7 +310,8 @@ def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Ar
     sampled = sample(case, int(rng.integers(2**31)), settings=_SHORT)
     if sampled.converged:
         return sampled.theta, ""
-    return None, (
-        "the present posterior was found neither by importance sampling nor by a short run of the sampler; sample the "
-        "case and give the posterior to plan."
+    return sampled.theta, (
+        "The present posterior was found neither by importance sampling nor by a short run of the sampler, which had "
+        "not converged: what stands as known now, and the truths simulated, are rough. Sample the case and give the "
+        "posterior to plan."
     )

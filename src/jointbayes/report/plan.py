@@ -66,8 +66,8 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
     how = (
         "Measurements that are independent given the parameters add their Fisher information. It is taken "
         f"at {'the assumed joint' if summary['assumed'] else 'the mode of the present posterior'}, with the noise law "
-        "of the case on the FRFs of the model; the nuisances are marginalised. The gain is ½ ln det of the covariance of "
-        "the joint's coordinates before over after."
+        "of the case on the FRFs of the model; the nuisances are marginalised. The gain is ½ ln det of the covariance "
+        "of the joint's coordinates before over after."
     )
     check = (
         "Fisher information is of one point and takes the posterior for Gaussian. For the candidates that were asked "
@@ -86,7 +86,7 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
     return Report(
         title=summary["title"],
         subtitle=f"What to measure next to know {parameter}",
-        lead=(lead,),
+        lead=(lead, Callout("caution", summary["note"])) if summary["note"] else (lead,),
         sections=sections,
         date=date,
         version=version("jointbayes"),
