@@ -243,18 +243,11 @@ def plan(
     if simulations:
         tell("drawing from the present posterior")
         draws, note = present_draws(case, mode, rng) if posterior is None else (posterior.theta, "")
+        parameter, chart = case.spec.plan.parameter, chart_of(problem)
         for names in dict.fromkeys([*(f.names for f in ranking.singles[:CONFIRMED]), ranking.best.names]):
             tell(f"simulating {' + '.join(names)}")
-            found[names] = confirm(
-                problem,
-                [candidates[name] for name in names],
-                case.spec.plan.parameter,
-                draws,
-                chart_of(problem),
-                rng,
-                truth=truth,
-                simulations=simulations,
-            )
+            chosen = [candidates[name] for name in names]
+            found[names] = confirm(problem, chosen, parameter, draws, chart, rng, truth=truth, simulations=simulations)
     return Plan(
         case.name,
         case.title,
@@ -293,7 +286,7 @@ def _ranked(case: Case, candidates: Mapping[str, Candidate], fisher: FisherInfor
 
 
 def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array, str]:
-    """Draws of θ from the present posterior, shape (n, d), equally weighted, and what is wrong with them if anything is.
+    """Draws of θ from the present posterior, shape (n, d), equally weighted, and what is wrong with them, if anything.
 
     By importance sampling about the mode; where that finds too few, by a short run of the sampler.
     """
