@@ -150,6 +150,8 @@ class Row:
     low: float
     high: float
     told: float
+    told_low: float
+    told_high: float
     found: float
     converged: bool
 
@@ -174,38 +176,46 @@ def analyse(seed: int, simulations: int = 8, settings: jb.SamplerSettings = SETT
     found = float(np.log(posterior.values(parameter)).std())
     return Row(
         seed, parameter, drawn.dof, len(drawn.uncertain), said.sd_before, by_fisher.sd_after, said.sd_after,
-        *said.sd_range, told.sd_after, found, posterior.converged,
+        *said.sd_range, told.sd_after, *told.sd_range, found, posterior.converged,
     )  # fmt: skip
 
 
-def share_within(rows: list[Row], forecast: str) -> int:
-    """Number of cases in which a forecast lies within 15 % of what was found."""
-    return sum(abs(getattr(row, forecast) / row.found - 1) <= WITHIN for row in rows)
+def holds(row: Row, forecast: str) -> bool:
+    """Whether a forecast lies within 15 % of what was found."""
+    return abs(getattr(row, forecast) / row.found - 1) <= WITHIN
+
+
+def sure(low: float, high: float) -> bool:
+    """Whether a forecast says of itself that it is sharp: its central 80 % span less than a factor of 1.3."""
+    return high <= 1.3 * low
 
 
 def table(rows: list[Row]) -> str:
     """Markdown table of the cases and of how many forecasts hold."""
     lines = [
-        "| case | k | at | uncertain | before | found | Fisher | expected (80 %) | joint told |",
+        "| case | k | at | uncertain | before | found | Fisher | expected (80 %) | joint told (80 %) |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         mark = "" if r.converged else " (not converged)"
         lines.append(
             f"| {r.seed} | {r.parameter} | {r.dof} | {r.uncertain} | {r.before:.3g} | {r.found:.3g}{mark} | "
-            f"{r.fisher:.3g} ({r.fisher / r.found:.2f}) | {r.expected:.3g} ({r.expected / r.found:.2f}; "
-            f"{r.low:.3g} to {r.high:.3g}) | {r.told:.3g} ({r.told / r.found:.2f}) |"
+            f"{r.fisher:.3g}, **{r.fisher / r.found:.2f}** | {r.expected:.3g} ({r.low:.3g} to {r.high:.3g}), "
+            f"**{r.expected / r.found:.2f}** | {r.told:.3g} ({r.told_low:.3g} to {r.told_high:.3g}), "
+            f"**{r.told / r.found:.2f}** |"
         )
-    n = len(rows)
-    inside = sum(r.low <= r.found <= r.high for r in rows)
-    lines += [
-        "",
-        "In brackets: forecast over found.",
-        "",
-        f"Within 15 % of what sampling found, of {n} cases: Fisher {share_within(rows, 'fisher')}, "
-        f"expected {share_within(rows, 'expected')}, joint told {share_within(rows, 'told')}. "
-        f"Found inside the central 80 % of the simulated ones: {inside}.",
-    ]
+    lines += ["", "Bold: forecast over found.", "", f"Within 15 % of what sampling found, of {len(rows)} cases:", ""]
+    lines.append(f"- Fisher: {sum(holds(r, 'fisher') for r in rows)}.")
+    for name, text, ends in (
+        ("expected", "expected", lambda r: (r.low, r.high)),
+        ("told", "joint told", lambda r: (r.told_low, r.told_high)),
+    ):
+        sharp = [r for r in rows if sure(*ends(r))]
+        inside = sum(ends(r)[0] <= r.found <= ends(r)[1] for r in rows)
+        lines.append(
+            f"- {text}: {sum(holds(r, name) for r in rows)}; of those {len(sharp)} whose 80 % span less than a factor "
+            f"of 1.3: {sum(holds(r, name) for r in sharp)}. Found inside the 80 %: {inside}."
+        )
     return "\n".join(lines)
 
 

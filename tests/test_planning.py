@@ -1,3 +1,4 @@
+import datetime
 import json
 import math
 import re
@@ -26,7 +27,14 @@ from jointbayes.posterior.planning import (
     sd_of,
     verdict_on,
 )
-from jointbayes.posterior.planning_check import WithFurther, assumed_truth, confirm, spread_after, weighted_posterior
+from jointbayes.posterior.planning_check import (
+    Confirmation,
+    WithFurther,
+    assumed_truth,
+    confirm,
+    spread_after,
+    weighted_posterior,
+)
 from jointbayes.report.plan import build_plan_report, candidate_table
 from jointbayes.structure import BeamFamily
 from jointbayes.workflow import chart_of
@@ -341,11 +349,35 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert plan.best.names in plan.confirmations
     assert plan.best.sd_after <= spreads[0]
     assert plan.sentence.startswith(("An accelerometer at mid-span (3:y) and", "A rotational", "4 times"))
-    report = build_plan_report(summary, __import__("datetime").date(2026, 1, 1))
+    report = build_plan_report(summary, datetime.date(2026, 1, 1))
     assert report.lead[0].text == plan.sentence
     table = candidate_table(summary)
     assert [row[0] for row in table.rows][: len(spreads)] == [f.names[0] for f in plan.forecasts]
     assert " + ".join(plan.best_set.names) in [row[0] for row in table.rows]
+
+
+def _with(plan, sds, simulated=4):
+    """The plan with made-up simulations of its first candidate."""
+    found = Confirmation(2.0, np.array(sds), np.full(len(sds), 1.0), simulated, 0.5)
+    return replace(plan, confirmations={plan.forecasts[0].names: found}, best_set=plan.forecasts[0])
+
+
+def test_fisher_is_confirmed_only_by_simulations_that_say_the_same(cheap_posterior):
+    plan = jb.plan(jb.case_from_text("cheap", planned_text()), cheap_posterior, simulations=0)
+    first = plan.forecasts[0]
+    assert plan.confirmed(first) is None
+    assert "No simulated measurements stand behind this." in plan.sentence
+    assert plan.note in plan.text()
+    same, wider = _with(plan, [first.sd_after] * 4), _with(plan, [2 * first.sd_after] * 4)
+    assert same.confirmed(first)
+    assert "bear this out" in same.sentence
+    assert not wider.confirmed(first)
+    assert "say otherwise" in wider.sentence
+    assert "no, 2 ×" in candidate_table(wider.summary()).rows[0]
+    lost = _with(plan, [first.sd_after], simulated=4)
+    assert not lost.confirmed(first)
+    assert "3 of 4 lost" in candidate_table(lost.summary()).rows[0]
+    assert _with(plan, [1.5] * 4).verdict_after(first.names) == "not identified"
 
 
 def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
@@ -359,7 +391,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
     file.write_text(planned_text(), encoding="utf-8")
     result = CliRunner().invoke(main, ["plan", str(file), "--out", str(out), "--seed", "2"])
     assert result.exit_code == 0, result.output
-    assert re.search(r"^3:y +\d.* identified +yes ", result.stdout, re.MULTILINE)
+    assert re.search(r"^3:y +\d.* identified +(yes|no, [\d.]+ ×) ", result.stdout, re.MULTILINE)
     assert "takes k12 from" in result.stdout
     names = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     assert names == {"report.html", "report.pdf", "plan.json", "case.toml", "figures/plan.svg"}

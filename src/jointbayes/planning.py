@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 #: Candidates that nested Monte Carlo is asked about, beside the chosen set.
 CONFIRMED = 3
+#: Fisher's standard deviation is confirmed if the expected one of simulated measurements lies within this factor.
+AGREE = 1.25
 _DRAWS, _MORE = 4000, 5
 _LEAST = 400.0  # effective draws of the present posterior
 _KEPT = 4000
@@ -105,13 +107,24 @@ class Plan:
         said = f"{said[:-1]} by Fisher information {where}."
         found = self.confirmations.get(one.names)
         if found is None or not found.valid:
-            return f"{said} Not confirmed by simulated measurements."
+            return f"{said} No simulated measurements stand behind this."
         low, high = found.sd_range
+        heard = "bear this out" if self.confirmed(one) else "say otherwise"
         return (
-            f"{said} Simulated measurements: from {spread_in_words(found.sd_before)} to "
+            f"{said} Simulated measurements {heard}: from {spread_in_words(found.sd_before)} to "
             f"{spread_in_words(found.sd_after)}, in 80 % of them between {spread_in_words(low)} and "
             f"{spread_in_words(high)}."
         )
+
+    def confirmed(self, one: Forecast) -> bool | None:
+        """Whether simulated measurements say the same as Fisher information, within a factor of 1.25; None if unasked.
+
+        A confirmation whose posteriors were not found confirms nothing.
+        """
+        found = self.confirmations.get(one.names)
+        if found is None:
+            return None
+        return found.valid and 1 / AGREE <= found.sd_after / one.sd_after <= AGREE
 
     def verdict_after(self, names: tuple[str, ...]) -> Verdict:
         """Verdict on the parameter after a set: by simulated measurements where they were made, else by Fisher."""
@@ -161,6 +174,7 @@ class Plan:
             "sd_after": _finite(one.sd_after),
             "verdict_before": one.verdict_before,
             "verdict_after": self.verdict_after(one.names),
+            "confirmed": self.confirmed(one),
             "simulated": None if found is None else _confirmed(found),
         }
 
