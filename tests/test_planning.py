@@ -14,7 +14,7 @@ from jointbayes.case_objects import beam_recipe
 from jointbayes.cli import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise
-from jointbayes.joint import LogStiffness, joint_matrix
+from jointbayes.joint import ComplianceChart, LogStiffness, joint_matrix
 from jointbayes.measurement import RelativeNoise
 from jointbayes.posterior.candidates import Candidate, StatedVariance, estimated_law, repeated
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
@@ -321,6 +321,18 @@ def test_an_assumed_joint_is_kept_and_all_else_follows_the_data():
             assert density(theta)[0] > density(theta + step * np.eye(7)[i])[0]
     with pytest.raises(jb.ModelError, match="outside the prior"):
         assumed_truth(case.problem, mode, [1.0, 1.0, 1.0])
+
+
+def test_weighted_draws_are_of_the_density_over_the_parameters_not_over_the_chart():
+    def density(theta):
+        return -0.5 * (((theta - TRUTH) / 0.2) ** 2).sum(axis=1)
+
+    chart, rng = ComplianceChart(LogStiffness()), np.random.default_rng(1)
+    theta, log_weight = weighted_posterior(density, TRUTH, 0.04 * np.eye(3), chart, rng, 8000)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    np.testing.assert_allclose(weight @ theta, TRUTH, atol=0.02)
+    np.testing.assert_allclose(np.sqrt(weight @ (theta - TRUTH) ** 2), 0.2, rtol=0.08)
 
 
 def test_too_few_importance_draws_are_no_posterior(cheap_case):

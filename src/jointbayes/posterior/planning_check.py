@@ -11,7 +11,7 @@ Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -249,7 +249,7 @@ def spread_after(
 
 
 def weighted_posterior(
-    log_density: "WithFurther | LogPosterior",
+    log_density: Callable[[Array], Array],
     theta: Array,
     covariance: Array,
     chart: Chart,
