@@ -97,17 +97,19 @@ class RandomCase:
     truth: NDArray[np.float64]
 
 
-def random_case(seed: int) -> RandomCase:
+def random_case(seed: int, node: int | None = None) -> RandomCase:
     """Draw a case.
 
     ln k11 uniform from 1e8 to 1e10 N/m, ln k22 from 1e5 to 1e7 N·m/rad, k12/√(k11 k22) from 0.1 to 0.8; each quantity
-    uncertain with probability a half, its true value then from its prior; the further accelerometer at any node.
+    uncertain with probability a half, its true value then from its prior; the further
+    accelerometer at any node, or at that which is named.
     """
     rng = np.random.default_rng([seed, 2024])
     k11, k22 = np.exp(rng.uniform(np.log([1e8, 1e5]), np.log([1e10, 1e7])))
     k12 = rng.uniform(0.1, 0.8) * math.sqrt(k11 * k22)
     uncertain = tuple(name for name in QUANTITIES if rng.random() < 0.5)
-    parameter, node = ("k11", "k12", "k22")[rng.integers(3)], int(rng.integers(1, 11))
+    parameter, drawn_node = ("k11", "k12", "k22")[rng.integers(3)], int(rng.integers(1, 11))
+    node = drawn_node if node is None else node
     logs = {name: _draw(name, rng) for name in uncertain}
     lines = [f"k11 = {k11:.6e}", f"k12 = {k12:.6e}", f"k22 = {k22:.6e}"]
     lines += [f"{TRUTH_KEYS[name]} = {NOMINAL[name] * math.exp(log)!r}" for name, log in logs.items()]
@@ -156,9 +158,9 @@ class Row:
     converged: bool
 
 
-def analyse(seed: int, simulations: int = 8, settings: jb.SamplerSettings = SETTINGS) -> Row:
+def analyse(seed: int, node: int | None = None, simulations: int = 8) -> Row:
     """Plan a case from its present data, then make the measurement and sample."""
-    drawn = random_case(seed)
+    drawn = random_case(seed, node)
     problem, parameter = drawn.present.problem, drawn.parameter
     candidate = next(c for c in candidates_of(drawn.present) if c.name == drawn.dof)
     rng = np.random.default_rng([seed, 3])
@@ -172,7 +174,7 @@ def analyse(seed: int, simulations: int = 8, settings: jb.SamplerSettings = SETT
         confirm(problem, [candidate], parameter, draws, chart_of(problem), rng, truth=t, simulations=simulations)
         for t in (None, truth)
     )
-    posterior = jb.sample(drawn.both, seed=1, settings=settings)
+    posterior = jb.sample(drawn.both, seed=1, settings=SETTINGS)
     found = float(np.log(posterior.values(parameter)).std())
     return Row(
         seed, parameter, drawn.dof, len(drawn.uncertain), said.sd_before, by_fisher.sd_after, said.sd_after,
