@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from jointbayes.frf import FrfSet, Ports
     from jointbayes.identification import IterationHistory, MapEstimate
     from jointbayes.inference import Problem
+    from jointbayes.plan_directory import write_plan
+    from jointbayes.planning import Plan, plan
     from jointbayes.posterior import Posterior, summarise
     from jointbayes.run_directory import write_report
     from jointbayes.sampling import SamplerSettings
@@ -25,6 +27,8 @@ _HOMES = {
     "jointbayes.frf": ("FrfSet", "Ports"),
     "jointbayes.identification": ("IterationHistory", "MapEstimate"),
     "jointbayes.inference": ("Problem",),
+    "jointbayes.plan_directory": ("write_plan",),
+    "jointbayes.planning": ("Plan", "plan"),
     "jointbayes.posterior": ("Posterior", "summarise"),
     "jointbayes.run_directory": ("write_report",),
     "jointbayes.sampling": ("SamplerSettings",),
@@ -42,13 +46,16 @@ __all__ = [
     "find_map",
     "identify",
     "load_posterior",
+    "plan",
     "sample",
     "summarise",
+    "write_plan",
     "write_report",
     # results and parts
     "FrfSet",
     "IterationHistory",
     "MapEstimate",
+    "Plan",
     "Ports",
     "Posterior",
     "Problem",

@@ -98,7 +98,7 @@ class _Maker:
         if top is None or data.f_step_hz is None:
             return
         steps = math.floor((top - float(self._lines[0])) / data.f_step_hz + 1e-9)
-        lines = float(self._lines[0]) + data.f_step_hz * np.arange(steps + 1)
+        lines: Array = float(self._lines[0]) + data.f_step_hz * np.arange(steps + 1, dtype=float)
         if lines[-1] <= self._lines[-1]:
             return
         yield Candidate(
@@ -147,12 +147,8 @@ class _Maker:
         share = (node - 1) / spec.elements
         if node in nodes:
             return "at the joint"
-        if share in (0.0, 1.0):
-            return (
-                "at the tip"
-                if len(nodes) == 1 and nodes <= {1, spec.nodes}
-                else f"at {spec.length_mm * share:.0f} mm along the beam"
-            )
+        if share in (0.0, 1.0) and nodes <= {1, spec.nodes} and len(nodes) == 1:
+            return "at the tip"
         return "at mid-span" if share == 0.5 else f"at {spec.length_mm * share:.0f} mm along the beam"
 
 

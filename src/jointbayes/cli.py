@@ -181,6 +181,37 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
         sys.exit(NOT_CONVERGED)
 
 
+@main.command()
+@_config
+@click.option("--out", type=click.Path(path_type=Path), help="Directory for report and numbers; by default none.")
+@click.option("--json", "as_json", is_flag=True, help="Print plan.json instead of a table.")
+@click.option("--assume", nargs=3, type=float, metavar="K11 K12 K22", help="Plan for this joint, not the one found.")
+@_seed
+def plan(
+    config: Path, out: Path | None, as_json: bool, assume: tuple[float, float, float] | None, seed: int | None
+) -> None:
+    """Rank further measurements by what they would tell about the joint."""
+    import json
+
+    from jointbayes.case import load_case
+    from jointbayes.plan_directory import require_plan_directory, write_plan
+    from jointbayes.planning import plan as ranked
+
+    case = load_case(config)
+    if out is not None:
+        require_plan_directory(out)
+    found = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
+    if out is not None:
+        write_plan(found, case, out)
+    if as_json:
+        click.echo(json.dumps(found.summary(), indent=2, ensure_ascii=False, allow_nan=False))
+        return
+    for line in found.text():
+        click.echo(line)
+    if out is not None:
+        click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+
+
 def _sample(case: "Case", seed: int | None) -> "Posterior":
     from jointbayes.progress import show_progress
     from jointbayes.workflow import sample as draw

@@ -25,6 +25,7 @@ from jointbayes.posterior.planning import (
     verdict_on,
 )
 from jointbayes.posterior.planning_check import Confirmation, assumed_truth, confirm, weighted_posterior
+from jointbayes.report.plan import candidate_table
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import chart_of, find_map, sample
 
@@ -34,6 +35,8 @@ Array = NDArray[np.float64]
 
 #: Candidates that nested Monte Carlo is asked about, beside the chosen set.
 CONFIRMED = 3
+#: Fisher's standard deviation is confirmed if the expected one of simulated measurements lies within this factor.
+AGREE = 1.25
 _DRAWS, _MORE = 4000, 5
 _LEAST = 400.0  # effective draws of the present posterior
 _KEPT = 4000
@@ -63,7 +66,7 @@ class Plan:
     confirmations
         What simulated measurements say, by names of a set.
     note
-        Why nothing was confirmed; empty otherwise.
+        What is wrong with the simulations, if anything is.
     assumed
         Whether the joint was assumed, rather than taken from the present posterior.
     """
@@ -104,13 +107,24 @@ class Plan:
         said = f"{said[:-1]} by Fisher information {where}."
         found = self.confirmations.get(one.names)
         if found is None or not found.valid:
-            return f"{said} Not confirmed: {self.note or 'too few of the simulated posteriors were found.'}"
+            return f"{said} No simulated measurements stand behind this."
         low, high = found.sd_range
+        heard = "bear this out" if self.confirmed(one) else "say otherwise"
         return (
-            f"{said} Simulated measurements: from {spread_in_words(found.sd_before)} to "
+            f"{said} Simulated measurements {heard}: from {spread_in_words(found.sd_before)} to "
             f"{spread_in_words(found.sd_after)}, in 80 % of them between {spread_in_words(low)} and "
             f"{spread_in_words(high)}."
         )
+
+    def confirmed(self, one: Forecast) -> bool | None:
+        """Whether simulated measurements say the same as Fisher information, within a factor of 1.25; None if unasked.
+
+        A confirmation whose posteriors were not found confirms nothing.
+        """
+        found = self.confirmations.get(one.names)
+        if found is None:
+            return None
+        return found.valid and 1 / AGREE <= found.sd_after / one.sd_after <= AGREE
 
     def verdict_after(self, names: tuple[str, ...]) -> Verdict:
         """Verdict on the parameter after a set: by simulated measurements where they were made, else by Fisher."""
@@ -118,6 +132,19 @@ class Plan:
         if found is not None and found.valid:
             return verdict_on(self.fisher, self.parameter, found.sd_after)
         return next(f.verdict_after for f in self._asked if f.names == names)
+
+    def text(self) -> list[str]:
+        """The plan as lines of text: table, then a sentence for each set that was asked about."""
+        table = candidate_table(self.summary())
+        rows = [table.head, *table.rows]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(table.head))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        asked = [f for f in self._asked if f.names in self.confirmations and f.names != self.best.names]
+        lines += ["", self.sentence, *(self.sentence_of(f) for f in asked)]
+        if len(self.best_set.names) > 1 or self.best_by_gain.names != self.best_set.names:
+            lines.append(f"Least spread by Fisher information: {' + '.join(self.best_set.names)}; most information "
+                         f"about the joint: {' + '.join(self.best_by_gain.names)}.")  # fmt: skip
+        return [*lines, self.note] if self.note else lines
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
@@ -147,6 +174,7 @@ class Plan:
             "sd_after": _finite(one.sd_after),
             "verdict_before": one.verdict_before,
             "verdict_after": self.verdict_after(one.names),
+            "confirmed": self.confirmed(one),
             "simulated": None if found is None else _confirmed(found),
         }
 
@@ -225,23 +253,15 @@ def plan(
     fisher = fisher_information(problem, mode if truth is None else truth)
     ranking = _ranked(case, candidates, fisher)
     found: dict[tuple[str, ...], Confirmation] = {}
-    draws, note = None, "no measurement was simulated."
+    note = "No measurement was simulated."
     if simulations:
         tell("drawing from the present posterior")
         draws, note = present_draws(case, mode, rng) if posterior is None else (posterior.theta, "")
-    if draws is not None:
+        parameter, chart = case.spec.plan.parameter, chart_of(problem)
         for names in dict.fromkeys([*(f.names for f in ranking.singles[:CONFIRMED]), ranking.best.names]):
             tell(f"simulating {' + '.join(names)}")
-            found[names] = confirm(
-                problem,
-                [candidates[name] for name in names],
-                case.spec.plan.parameter,
-                draws,
-                chart_of(problem),
-                rng,
-                truth=truth,
-                simulations=simulations,
-            )
+            chosen = [candidates[name] for name in names]
+            found[names] = confirm(problem, chosen, parameter, draws, chart, rng, truth=truth, simulations=simulations)
     return Plan(
         case.name,
         case.title,
@@ -279,13 +299,14 @@ def _ranked(case: Case, candidates: Mapping[str, Candidate], fisher: FisherInfor
     return _Ranking(tuple(singles), best, looked_at(choose(fisher, information, count, parameter, by="gain")))
 
 
-def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array | None, str]:
-    """Draws of θ from the present posterior, shape (n, d), equally weighted; or none, and why.
+def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array, str]:
+    """Draws of θ from the present posterior, shape (n, d), equally weighted, and what is wrong with them, if anything.
 
     By importance sampling about the mode; where that finds too few, by a short run of the sampler.
     """
     fisher, chart = fisher_information(case.problem, mode), chart_of(case.problem)
-    covariance = np.linalg.inv(fisher.total() + np.diag(fisher.prior_sd**-2.0))
+    information: Array = fisher.total() + np.diag(1 / np.square(fisher.prior_sd))
+    covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     for count in (_DRAWS, _MORE * _DRAWS):
         theta, log_weight = weighted_posterior(case.problem.log_posterior, mode, covariance, chart, rng, count)
         if len(theta) == 0:
@@ -296,7 +317,8 @@ def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Ar
     sampled = sample(case, int(rng.integers(2**31)), settings=_SHORT)
     if sampled.converged:
         return sampled.theta, ""
-    return None, (
-        "the present posterior was found neither by importance sampling nor by a short run of the sampler; sample the "
-        "case and give the posterior to plan."
+    return sampled.theta, (
+        "The present posterior was found neither by importance sampling nor by a short run of the sampler, which had "
+        "not converged: what stands as known now, and the truths simulated, are rough. Sample the case and give the "
+        "posterior to plan."
     )

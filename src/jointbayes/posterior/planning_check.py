@@ -11,7 +11,7 @@ Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -249,7 +249,7 @@ def spread_after(
 
 
 def weighted_posterior(
-    log_density: "WithFurther | LogPosterior",
+    log_density: Callable[[Array], Array],
     theta: Array,
     covariance: Array,
     chart: Chart,
@@ -292,7 +292,8 @@ def _bounded(covariance: Array, prior_sd: Array) -> Array:
     finite = np.where(np.isfinite(covariance), covariance, 0.0)
     np.fill_diagonal(finite, variance)
     shrink = np.minimum(1.0, prior_sd / np.sqrt(variance))
-    return finite * np.outer(shrink, shrink)
+    bounded: Array = finite * np.outer(shrink, shrink)
+    return bounded
 
 
 def _spread(problem: Problem, theta: Array, log_weight: Array, parameter: str, drawn: int) -> Spread:
@@ -338,10 +339,18 @@ def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array
     def whole(part: Array) -> Array:
         return np.concatenate([joint, part, start[moving.stop :]])
 
+    def residual(part: Array) -> Array:
+        return log_posterior.residuals(whole(part))[0]
+
+    def jacobian(part: Array) -> Array:
+        return log_posterior.residuals(whole(part))[1][:, moving]
+
+    inner = 1e-9 * (high - low)[moving]
+    inner[~np.isfinite(inner)] = 0.0
     found = optimize.least_squares(
-        lambda part: log_posterior.residuals(whole(part))[0],
-        start[moving],
-        jac=lambda part: log_posterior.residuals(whole(part))[1][:, moving],
+        residual,
+        np.clip(start[moving], low[moving] + inner, high[moving] - inner),
+        jac=jacobian,
         bounds=(low[moving], high[moving]),
         x_scale=prior.sd[moving],
     )
