@@ -1,0 +1,140 @@
+"""Ranks, their bands and coverage: right for uniform ranks, and not blind to a posterior that is wrong."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jointbayes.errors import ModelError
+from jointbayes.posterior.calibration import calibrate, coverage, ecdf, ecdf_band, rank_statistic
+
+DRAWS, DATA_SETS = 63, 500
+
+
+def judged(make_draws, seed=3, prior_sd=1.0, noise_sd=0.5):
+    """Truths from a normal prior, one measurement each, and draws that someone makes from mean and sd of the posterior.
+
+    The draws are of exp(θ); the right ones are log-normal.
+    """
+    rng = np.random.default_rng(seed)
+    truth = rng.normal(0, prior_sd, DATA_SETS)
+    data = truth + rng.normal(0, noise_sd, DATA_SETS)
+    sd = (prior_sd**-2 + noise_sd**-2) ** -0.5
+    mean = data * sd**2 / noise_sd**2
+    ranks, intervals = [], []
+    for true, centre in zip(truth, mean, strict=True):
+        draws = make_draws(rng, centre, sd)
+        ranks.append(rank_statistic([np.exp(true)], draws[:, None], DRAWS, rng)[0])
+        intervals.append(np.quantile(draws, [0.025, 0.975]))
+    (result,) = calibrate({"k": ranks}, {"k": intervals}, {"k": np.exp(truth)}, DRAWS)
+    return result
+
+
+def right(rng, mean, sd):
+    return np.exp(rng.normal(mean, sd, 1000))
+
+
+def narrow(rng, mean, sd):
+    return np.exp(rng.normal(mean, 0.8 * sd, 1000))
+
+
+def shifted(rng, mean, sd):
+    return np.exp(rng.normal(mean + 0.25 * sd, sd, 1000))
+
+
+def wrong_jacobian(rng, mean, sd):
+    # density over k taken for the density over ln k: weights k, which for a normal is a shift by sd²
+    draws = np.exp(rng.normal(mean, sd, 4000))
+    return rng.choice(draws, 1000, p=draws / draws.sum())
+
+
+def test_ranks_of_a_right_posterior_lie_in_the_band_and_its_intervals_cover_95_per_cent():
+    result = judged(right)
+    assert result.inside_band
+    assert result.p_value > 0.05
+    assert 0.93 <= result.coverage.share <= 0.97
+
+
+@pytest.mark.parametrize("wrong", [narrow, shifted, wrong_jacobian])
+def test_a_wrong_posterior_is_flagged(wrong):
+    result = judged(wrong)
+    assert not result.inside_band
+    assert result.p_value < 0.01
+
+
+def test_the_sign_of_the_deviation_says_on_which_side_draws_lie():
+    above = judged(lambda rng, mean, sd: right(rng, mean + 0.5 * sd, sd))
+    below = judged(lambda rng, mean, sd: right(rng, mean - 0.5 * sd, sd))
+    assert above.largest_deviation > 0.1
+    assert below.largest_deviation < -0.1
+
+
+def test_too_narrow_intervals_hold_too_few_truths():
+    assert judged(narrow).coverage.interval95[1] < 0.95
+
+
+@pytest.mark.parametrize(("n", "draws"), [(500, 63), (50, 127), (20, 31)])
+def test_uniform_ranks_lie_in_the_band_with_its_probability(n, draws):
+    band = ecdf_band(n, draws)
+    rng = np.random.default_rng(11)
+    shares = np.array([ecdf(rng.integers(0, draws + 1, n), draws) for _ in range(4000)])
+    inside = ((shares >= band.low) & (shares <= band.high)).all(axis=1).mean()
+    assert band.probability >= 0.95
+    # 4000 simulations have a standard deviation of 0.35 %
+    assert inside == pytest.approx(band.probability, abs=0.0105)
+    assert band.probability < 0.965  # and it is no wider than the steps of a count need
+
+
+def test_the_band_is_wider_than_pointwise_intervals_and_narrower_than_bonferroni():
+    band = ecdf_band(200, 31)
+    assert 0.05 / 31 < band.pointwise < 0.05
+    single = stats.binom.interval(0.95, 200, band.position)
+    assert (band.low * 200 <= single[0]).all()
+    assert (band.high * 200 >= single[1]).all()
+
+
+def test_a_single_point_has_the_binomial_interval():
+    band = ecdf_band(100, 1)
+    low, high = stats.binom.interval(0.95, 100, 0.5)
+    assert (band.low[0] * 100, band.high[0] * 100) == (low, high)
+
+
+def test_p_values_of_uniform_ranks_are_uniform_and_agree_with_the_band():
+    rng = np.random.default_rng(5)
+    ranks = {str(i): rng.integers(0, 32, 100) for i in range(300)}
+    same = dict.fromkeys(ranks, np.tile([0.0, 1.0], (100, 1)))
+    results = calibrate(ranks, same, dict.fromkeys(ranks, np.full(100, 0.5)), 31)
+    p_values = [r.p_value for r in results]
+    assert np.mean(np.array(p_values) < 0.05) == pytest.approx(0.05, abs=0.035)
+    assert np.mean(p_values) == pytest.approx(0.5, abs=0.06)
+    assert all(r.inside_band == (r.p_value > 1 - r.band.probability) for r in results)
+
+
+def test_a_rank_counts_the_draws_below_and_parts_ties_evenly():
+    rng = np.random.default_rng(1)
+    draws = np.arange(10.0)[:, None]
+    assert rank_statistic([3.5], draws, 10, rng).tolist() == [4]
+    tied = [rank_statistic([0.0], np.zeros((5, 1)), 5, rng)[0] for _ in range(600)]
+    assert np.bincount(tied, minlength=6) == pytest.approx(100, abs=40)
+
+
+def test_coverage_comes_with_what_so_few_cases_can_tell():
+    found = coverage(np.tile([0.0, 1.0], (20, 1)), np.linspace(-0.05, 1.0, 20))
+    assert (found.inside, found.total) == (19, 20)
+    assert found.interval95 == pytest.approx((0.7513, 0.9987), abs=1e-4)  # Clopper and Pearson's table
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda rng: rank_statistic([0.0], np.zeros((5, 1)), 6, rng),
+        lambda rng: rank_statistic([0.0, 1.0], np.zeros((5, 1)), 5, rng),
+        lambda rng: rank_statistic([np.nan], np.zeros((5, 1)), 5, rng),
+        lambda rng: ecdf_band(0, 5),
+        lambda rng: ecdf_band(5, 5, 1.0),
+        lambda rng: coverage([[0.0, 1.0]], [0.0, 1.0]),
+        lambda rng: calibrate({"k": [7]}, {"k": [[0.0, 1.0]]}, {"k": [0.5]}, 6),
+    ],
+)
+def test_impossible_input_is_refused_in_words(call):
+    with pytest.raises(ModelError, match="expected|correct"):
+        call(np.random.default_rng(0))
