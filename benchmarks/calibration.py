@@ -1,4 +1,4 @@
-"""Are posteriors calibrated? Truths from the prior, data from the likelihood, ranks of the truths. Run by `make science`.
+"""Are posteriors calibrated? Truths from the prior, data from the likelihood, ranks of the truths: `make science`.
 
 Each data set is analysed as a user's would be, from the search for the mode to the draws. Each has a seed of its own,
 whatever the number of processes. Finished analyses are kept as they come, so that a run that was cut off goes on where

@@ -128,7 +128,8 @@ def prior_transform(problem: Problem) -> Callable[[Array], Array]:
 
 def log_likelihood_on_box(problem: Problem) -> Callable[[Array], Array]:
     """ln L of θ, shape (n, 3), −inf off the cone: what nested samplers call."""
-    volume = float(np.sum(np.log(np.diff(problem.prior.support, axis=0))))
+    cut = problem.prior.log_normalisation  # the prior is uniform on the part of the box inside the cone
+    volume = float(np.sum(np.log(np.diff(problem.prior.support, axis=0)))) + cut
     return lambda theta: problem.log_posterior(theta) + volume
 
 

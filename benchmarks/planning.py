@@ -26,7 +26,7 @@ from jointbayes.planning import present_draws
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.planning import forecast, measurement_information
 from jointbayes.posterior.planning_check import assumed_truth, confirm
-from jointbayes.workflow import chart_of
+from jointbayes.workflow import charts
 
 __all__ = ["RandomCase", "Row", "analyse", "random_case", "table"]
 
@@ -171,7 +171,7 @@ def analyse(seed: int, node: int | None = None, simulations: int = 8) -> Row:
     by_fisher = forecast(fisher, information, [candidate], parameter)
     truth = assumed_truth(problem, mode, np.exp(drawn.truth[:3]))
     said, told = (
-        confirm(problem, [candidate], parameter, draws, chart_of(problem), rng, truth=t, simulations=simulations)
+        confirm(problem, [candidate], parameter, draws, charts(problem), rng, truth=t, simulations=simulations)
         for t in (None, truth)
     )
     posterior = jb.sample(drawn.both, seed=1, settings=SETTINGS)

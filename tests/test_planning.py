@@ -37,7 +37,7 @@ from jointbayes.posterior.planning_check import (
 )
 from jointbayes.report.plan import build_plan_report, candidate_table
 from jointbayes.structure import BeamFamily
-from jointbayes.workflow import chart_of
+from jointbayes.workflow import charts
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
 
 TRUTH = np.log(TABLE_3)
@@ -98,7 +98,7 @@ def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussia
     """With the joint itself measured all three stiffnesses are known to a part in a hundred or better."""
     text = edited(cheap_text(), ('outputs = ["5:y"]', 'outputs = ["5:y", "1:y", "1:rz"]'))
     problem = jb.case_from_text("joint measured", text).problem
-    fisher, chart, rng = fisher_information(problem, TRUTH), chart_of(problem), np.random.default_rng(1)
+    fisher, chart, rng = fisher_information(problem, TRUTH), charts(problem), np.random.default_rng(1)
     theta, log_weight = weighted_posterior(problem.log_posterior, TRUTH, fisher.covariance(), chart, rng, 4000)
     weight = np.exp(log_weight - log_weight.max())
     draws = theta[rng.choice(len(theta), 4000, p=weight / weight.sum())]
@@ -337,13 +337,13 @@ def test_weighted_draws_are_of_the_density_over_the_parameters_not_over_the_char
 
 def test_too_few_importance_draws_are_no_posterior(cheap_case):
     candidate, rng = accelerometer(cheap_case, "3:y"), np.random.default_rng(1)
-    arguments = cheap_case.problem, [candidate], "k12", TRUTH, chart_of(cheap_case.problem), rng
+    arguments = cheap_case.problem, [candidate], "k12", TRUTH, charts(cheap_case.problem), rng
     assert spread_after(*arguments, inner=20) is None
     assert spread_after(*arguments, inner=1000) is not None
 
 
 def test_confirming_nothing_is_refused(cheap_case):
-    chart, rng = chart_of(cheap_case.problem), np.random.default_rng(1)
+    chart, rng = charts(cheap_case.problem), np.random.default_rng(1)
     with pytest.raises(jb.ModelError, match="0 candidates"):
         confirm(cheap_case.problem, [], "k12", np.zeros((5, 3)), chart, rng)
 

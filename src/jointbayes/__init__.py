@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jointbayes.case import Case, case_from_text, load_case
     from jointbayes.check import check_posterior
+    from jointbayes.comparison import compare
+    from jointbayes.comparison_result import Comparison
     from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, SamplingError
     from jointbayes.frf import FrfSet, Ports
     from jointbayes.identification import IterationHistory, MapEstimate
     from jointbayes.inference import Problem
     from jointbayes.plan_directory import write_plan
     from jointbayes.planning import Plan, plan
-    from jointbayes.posterior import Posterior, summarise
+    from jointbayes.posterior import Knowledge, Posterior, PredictiveCheck, gather_knowledge, summarise
     from jointbayes.run_directory import write_report
     from jointbayes.sampling import SamplerSettings
     from jointbayes.workflow import find_map, identify, load_posterior, sample
@@ -23,13 +25,15 @@ if TYPE_CHECKING:
 _HOMES = {
     "jointbayes.case": ("Case", "case_from_text", "load_case"),
     "jointbayes.check": ("check_posterior",),
+    "jointbayes.comparison": ("compare",),
+    "jointbayes.comparison_result": ("Comparison",),
     "jointbayes.errors": ("CaseError", "JointBayesError", "MeasurementError", "ModelError", "SamplingError"),
     "jointbayes.frf": ("FrfSet", "Ports"),
     "jointbayes.identification": ("IterationHistory", "MapEstimate"),
     "jointbayes.inference": ("Problem",),
     "jointbayes.plan_directory": ("write_plan",),
     "jointbayes.planning": ("Plan", "plan"),
-    "jointbayes.posterior": ("Posterior", "summarise"),
+    "jointbayes.posterior": ("Knowledge", "Posterior", "PredictiveCheck", "gather_knowledge", "summarise"),
     "jointbayes.run_directory": ("write_report",),
     "jointbayes.sampling": ("SamplerSettings",),
     "jointbayes.workflow": ("find_map", "identify", "load_posterior", "sample"),
@@ -43,7 +47,9 @@ __all__ = [
     "load_case",
     # steps of a run
     "check_posterior",
+    "compare",
     "find_map",
+    "gather_knowledge",
     "identify",
     "load_posterior",
     "plan",
@@ -52,12 +58,15 @@ __all__ = [
     "write_plan",
     "write_report",
     # results and parts
+    "Comparison",
     "FrfSet",
     "IterationHistory",
+    "Knowledge",
     "MapEstimate",
     "Plan",
     "Ports",
     "Posterior",
+    "PredictiveCheck",
     "Problem",
     "SamplerSettings",
     # errors

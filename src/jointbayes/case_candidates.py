@@ -209,3 +209,7 @@ class HeavierFamily:
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (n,)."""
         return self._family.loss_factors(self._turned(factors))
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """True over predicted natural frequency of the first modes, shape (n, c)."""
+        return self._family.frequency_factors(self._turned(factors))

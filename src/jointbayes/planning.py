@@ -27,7 +27,7 @@ from jointbayes.posterior.planning import (
 from jointbayes.posterior.planning_check import Confirmation, assumed_truth, confirm, weighted_posterior
 from jointbayes.report.plan import candidate_table
 from jointbayes.sampling import SamplerSettings
-from jointbayes.workflow import chart_of, find_map, sample
+from jointbayes.workflow import charts, find_map, sample
 
 __all__ = ["Plan", "plan", "present_draws"]
 
@@ -257,11 +257,13 @@ def plan(
     if simulations:
         tell("drawing from the present posterior")
         draws, note = present_draws(case, mode, rng) if posterior is None else (posterior.theta, "")
-        parameter, chart = case.spec.plan.parameter, chart_of(problem)
+        parameter, coordinates = case.spec.plan.parameter, charts(problem)
         for names in dict.fromkeys([*(f.names for f in ranking.singles[:CONFIRMED]), ranking.best.names]):
             tell(f"simulating {' + '.join(names)}")
             chosen = [candidates[name] for name in names]
-            found[names] = confirm(problem, chosen, parameter, draws, chart, rng, truth=truth, simulations=simulations)
+            found[names] = confirm(
+                problem, chosen, parameter, draws, coordinates, rng, truth=truth, simulations=simulations
+            )
     return Plan(
         case.name,
         case.title,
@@ -304,11 +306,11 @@ def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Ar
 
     By importance sampling about the mode; where that finds too few, by a short run of the sampler.
     """
-    fisher, chart = fisher_information(case.problem, mode), chart_of(case.problem)
+    fisher, coordinates = fisher_information(case.problem, mode), charts(case.problem)
     information: Array = fisher.total() + np.diag(1 / np.square(fisher.prior_sd))
     covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     for count in (_DRAWS, _MORE * _DRAWS):
-        theta, log_weight = weighted_posterior(case.problem.log_posterior, mode, covariance, chart, rng, count)
+        theta, log_weight = weighted_posterior(case.problem.log_posterior, mode, covariance, coordinates, rng, count)
         if len(theta) == 0:
             break
         weight = np.exp(log_weight - log_weight.max())

@@ -1,7 +1,6 @@
 """What a plan foretells for a stated joint is what sampling then finds, as sharply as the plan says."""
 
 import pytest
-
 from benchmarks.planning import analyse, holds, sure
 
 

@@ -148,7 +148,7 @@ def confirm(
     candidates: Sequence[Candidate],
     parameter: str,
     draws: Array,
-    chart: Chart,
+    charts: Sequence[Chart],
     rng: np.random.Generator,
     *,
     truth: Array | None = None,
@@ -167,7 +167,7 @@ def confirm(
         ``"k11"``, ``"k12"`` or ``"k22"``.
     draws
         Draws of θ from the present posterior, shape (n, d), equally weighted.
-    chart
+    charts
         Coordinates in which the posterior is near a bell.
     rng
         Source of truths, noise and importance draws.
@@ -195,7 +195,7 @@ def confirm(
     else:
         truths = np.repeat(truth[None], simulations, axis=0)
     for one_truth in truths:
-        one = spread_after(problem, candidates, parameter, one_truth, chart, rng, inner=inner)
+        one = spread_after(problem, candidates, parameter, one_truth, charts, rng, inner=inner)
         if one is not None:
             found.append(one)
     _, old = np.linalg.slogdet(before.covariance)
@@ -215,7 +215,7 @@ def spread_after(
     candidates: Sequence[Candidate],
     parameter: str,
     truth: Array,
-    chart: Chart,
+    charts: Sequence[Chart],
     rng: np.random.Generator,
     *,
     noisy: bool = True,
@@ -225,7 +225,7 @@ def spread_after(
 
     Parameters
     ----------
-    problem, candidates, parameter, chart, rng, inner
+    problem, candidates, parameter, charts, rng, inner
         As for `confirm`.
     truth
         θ that makes the further data, shape (d,).
@@ -239,7 +239,7 @@ def spread_after(
     rough = _bounded(whole.covariance(), whole.prior_sd)
     for count in (inner, MORE * inner):
         try:
-            theta, log_weight = weighted_posterior(density, truth, rough, chart, rng, count)
+            theta, log_weight = weighted_posterior(density, truth, rough, charts, rng, count)
         except JointBayesError:
             return None  # a truth at the very edge of the coordinates
         found = _spread(problem, theta, log_weight, parameter, count) if len(theta) else None
@@ -252,7 +252,7 @@ def weighted_posterior(
     log_density: Callable[[Array], Array],
     theta: Array,
     covariance: Array,
-    chart: Chart,
+    charts: Sequence[Chart],
     rng: np.random.Generator,
     count: int,
 ) -> tuple[Array, Array]:
@@ -264,8 +264,8 @@ def weighted_posterior(
         Density over θ.
     theta, covariance
         A point near its mode, shape (d,), and a rough covariance, shape (d, d).
-    chart
-        Coordinates of the proposal.
+    charts
+        Coordinates of the proposal, the likeliest first.
     rng
         Source of the draws.
     count
@@ -276,14 +276,8 @@ def weighted_posterior(
     theta, log_weight : ndarray, shapes (m, d) and (m,)
         m ≤ count draws where the density is above zero, and ln of their weights up to a constant.
     """
-    proposal = fit_proposal(log_density, chart, theta, covariance, rng)
-    phi = proposal.density.draw(rng, count)
-    drawn, inside = chart.inverse(phi)
-    drawn, phi = drawn[inside], phi[inside]
-    value = log_density(drawn)
-    alive = np.isfinite(value)
-    drawn, phi = drawn[alive], phi[alive]
-    return drawn, value[alive] + chart.log_volume(drawn) - proposal.density.log_density(phi)
+    proposal = fit_proposal(log_density, charts, ((theta, covariance),), rng)
+    return proposal.weighted_draws(log_density, rng, count)
 
 
 def _bounded(covariance: Array, prior_sd: Array) -> Array:
