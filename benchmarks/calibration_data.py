@@ -1,8 +1,8 @@
 """Data sets drawn from a case's own prior and noise model, for the calibration study.
 
-The stated noise is a floor of the instruments, the same at all lines, fixed before any truth is drawn: 30 % of the median
-|H| of the nominal joint and beam. A variance computed from each data set's own FRF would be a function of the truth that
-the analysis takes as given, and would tell it where the resonances lie.
+The stated noise is a floor of the instruments, the same at all lines, fixed before any truth is drawn: 30 % of the
+median |H| of the nominal joint and beam. A variance computed from each data set's own FRF would be a function of the
+truth that the analysis takes as given, and would tell it where the resonances lie.
 """
 
 import re

@@ -139,7 +139,8 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     for line, (name, p) in zip(lines[1:4], summary["parameters"].items(), strict=True):
         low, high = p["interval95"]
         assert line == f"{name}: {p['mode']:.3e} {p['unit']}, 95 % {low:.3e} to {high:.3e}: {p['verdict']}"
-    assert str(place / "out" / "report.html") in lines[4]
+    assert lines[4] == summary["check"]["sentence"]
+    assert str(place / "out" / "report.html") in lines[5]
     assert all(line.startswith("sampling: step ") for line in result.stderr.splitlines())
 
 

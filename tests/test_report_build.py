@@ -64,7 +64,8 @@ def test_the_verdict_table_is_the_first_table_and_holds_the_summary_s_numbers(wh
 def test_the_sentence_on_the_coupling_carries_the_summary_s_numbers(whole, cheap_posterior):
     summary = summarise(cheap_posterior, INITIAL)
     k12, k22 = summary["parameters"]["k12"], summary["parameters"]["k22"]
-    (sentence,) = of_kind(whole.lead, Paragraph)
+    sentence, explains = of_kind(whole.lead, Paragraph)
+    assert explains.text.replace("*", "") == summary["check"]["sentence"]
     found = re.fullmatch(
         r"\*\*The coupling stiffness k12 is (?P<verdict>[a-z ]+)\*\*: its 95 % interval spans a factor of "
         r"(?P<factor>\S+) \((?P<low>\S+) … (?P<high>\S+) N\); the relative standard deviation is (?P<sd12>\S+) %, "
@@ -150,6 +151,8 @@ def test_every_figure_says_what_it_shows(whole):
     figures = of_kind(whole.blocks(), Figure)
     names = {figure.identifier for figure in figures}
     assert names == {
+        "residuals",
+        "profiles",
         "frf-0-0",
         "phase-0-0",
         "frequencies-plot",
@@ -220,6 +223,7 @@ def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior)
     assert "holds zero, so that not even its sign is known" in of_kind(report.lead, Paragraph)[0].text
     assert {f.identifier for f in of_kind(report.blocks(), Figure)} == {
         "frequencies-plot",
+        "profiles",
         "corner",
         "traces",
         "autocorrelation",

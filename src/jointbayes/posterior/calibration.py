@@ -142,7 +142,7 @@ def ecdf_band(n: int, draws: int, probability: float = 0.95) -> EcdfBand:
 def _limits(n: int, position: Array, gamma: float) -> tuple[IntArray, IntArray]:
     """Least and largest count at each point of a central interval of probability at least 1 − γ."""
     low: IntArray = np.maximum(stats.binom.ppf(gamma / 2, n, position), 0).astype(np.int64)
-    high: IntArray = stats.binom.isf(gamma / 2, n, position).astype(np.int64)
+    high: IntArray = np.asarray(stats.binom.isf(gamma / 2, n, position)).astype(np.int64)
     return low, high
 
 
@@ -207,7 +207,8 @@ def coverage(intervals: ArrayLike, truths: ArrayLike) -> Coverage:
     ends, true = np.asarray(intervals, dtype=float), np.asarray(truths, dtype=float)
     if true.ndim != 1 or true.size == 0 or ends.shape != (true.size, 2):
         raise ModelError(
-            f"coverage: found intervals of shape {ends.shape} and truths of shape {true.shape}; expected (n, 2) and (n,)"
+            f"coverage: found intervals of shape {ends.shape} and truths of shape {true.shape}; "
+            "expected (n, 2) and (n,)"
         )
     inside = int(((ends[:, 0] <= true) & (true <= ends[:, 1])).sum())
     exact = stats.binomtest(inside, true.size).proportion_ci(0.95, method="exact")
@@ -301,9 +302,9 @@ def _p_value(n: int, position: Array, shares: Array) -> float:
     tail = np.minimum(stats.binom.cdf(counts, n, position), stats.binom.sf(counts - 1, n, position))
     least = float(tail.min())
     # counts whose tail probability, to their own side, is above that
-    low = stats.binom.ppf(least, n, position)
+    low: Array = np.array(stats.binom.ppf(least, n, position), dtype=float)
     low += stats.binom.cdf(low, n, position) <= least * (1 + 1e-9)
-    high = stats.binom.isf(least, n, position)
+    high: Array = np.array(stats.binom.isf(least, n, position), dtype=float)
     high -= stats.binom.sf(high - 1, n, position) <= least * (1 + 1e-9)
     if (low > high).any():
         return 1.0

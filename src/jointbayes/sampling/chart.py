@@ -67,8 +67,8 @@ class BoxChart:
 
     Examples
     --------
-    >>> BoxChart([0.0, -np.inf], [4.0, np.inf]).forward(np.array([[2.0, 7.0]]))
-    array([[0., 7.]])
+    >>> BoxChart([0.0, -np.inf], [4.0, np.inf]).forward(np.array([[0.6346, 7.0]])).round(3)
+    array([[-1.,  7.]])
     """
 
     def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
