@@ -39,6 +39,8 @@ docs: $(VENV)/.stamp-docs  ## build the documentation into site/, warnings are e
 bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against others (about ten minutes)
 	$(BIN)/python -m benchmarks.likelihood
 	$(BIN)/python -m benchmarks.samplers
+	$(BIN)/python -m benchmarks.uncertain
+	$(BIN)/python -m benchmarks.noise
 
 science: $(VENV)/.stamp-test  ## the long calibration of the posterior against known truths
 	$(BIN)/python -m benchmarks.calibration

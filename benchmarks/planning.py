@@ -1,5 +1,6 @@
 """Does `jointbayes plan` foretell the posterior spread that a further measurement then leaves?
 
+The measurements are those of docs/identifiability.md: 10 to 2500 Hz in steps of 2 Hz, 3 % noise and a floor of 1 %.
 Random cases: joint, structure, which quantities are uncertain, where the further accelerometer goes and which stiffness
 is looked at are drawn from the laws below, the seed being the number of the case; none is left out. Each case is
 planned from its present data alone. Then the measurement is made with its own noise, and the posterior of both
@@ -67,7 +68,7 @@ inputs = ["11:y"]
 quantity = "receptance"
 f_min_hz = 10.0
 f_max_hz = 2500.0
-f_step_hz = 10.0
+f_step_hz = 2.0
 [data.truth]
 {truth}
 [data.noise]
