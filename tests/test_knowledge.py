@@ -96,6 +96,15 @@ def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain):
     assert [s.identifier for s in plain.sections] == [s.identifier for s in built.sections]
 
 
+def test_correlations_are_those_of_the_draws(uncertain):
+    built, _ = report(uncertain)
+    table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Correlation of the draws")
+    assert table.head == ("", "ln k11", "ln k12", "ln k22")
+    assert [row[0] for row in table.rows] == ["ln k11", "ln k12", "ln k22", "ln L", "ln gain"]
+    found = np.corrcoef(np.log(uncertain.values("k22").ravel()), np.log(uncertain.values("length").ravel()))[0, 1]
+    assert float(table.rows[3][3]) == pytest.approx(found, abs=0.006)
+
+
 def test_the_summary_without_knowledge_still_holds_the_check(cheap_posterior):
     summary = summarise(cheap_posterior, INITIAL)
     assert summary["identifiability"] is None

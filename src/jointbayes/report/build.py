@@ -69,7 +69,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         fit_section(posterior, inputs.initial, summary, knowledge),
         sections.frequency_section(posterior, summary),
         sections.posterior_section(posterior, inputs.reference, inputs.reference_source, summary),
-        knowledge_section(knowledge, summary),
+        knowledge_section(posterior, knowledge, summary),
         sections.sampling_section(posterior, summary),
     ]
     others = nuisance_section(summary)

@@ -64,8 +64,8 @@ def check_blocks(posterior: Posterior, knowledge: Knowledge) -> list[Block]:
     return blocks
 
 
-def knowledge_section(knowledge: Knowledge, summary: Summary) -> Section:
-    """Which combinations are known, likelihood intervals, and what becomes of the verdicts."""
+def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summary) -> Section:
+    """Which combinations are known, correlations, likelihood intervals, and what becomes of the verdicts."""
     blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
     rows = tuple((d.quantity, number(d.sd), d.verdict) for d in knowledge.directions)
     blocks.append(
@@ -78,11 +78,28 @@ def knowledge_section(knowledge: Knowledge, summary: Summary) -> Section:
             row_kinds=tuple(_KINDS[d.verdict] for d in knowledge.directions),
         )
     )
+    blocks.append(_correlations(posterior))
     if knowledge.profiles:
         blocks += _profile_blocks(knowledge, summary)
     if knowledge.freed:
         blocks += _freed_blocks(knowledge)
     return Section("known", "What is known, and what it rests on", tuple(blocks))
+
+
+def _correlations(posterior: Posterior) -> Table:
+    """Correlation of the draws, the joint's coordinates against all."""
+    names = posterior.problem.names
+    matrix = np.atleast_2d(np.corrcoef(posterior.theta.T))
+    joint = posterior.problem.parametrisation.names
+    rows = tuple(
+        (coordinate_label(name), *(f"{matrix[i, j]:.2f}" for j in range(len(joint)))) for i, name in enumerate(names)
+    )
+    return Table(
+        "Correlation of the draws",
+        ("", *(coordinate_label(name) for name in joint)),
+        rows,
+        note="Near 1 or −1 the data know a combination of the two, not each by itself.",
+    )
 
 
 def _profile_blocks(knowledge: Knowledge, summary: Summary) -> list[Block]:
