@@ -117,7 +117,7 @@ def _structure(case: jb.Case, wrong: str, rng: np.random.Generator) -> Structure
 def table(found: list[Outcome]) -> str:
     """Markdown table, one row for each kind of wrongness and model."""
     lines = [
-        "| The data are of | Admitted | Cases | Converged | Said to be explained | Joint's band holds | Structure's band |",
+        "| Data of | Admitted | Cases | Converged | Said to be explained | Joint's band holds | Structure's band holds |",
         "|---|---|---|---|---|---|---|",
     ]
     for wrong in WRONGS:
