@@ -3,8 +3,8 @@
 Data of another structure than the one analysed: 360 mm long instead of 383 mm; a second joint, a soft spring at
 mid-span; Young's modulus 5 % off either way. The true joint is drawn about that of the paper's Table 3. Each data set is
 analysed with nothing admitted, with a model discrepancy along frequency, and with that and uncertain natural
-frequencies. Counted: how often the check says that the model explains the data, and how often the 95 % bands of the first three natural
-frequencies hold
+frequencies. Counted: how often the check says that the model explains the data, and how often the 95 % bands of the
+first three natural frequencies hold
 
 - "joint": those that the analysed model gives the *true* joint, in the band that it gives the posterior's joints;
 - "structure": those of the true structure, in the band predicted for the structure as measured.
