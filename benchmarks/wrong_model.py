@@ -1,9 +1,9 @@
 """What a wrong model does to the joint, and what admitting it mends: `python -m benchmarks.wrong_model`.
 
 Data of another structure than the one analysed: 360 mm long instead of 383 mm; a second joint, a soft spring at
-mid-span; Young's modulus 5 % off either way; all measured at tip and mid-span. The true joint is drawn about that of the
+mid-span; a modulus 5 % off either way; all measured at tip and mid-span. The true joint is drawn about that of the
 paper's Table 3. Each set is analysed with nothing admitted, with a model discrepancy along frequency, and with that and
-uncertain natural frequencies. Counted: how often the check says that the model explains the data, and how often the 95 %
+uncertain natural frequencies. Counted: how often the check says that the model explains the data, how often the 95 %
 bands of the first three natural frequencies hold
 
 - "joint": those that the analysed model gives the *true* joint, in the band that it gives the posterior's joints;
