@@ -155,8 +155,9 @@ def test_timings_slopes_and_memory():
     assert 0 <= timed["b"].least <= timed["b"].median
     assert timing.log_log_slope([1.0, 10.0, 100.0], [2.0, 200.0, 20_000.0]) == pytest.approx(2.0)
     assert timing.peak_megabytes(lambda: np.ones(1_000_000)) == pytest.approx(8.0, rel=0.01)
-    resident = timing.resident_peak_megabytes(lambda: np.ones(4_000_000).sum())
-    assert resident is None or resident > 20
+    # so large that no allocator serves it from memory that it kept from earlier tests
+    resident = timing.resident_peak_megabytes(lambda: np.ones(16_000_000).sum())
+    assert resident is None or resident > 100
 
 
 def test_results_are_merged_kept_and_written(tmp_path, capsys):
