@@ -25,7 +25,6 @@ from jointbayes.case_objects import beam_recipe
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
-from jointbayes.posterior.knowledge import check_posterior_prediction
 from jointbayes.structure import Structure
 
 __all__ = ["MODELS", "WRONGS", "Outcome", "analyse", "table"]
@@ -88,7 +87,7 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
         model,
         index,
         posterior.converged,
-        check_posterior_prediction(posterior).explains,
+        posterior.check.explains,
         holds(by_model, of_model=True),
         holds(of_truth, of_model=False),
     )

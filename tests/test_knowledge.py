@@ -58,7 +58,9 @@ def test_a_model_that_explains_them_says_so_with_its_figures(cheap_posterior):
 
 
 def test_the_check_of_a_posterior_is_the_same_each_time(cheap_posterior):
-    first, second = gather_knowledge(cheap_posterior).check, gather_knowledge(cheap_posterior).check
+    # a copy has nothing kept from before
+    first, second = gather_knowledge(cheap_posterior).check, gather_knowledge(replace(cheap_posterior)).check
+    assert first is not second
     assert first.sentence == second.sentence
 
 

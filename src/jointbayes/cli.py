@@ -65,7 +65,7 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
     posterior = _sample(case, seed)
     write_report(posterior, target)
     _print_summary(posterior)
-    _print_check(posterior)
+    click.echo(posterior.check.sentence)
     click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     _exit_by_convergence(posterior)
 
@@ -230,12 +230,6 @@ def _print_summary(posterior: "Posterior") -> None:
         known = posterior.identifiability(name)
         low, high = known.interval95
         click.echo(f"{name}: {posterior.mode[name]:.3e} {unit}, 95 % {low:.3e} to {high:.3e}: {known.verdict}")
-
-
-def _print_check(posterior: "Posterior") -> None:
-    from jointbayes.posterior.knowledge import check_posterior_prediction
-
-    click.echo(check_posterior_prediction(posterior).sentence)
 
 
 def _exit_by_convergence(posterior: "Posterior") -> None:

@@ -20,7 +20,7 @@ from jointbayes.report import Figure, Report, ReportInputs, build_report, render
 from jointbayes.report.comparison import build_comparison_report
 from jointbayes.workflow import identify
 
-__all__ = ["COMPARISON_MARK", "require_writable", "write_comparison", "write_report"]
+__all__ = ["COMPARISON_MARK", "json_text", "require_writable", "write_comparison", "write_report", "write_whole"]
 
 _MARK = "summary.json"  # by which a run directory is known
 #: File by which the directory of a comparison is known.
@@ -67,8 +67,8 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
-    files = {"summary.json": _json(inputs.summary), "case.toml": record.case_text}
-    _write_whole(target, report, files, posterior)
+    files = {"summary.json": json_text(inputs.summary), "case.toml": record.case_text}
+    write_whole(target, report, files, posterior)
     return target
 
 
@@ -98,16 +98,17 @@ def write_comparison(comparison: Comparison, cases: Sequence[Case], directory: s
     require_writable(target, COMPARISON_MARK)
     summary = comparison.summary()
     report = build_comparison_report(summary, datetime.datetime.now(datetime.UTC).date())
-    files = {COMPARISON_MARK: _json(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
-    _write_whole(target, report, files, None)
+    files = {COMPARISON_MARK: json_text(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
+    write_whole(target, report, files)
     return target
 
 
-def _json(numbers: dict[str, Any]) -> str:
+def json_text(numbers: dict[str, Any]) -> str:
+    """JSON as it is written into a directory: indented, readable, without NaN."""
     return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _write_whole(target: Path, report: Report, files: Mapping[str, str], posterior: Posterior | None) -> None:
+def write_whole(target: Path, report: Report, files: Mapping[str, str], posterior: Posterior | None = None) -> None:
     """Write report, figures, other files and draws beside the target, then put them in its place."""
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))

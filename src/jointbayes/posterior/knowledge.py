@@ -5,18 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.inference import FrfLikelihood, Problem
-from jointbayes.joint import joint_matrix
-from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
+from jointbayes.inference import Problem
+from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.freeing import FreedRow, freeing_sentence, freeing_table
 from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.result import Posterior
 
-__all__ = ["Knowledge", "check_posterior_prediction", "gather_knowledge"]
-
-_CHECK_DRAWS = 200
+__all__ = ["Knowledge", "gather_knowledge"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,26 +74,13 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
         whole = np.array([known.get(name, 0.0) for name in freed.names])  # at the nominal value
         wider, assumed, own = fisher_information(freed, whole), True, _freeable(freed)
     return Knowledge(
-        check_posterior_prediction(posterior),
+        posterior.check,
         fisher,
         name_directions(fisher),
         _profiles(problem, posterior),
         freeing_table(wider, own) if own else (),
         assumed,
     )
-
-
-def check_posterior_prediction(posterior: Posterior) -> PredictiveCheck:
-    """Posterior predictive check of the data that were analysed, over draws evenly spaced among all."""
-    problem = posterior.problem
-    theta = posterior.thinned(_CHECK_DRAWS)
-    likelihood = problem.log_posterior.likelihood
-    matrices, factors = joint_matrix(problem.prior.stiffness(theta)), problem.prior.factors(theta)
-    z = likelihood.standardised(matrices, factors)
-    if not isinstance(likelihood, FrfLikelihood):
-        return check_frequencies(np.asarray(z.real))
-    rng = np.random.default_rng([posterior.record.seed, 2])
-    return check_frfs(likelihood.noise, z, likelihood.hyper(factors), rng)
 
 
 def _freeable(problem: Problem) -> tuple[str, ...]:

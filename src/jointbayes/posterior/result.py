@@ -15,10 +15,11 @@ from scipy import stats
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
-from jointbayes.inference import Problem
-from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.inference import FrfLikelihood, Problem
+from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.posterior.arviz_bridge import to_arviz
+from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
@@ -28,6 +29,7 @@ __all__ = ["Posterior", "RunRecord", "data_sha256"]
 Array = NDArray[np.float64]
 
 _KERNEL_DRAWS = 4000
+_CHECK_DRAWS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +183,21 @@ class Posterior:
     def identifiability(self, name: str) -> Identifiability:
         """Verdict on one stiffness, by the rule of `jointbayes.posterior.identifiability.assess`."""
         return assess(self.values(name), self.prior_values(name))
+
+    @cached_property
+    def check(self) -> PredictiveCheck:
+        """Posterior predictive check of the data that were analysed, over draws evenly spaced among all.
+
+        The seed of the run also replicates the data.
+        """
+        prior, likelihood = self.problem.prior, self.problem.log_posterior.likelihood
+        theta = self.thinned(_CHECK_DRAWS)
+        factors = prior.factors(theta)
+        z = likelihood.standardised(joint_matrix(prior.stiffness(theta)), factors)
+        if not isinstance(likelihood, FrfLikelihood):
+            return check_frequencies(np.asarray(z.real))
+        rng = np.random.default_rng([self.record.seed, 2])
+        return check_frfs(likelihood.noise, z, likelihood.hyper(factors), rng)
 
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).

@@ -10,7 +10,7 @@ from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.knowledge import Knowledge, check_posterior_prediction
+from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.result import Posterior, data_sha256
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
@@ -58,7 +58,7 @@ def summarise(
         "map": _map(posterior),
         "natural_frequencies_hz": _frequencies(posterior, initial, measured_frequencies_hz),
         "fit": _fit(posterior),
-        "check": _check(knowledge.check if knowledge else check_posterior_prediction(posterior)),
+        "check": _check(posterior.check),
         "identifiability": _identifiability(knowledge) if knowledge else None,
         "sampler": dict(record.sampler),
         "versions": dict(record.versions),
