@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.differences import covariance_roots, derivatives_along
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.chart import Chart
 from jointbayes.sampling.density import Checked, LogDensity
 
-__all__ = ["Whitened", "covariance_roots", "laplace", "whitened"]
+__all__ = ["Whitened", "laplace", "whitened"]
 
 Array = NDArray[np.float64]
 
@@ -68,15 +69,6 @@ def whitened(log_density: LogDensity, chart: Chart, theta: ArrayLike, covariance
     return Whitened(Checked(log_density), chart, origin, factor)
 
 
-def covariance_roots(covariance: Array, least: float) -> Array:
-    """R, shape (d, d), with R Rᵀ the covariance, its eigenvalues as a correlation matrix raised to the least."""
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sd[sd == 0.0] = 1.0
-    values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
-    roots: Array = sd[:, None] * vectors * np.sqrt(np.maximum(values, least))
-    return roots
-
-
 def laplace(target: Whitened) -> tuple[Array, Array]:
     """Mode and covariance from the curvature there, in z, by Newton's method with a whole line of trial steps at once.
 
@@ -87,7 +79,7 @@ def laplace(target: Whitened) -> tuple[Array, Array]:
     place, axes = np.zeros(dimension), np.eye(dimension)
     lengths = 0.5 ** np.arange(8)
     for _ in range(_NEWTON_STEPS):
-        value, gradient, hessian = _derivatives(target, place, axes)
+        value, gradient, hessian = derivatives_along(target, place, axes, _STEP)
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break
         curvature, vectors = np.linalg.eigh(-hessian)
@@ -101,18 +93,3 @@ def laplace(target: Whitened) -> tuple[Array, Array]:
         elif (curvature > 0.25).all() and (curvature < 4.0).all():
             break  # at the mode, and the differences were taken over about a standard deviation
     return place, axes @ axes.T
-
-
-def _derivatives(target: Whitened, place: Array, axes: Array) -> tuple[float, Array, Array]:
-    """Value, gradient and Hessian along axes, the columns of (d, d), at z, shape (d,): differences from one call."""
-    d = place.size
-    rows, columns = np.triu_indices(d, 1)
-    offsets = np.concatenate([axes.T, axes.T[rows] + axes.T[columns]]) * _STEP
-    values = target(np.concatenate([place[None], place + offsets, place - offsets]))
-    centre, up, down = values[0], *np.split(values[1:], 2)
-    if not np.isfinite(values).all():
-        return float(centre), np.full(d, np.nan), np.full((d, d), np.nan)
-    even = up + down - 2 * centre
-    hessian = np.diag(even[:d])
-    hessian[rows, columns] = hessian[columns, rows] = (even[d:] - even[rows] - even[columns]) / 2
-    return float(centre), (up - down)[:d] / (2 * _STEP), hessian / _STEP**2

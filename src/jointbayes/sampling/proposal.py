@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.differences import covariance_roots
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.bell_fit import DOF, Round, good_efficiency, refined_bell
 from jointbayes.sampling.chart import Chart, Identity
 from jointbayes.sampling.density import Checked, LogDensity
-from jointbayes.sampling.laplace import Whitened, covariance_roots, laplace, whitened
+from jointbayes.sampling.laplace import Whitened, laplace, whitened
 from jointbayes.sampling.mixture_search import Fit, search
 from jointbayes.sampling.pool import Pool, theta_draws
 from jointbayes.sampling.student_mixture import StudentMixture
