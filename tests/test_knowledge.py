@@ -57,6 +57,15 @@ def test_a_model_that_explains_them_says_so_with_its_figures(cheap_posterior):
     assert f"{summary['check']['chi2_per_line']:.3g} times" in said[0]
 
 
+def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, monkeypatch):
+    monkeypatch.setattr("jointbayes.posterior.summary.effective_sizes", lambda chains: (float("nan"), float("nan")))
+    built, summary = report(wrong)
+    assert summary["parameters"]["k22"]["ess_bulk"] is None
+    tables = [b for section in built.sections for b in section.blocks if isinstance(b, Table)]
+    (numbers,) = (t for t in tables if t.caption == "Posterior in numbers")
+    assert all(row[-2:] == ("–", "–") for row in numbers.rows)
+
+
 def test_the_check_of_a_posterior_is_the_same_each_time(cheap_posterior):
     # a copy has nothing kept from before
     first, second = gather_knowledge(cheap_posterior).check, gather_knowledge(replace(cheap_posterior)).check

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["interval", "number"]
+__all__ = ["fixed", "interval", "number"]
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -22,6 +22,11 @@ def number(value: float | None, digits: int = 3) -> str:
         return text
     mantissa, exponent = text.split("e")
     return f"{mantissa}e{int(exponent)}"
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Format with so many decimals; a dash where the number does not exist, as the effective size of a short run."""
+    return "–" if value is None or not np.isfinite(value) else f"{value:.{decimals}f}"
 
 
 def interval(ends: Sequence[float], digits: int = 3) -> str:

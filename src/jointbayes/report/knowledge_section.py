@@ -7,7 +7,7 @@ import numpy as np
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.report import figures
-from jointbayes.report.format import interval, number
+from jointbayes.report.format import fixed, interval, number
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 __all__ = ["check_blocks", "coordinate_label", "knowledge_section", "nuisance_section"]
@@ -161,8 +161,8 @@ def nuisance_section(summary: Summary) -> Section | None:
             number(n["median"], 4),
             interval(n["interval95"], 4),
             n["unit"],
-            f"{n['contraction']:.2f}",
-            f"{n['r_hat']:.3f}",
+            fixed(n["contraction"], 2),
+            fixed(n["r_hat"], 3),
         )
         for name, n in summary["nuisances"].items()
     )

@@ -9,7 +9,7 @@ from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.posterior import Posterior
 from jointbayes.report import figures
-from jointbayes.report.format import interval, number
+from jointbayes.report.format import fixed, interval, number
 from jointbayes.report.knowledge_section import coordinate_label
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Section, Table
 
@@ -180,10 +180,10 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
             number(p["mean"], 4),
             number(p["sd_log"]),
             interval(p["prior_interval95"], 2),
-            f"{p['contraction']:.4f}",
-            f"{p['r_hat']:.4f}",
-            f"{p['ess_bulk']:.0f}",
-            f"{p['ess_tail']:.0f}",
+            fixed(p["contraction"], 4),
+            fixed(p["r_hat"], 4),
+            fixed(p["ess_bulk"], 0),
+            fixed(p["ess_tail"], 0),
         )
         for name, p in summary["parameters"].items()
     )
@@ -235,8 +235,8 @@ def sampling_section(posterior: Posterior, summary: Summary) -> Section:
         ("Importance efficiency of the proposal", f"{100 * s['proposal_efficiency']:.0f} %"),
         ("Evaluations", f"{s['evaluations']}"),
         ("of these without a finite value", f"{s['singular']}"),
-        ("Effective draws", ", ".join(f"{n} {e:.0f}" for n, e in s["ess"].items())),
-        ("Time", f"{s['seconds']:.1f} s, {s['ess_per_second']:.0f} effective draws per second"),
+        ("Effective draws", ", ".join(f"{n} {fixed(e, 0)}" for n, e in s["ess"].items())),
+        ("Time", f"{s['seconds']:.1f} s, {fixed(s['ess_per_second'], 0)} effective draws per second"),
         ("Seed", f"{summary['seed']}"),
     )
     draws = posterior.draws
