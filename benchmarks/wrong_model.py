@@ -4,17 +4,20 @@ Data of another structure than the one analysed: 360 mm long instead of 383 mm; 
 mid-span; a modulus 5 % off either way; all measured at tip and mid-span. The true joint is drawn about that of the
 paper's Table 3. Each set is analysed with nothing admitted, with a model discrepancy along frequency, and with that and
 uncertain natural frequencies. Counted: how often the check says that the model explains the data, how often the 95 %
-bands of the first three natural frequencies hold
+band of the first three natural frequencies holds
 
 - "joint": those that the analysed model gives the *true* joint, in the band that it gives the posterior's joints;
 - "structure": those of the true structure, in the band predicted for the structure as measured.
 
-A band counts as holding only if all three frequencies lie in theirs.
+The band is a simultaneous one: equal-tailed intervals of one level for each frequency, wide enough that 95 % of the
+draws lie in all three at once. Three intervals of 95 % each would hold all three in as few as 86 % of cases.
 """
 
 import argparse
 import re
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -76,9 +79,7 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
     posterior = jb.sample(made, seed=index, settings=SETTINGS)
 
     def holds(frequency: Array, *, of_model: bool) -> bool:
-        band = posterior.predict_natural_frequencies(MODES, 1000, of_model=of_model)
-        low, high = np.quantile(band, [0.025, 0.975], axis=0)
-        return bool(((low <= frequency) & (frequency <= high)).all())
+        return in_band(posterior.predict_natural_frequencies(MODES, 2000, of_model=of_model), frequency)
 
     by_model = problem.natural_frequencies_hz(stiffness, MODES)[0]
     of_truth = NaturalFrequencies(true, problem.joint, MODES).frequency_hz(joint_matrix(stiffness))[0]
@@ -91,6 +92,17 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
         holds(by_model, of_model=True),
         holds(of_truth, of_model=False),
     )
+
+
+def in_band(draws: Array, point: Array, level: float = 0.95) -> bool:
+    """Whether a point (m,) lies in the simultaneous band of draws (n, m)."""
+    below = np.sort(draws, axis=0)
+    # how far out each draw is: the smaller share of draws beyond it, of its most extreme coordinate
+    rank = np.stack([np.searchsorted(below[:, j], draws[:, j], side="right") for j in range(draws.shape[1])], axis=1)
+    tail = np.minimum(rank, len(draws) + 1 - rank).min(axis=1) / len(draws)
+    share = np.quantile(tail, 1 - level)
+    low, high = np.quantile(draws, [share, 1 - share], axis=0)
+    return bool(((low <= point) & (point <= high)).all())
 
 
 def _joint(rng: np.random.Generator) -> Array:
@@ -135,14 +147,15 @@ def main() -> None:
     """Run and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=34, help="data sets of each kind; default 34")
+    parser.add_argument("--processes", type=int, default=1, help="worker processes; default 1")
     options = parser.parse_args()
+    jobs = [(wrong, model, index) for index in range(options.cases) for wrong in WRONGS for model in MODELS]
     found = []
-    for index in range(options.cases):
-        for wrong in WRONGS:
-            for model in MODELS:
-                found.append(analyse(wrong, model, index))
-                print(found[-1], flush=True)
-        print(table(found), flush=True)
+    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as executor:
+        for outcome in executor.map(analyse, *zip(*jobs, strict=True)):
+            found.append(outcome)
+            print(outcome, flush=True)
+    print(table(found), flush=True)
 
 
 if __name__ == "__main__":

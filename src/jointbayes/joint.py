@@ -21,6 +21,7 @@ __all__ = [
     "STIFFNESS_PATTERN",
     "STIFFNESS_UNITS",
     "ComplianceChart",
+    "CondensedChart",
     "Joint",
     "LogStiffness",
     "Parametrisation",
@@ -279,6 +280,33 @@ class ComplianceChart:
         if isinstance(self.parametrisation, PlainSprings):
             return self.parametrisation.log_compliance_volume(theta)
         return 3 * self.parametrisation.log_determinant(theta) - self.parametrisation.log_slope(theta)
+
+
+@dataclass(frozen=True, slots=True)
+class CondensedChart:
+    """ln(k22 − k12²/k11) in place of ln k22, for θ = (ln k11, ln k12, ln k22, …); the rest stays as it is.
+
+    That is the rotational stiffness with the translation free to follow, 1/c22, which vibration tells best. Where k11
+    and k12 are hardly known, k22 must follow them along a curved sheet that is flat in these coordinates.
+    """
+
+    def forward(self, theta: Array) -> Array:
+        """φ, shape (n, d), of θ, shape (n, d)."""
+        phi = np.array(theta, dtype=np.float64)
+        share = np.minimum(np.exp(2 * phi[:, 1] - phi[:, 0] - phi[:, 2]), 1 - np.finfo(float).eps)
+        phi[:, 2] += np.log1p(-share)
+        return phi
+
+    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """θ, shape (n, d), and True for each, shape (n,): any φ is a joint."""
+        theta = np.array(phi, dtype=np.float64)
+        theta[:, 2] = np.logaddexp(phi[:, 2], 2 * phi[:, 1] - phi[:, 0])
+        return theta, np.ones(len(phi), dtype=bool)
+
+    def log_volume(self, theta: Array) -> Array:
+        """ln |∂θ/∂φ|, shape (n,)."""
+        volume: Array = self.forward(theta)[:, 2] - theta[:, 2]
+        return volume
 
 
 def _inverse_2x2(matrix: Array) -> Array:

@@ -9,6 +9,7 @@ from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.identification.climb import newton_climb
+from jointbayes.identification.mode_scan import with_modes_on_data
 from jointbayes.inference import LogPosterior
 
 __all__ = ["LocalMode", "MapEstimate", "StartOutcome", "maximise_posterior", "refine"]
@@ -209,7 +210,7 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
     for name, stiffness in starts.items():
         theta = into_support(log_posterior, stiffness)
         if theta is not None:
-            ends[name] = refine(log_posterior, theta)
+            ends[name] = refine(log_posterior, with_modes_on_data(log_posterior, theta))
     if not ends:
         raise ModelError(
             "MAP: found no start inside the prior's support; expected priors that contain a positive definite joint; "

@@ -12,6 +12,7 @@ from jointbayes.inference.noise import (
 )
 from jointbayes.inference.prior import JointPrior, Marginal, Normal, Nuisance, Uniform
 from jointbayes.inference.problem import Problem
+from jointbayes.inference.resonance_chart import ResonanceChart
 
 __all__ = [
     # prior
@@ -35,4 +36,5 @@ __all__ = [
     # posterior
     "LogPosterior",
     "Problem",
+    "ResonanceChart",
 ]

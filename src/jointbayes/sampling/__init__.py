@@ -2,6 +2,7 @@
 
 from jointbayes.sampling.chains import Chains, Draws, Progress
 from jointbayes.sampling.chart import BoxChart, Chart, Identity
+from jointbayes.sampling.composed_chart import ComposedChart
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
 from jointbayes.sampling.product_chart import ProductChart
@@ -21,6 +22,7 @@ __all__ = [
     # Coordinates and proposal
     "BoxChart",
     "Chart",
+    "ComposedChart",
     "Identity",
     "ProductChart",
     "Proposal",
