@@ -16,6 +16,7 @@ from jointbayes.identification import (
     MapEstimate,
     maximise_posterior,
     refine,
+    screened_draws,
     sensitivity_iteration,
 )
 from jointbayes.inference import JointPrior, Problem, ResonanceChart
@@ -45,6 +46,7 @@ Array = NDArray[np.float64]
 
 _PRIOR_DRAWS = 8000
 _PRIOR_STARTS = 6
+_SCREENED, _KEPT = 4000, 6  # draws looked at for further starts, and starts taken from them
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 _REPLACEMENTS = 4000
 
@@ -99,7 +101,8 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     """Find the posterior mode from several starts and its Laplace covariance.
 
     The starts are the first guess, the end of the paper's iteration from it, the compliance fit that needs no guess,
-    draws from the prior, and joints near the limits of signed coordinates. Each is refined; `MapEstimate.starts` says
+    draws from the prior, those of many more draws that fit the most lines, and joints near the limits of signed
+    coordinates. Each is refined; `MapEstimate.starts` says
     which of them reached the mode, `MapEstimate.modes` what other modes there are.
 
     Parameters
@@ -128,7 +131,8 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     if "rho" in problem.parametrisation.names:
         starts |= limiting_joints(problem.prior)
-    return maximise_posterior(problem.log_posterior, starts)
+    screened = screened_draws(problem.log_posterior, rng, _SCREENED, _KEPT)
+    return maximise_posterior(problem.log_posterior, starts, list(screened))
 
 
 def limiting_joints(prior: JointPrior) -> dict[str, Array]:

@@ -2,6 +2,7 @@
 
 from jointbayes.identification.equation_error import compliance_start
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome, maximise_posterior, refine
+from jointbayes.identification.screening import screened_draws
 from jointbayes.identification.sensitivity import IterationHistory, SensitivityKind, sensitivity_iteration
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "compliance_start",
     "maximise_posterior",
     "refine",
+    "screened_draws",
     "sensitivity_iteration",
 ]

@@ -27,6 +27,8 @@ _VALLEY = 0.5
 _LINE = 21
 #: So often the noise model's parameters and all others are improved in turn.
 _TURNS = 3
+#: Relative tolerance of a climb that is the last word, and of one that a climb on the density itself follows.
+_EXACT, _ROUGH = 1e-12, 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +110,11 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
     likelihood = log_posterior.likelihood
     if likelihood.gaussian:
-        found = _least_squares(log_posterior, start)
+        found = _least_squares(log_posterior, start, _EXACT)
         return found, float(log_posterior(found)[0])
     for _ in range(_TURNS if likelihood.hyper_count else 1):
         start = _noise_improved(log_posterior, start)
-        end = _least_squares(log_posterior, start)
+        end = _least_squares(log_posterior, start, _ROUGH)
         # what is best for the squares need not be better for the density
         start = end if log_posterior(end)[0] > log_posterior(start)[0] else start
     found, value, _ = newton_climb(log_posterior, start, laplace_covariance(log_posterior, start))
@@ -141,8 +143,8 @@ def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
     return np.concatenate([theta[:-count], found.x])
 
 
-def _least_squares(log_posterior: LogPosterior, start: Array) -> Array:
-    """End of a climb on the residuals, the parameters of the noise model held as they are."""
+def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) -> Array:
+    """End of a climb on the residuals to a relative tolerance, the parameters of the noise model held as they are."""
     moving = start.size - log_posterior.likelihood.hyper_count
     if moving == 0:  # a rigid joint and a structure that is exactly known
         return start
@@ -178,15 +180,17 @@ def _least_squares(log_posterior: LogPosterior, start: Array) -> Array:
         jac=jacobian,
         bounds=(low, high),
         x_scale=log_posterior.prior.sd[:moving],
-        xtol=1e-12,
-        ftol=1e-14,
-        gtol=1e-12,
+        xtol=tolerance,
+        ftol=max(0.01 * tolerance, 1e-14),
+        gtol=tolerance,
         max_nfev=200,
     )
     return np.concatenate([found.x, tail])
 
 
-def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLike]) -> MapEstimate:
+def maximise_posterior(
+    log_posterior: LogPosterior, starts: Mapping[str, ArrayLike], screened: Sequence[Array] = ()
+) -> MapEstimate:
     """Best mode over several starts.
 
     Parameters
@@ -195,6 +199,9 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
         Density to climb.
     starts
         (k11, k12, k22), shape (3,), by name. A start outside the prior's support is moved to its nearest edge.
+    screened
+        Further starts θ, each shape (d,), inside the support. An end that is as good as the best of the named starts'
+        is that one.
 
     Returns
     -------
@@ -206,31 +213,41 @@ def maximise_posterior(log_posterior: LogPosterior, starts: Mapping[str, ArrayLi
         If no start leads anywhere.
     """
     prior = log_posterior.prior
-    ends: dict[str, tuple[Array, float]] = {}
-    for name, stiffness in starts.items():
-        theta = into_support(log_posterior, stiffness)
-        if theta is not None:
-            ends[name] = refine(log_posterior, with_modes_on_data(log_posterior, theta))
-    if not ends:
+    begun = {name: (np.asarray(k, dtype=float), into_support(log_posterior, k)) for name, k in starts.items()}
+    named = {
+        name: refine(log_posterior, with_modes_on_data(log_posterior, theta))
+        for name, (_, theta) in begun.items()
+        if theta is not None
+    }
+    found = {
+        f"screened draw {i}": refine(log_posterior, with_modes_on_data(log_posterior, theta))
+        for i, theta in enumerate(screened, 1)
+    }
+    begun |= {name: (prior.stiffness(theta), theta) for name, theta in zip(found, screened, strict=True)}
+    if not (named or found):
         raise ModelError(
             "MAP: found no start inside the prior's support; expected priors that contain a positive definite joint; "
             "widen them"
         )
-    theta, best = max(ends.values(), key=lambda end: end[1])
+    highest = max((density for _, density in named.values()), default=-np.inf)
+    elsewhere = {name: end for name, end in found.items() if abs(end[1] - highest) > _SAME_DENSITY}
+    ends = list((named | elsewhere).values())
+    theta, best = max(ends, key=lambda end: end[1])
+    nowhere = np.full_like(theta, np.nan), -np.inf
     outcomes = []
-    for name, stiffness in starts.items():
-        end, density = ends.get(name, (np.full_like(theta, np.nan), -np.inf))
+    for name, (stiffness, _) in begun.items():
+        end, density = (named | found).get(name, nowhere)
         near = bool((np.abs((end - theta) / prior.sd) < _SAME_POINT).all())
         # along a ridge that data and prior leave flat many points are equally the mode
         same = near or best - density < _SAME_DENSITY
-        outcomes.append(StartOutcome(name, np.asarray(stiffness, dtype=float), prior.stiffness(end), density, same))
+        outcomes.append(StartOutcome(name, stiffness, prior.stiffness(end), density, same))
     return MapEstimate(
         theta,
         prior.stiffness(theta),
         laplace_covariance(log_posterior, theta),
         best,
         tuple(outcomes),
-        local_modes(log_posterior, list(ends.values())),
+        local_modes(log_posterior, ends),
     )
 
 

@@ -45,7 +45,7 @@ class ResonanceChart:
         theta = np.array(phi, dtype=np.float64)
         theta[:, self._columns] -= self._log_frequency(phi)
         error = theta[:, self._columns]
-        inside: NDArray[np.bool_] = ((error > self._low) & (error < self._high)).all(axis=1)
+        inside: NDArray[np.bool_] = np.all((error > self._low) & (error < self._high), axis=1)
         return theta, inside
 
     def log_volume(self, theta: Array) -> Array:
