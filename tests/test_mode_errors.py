@@ -1,0 +1,164 @@
+"""Errors of natural frequencies, soft joints, thin posteriors: coordinates, starts and walkers that find the mode."""
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from benchmarks import calibration as study
+from benchmarks.calibration_data import VARIANTS, draw_data
+from benchmarks.wrong_model import in_band
+from jointbayes.case import case_from_text
+from jointbayes.identification import maximise_posterior, screened_draws
+from jointbayes.identification.mode_scan import with_modes_on_data
+from jointbayes.joint import CondensedChart
+from jointbayes.sampling import BoxChart, ComposedChart, Identity, Proposal, StudentT
+from jointbayes.workflow import brought_in, charts
+from tests.conftest import cheap_text
+
+ERRORS = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
+
+
+@pytest.fixture(scope="module")
+def uncertain():
+    return case_from_text("mode errors", ERRORS).problem
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return case_from_text("cheap", cheap_text().replace("added = true", "added = false"))
+
+
+def slope(chart, theta):
+    """ln |∂θ/∂φ| by central differences, shape (n,)."""
+    phi, step = chart.forward(theta), 1e-5
+    columns = []
+    for j in range(theta.shape[1]):
+        up, down = phi.copy(), phi.copy()
+        up[:, j] += step
+        down[:, j] -= step
+        columns.append((chart.inverse(up)[0] - chart.inverse(down)[0]) / (2 * step))
+    return np.linalg.slogdet(np.stack(columns, axis=-1))[1]
+
+
+def test_charts_of_mode_errors_go_there_and_back_with_the_volume_they_state(uncertain):
+    theta = uncertain.prior.sample(np.random.default_rng(1), 40)
+    for chart in charts(uncertain):
+        back, inside = chart.inverse(chart.forward(theta))
+        assert inside.all()
+        assert np.allclose(back, theta, rtol=0, atol=1e-6)
+    scores = charts(uncertain)[1]
+    assert np.allclose(scores.log_volume(theta), slope(scores, theta), atol=1e-4)
+
+
+def test_a_resonance_stays_where_it_is_when_the_joint_moves_in_these_coordinates(uncertain):
+    chart = charts(uncertain)[1]
+    theta = uncertain.prior.sample(np.random.default_rng(2), 30)
+    phi = chart.forward(theta)
+    phi[:, :3] += 0.05
+    moved, inside = chart.inverse(phi)
+    assert inside.sum() > 20
+    count = sum(name.startswith("mode_frequency") for name in uncertain.names)
+
+    def frequencies(t):
+        return uncertain.natural_frequencies_hz(uncertain.prior.stiffness(t), count, uncertain.prior.factors(t))
+
+    stiffness = uncertain.prior.stiffness(moved[inside])
+    assert not np.allclose(stiffness, uncertain.prior.stiffness(theta[inside]), rtol=1e-3)
+    assert np.allclose(frequencies(moved[inside]), frequencies(theta[inside]), rtol=1e-9)
+
+
+def test_an_error_beyond_its_prior_does_not_belong_to_the_region(uncertain):
+    chart = charts(uncertain)[0]
+    phi = chart.forward(uncertain.prior.sample(np.random.default_rng(3), 2))
+    phi[0, 3] += 2.0  # a frequency seven times as high: an error far beyond six standard deviations
+    assert chart.inverse(phi)[1].tolist() == [False, True]
+
+
+def test_the_condensed_stiffness_chart_goes_there_and_back_with_the_volume_it_states():
+    rng = np.random.default_rng(4)
+    k11, k22 = np.exp(rng.normal(20, 1, 50)), np.exp(rng.normal(14, 1, 50))
+    theta = np.log(np.stack([k11, rng.uniform(0.01, 0.99, 50) * np.sqrt(k11 * k22), k22], axis=1))
+    chart = CondensedChart()
+    assert np.allclose(np.exp(chart.forward(theta)[:, 2]), k22 - np.exp(2 * theta[:, 1]) / k11, rtol=1e-9)
+    assert np.allclose(chart.inverse(chart.forward(theta))[0], theta, atol=1e-9)
+    assert np.allclose(chart.log_volume(theta), slope(chart, theta), atol=1e-5)
+
+
+def test_composed_charts_are_applied_one_after_the_other():
+    box = BoxChart([0.0, -np.inf], [4.0, np.inf])
+    theta = np.random.default_rng(5).uniform(0.1, 3.9, (20, 2))
+    both = ComposedChart(Identity(), box)
+    assert np.array_equal(both.forward(theta), box.forward(theta))
+    assert np.array_equal(both.log_volume(theta), box.log_volume(theta))
+    assert not both.inverse(np.array([[9.0, 0.0]]))[1].any()
+
+
+def test_modes_are_found_by_a_scan_where_a_climb_would_miss_them():
+    """Data of a beam 23 mm shorter: every resonance is off by more than its width."""
+    text = ERRORS.replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0 #", 1)
+    problem = case_from_text("shorter", text).problem
+    posterior, prior = problem.log_posterior, problem.prior
+    start = np.concatenate([np.log([5.05e9, 3.44e7, 1.52e6]), np.zeros(len(prior.names) - 3)])
+    moved = with_modes_on_data(posterior, start)
+    assert np.array_equal(moved[:3], start[:3])
+    assert np.allclose(moved[3:], 2 * np.log(383 / 360), atol=0.02)  # f goes with 1/L² of a slender beam
+    assert posterior(moved)[0] > posterior(start)[0] + 100
+
+
+def test_nothing_moves_where_no_error_is_uncertain(exact):
+    posterior = exact.problem.log_posterior
+    theta = posterior.prior.mean
+    assert with_modes_on_data(posterior, theta) is theta
+
+
+@pytest.mark.parametrize(("variant", "index"), [("joint", 98), ("joint", 460), ("noise scale", 8)])
+def test_the_mode_of_a_soft_joint_is_found(variant, index):
+    """Data sets of the calibration whose mode no start reached before prior draws were screened."""
+    key = (list(VARIANTS).index(variant), index)
+    rng = np.random.default_rng(np.random.SeedSequence(study.ENTROPY, spawn_key=key))
+    data = draw_data(variant, rng)
+    posterior = data.case.problem.log_posterior
+    seed = int(rng.integers(2**32))
+    assert jb.find_map(data.case, seed=seed).log_posterior > posterior(data.theta)[0]
+
+
+def test_screened_draws_fit_more_lines_than_others_and_stand_apart(exact):
+    posterior = exact.problem.log_posterior
+    picked = screened_draws(posterior, np.random.default_rng(1), 1000, 5)
+    assert picked.shape == (5, 3)
+    joint = picked / posterior.prior.sd
+    assert min(np.abs(joint[i] - joint[k]).max() for i in range(5) for k in range(i)) > 0.5
+    others = posterior.prior.sample(np.random.default_rng(2), 200)
+    assert np.median(posterior(picked)) > np.median(posterior(others))
+
+
+def test_a_screened_start_that_leads_to_the_known_mode_changes_nothing(exact):
+    posterior = exact.problem.log_posterior
+    starts = {"truth": [5.05e9, 3.44e7, 1.52e6]}
+    plain = maximise_posterior(posterior, starts)
+    more = maximise_posterior(posterior, starts, [np.log([4e9, 3e7, 1.4e6])])
+    assert np.array_equal(more.theta, plain.theta)
+    assert [s.name for s in more.starts] == ["truth", "screened draw 1"]
+    assert more.starts[1].reached_mode
+
+
+def test_walkers_far_below_the_mode_are_brought_in_and_the_others_left_alone():
+    def log_density(theta):
+        return -0.5 * (theta**2).sum(axis=1)
+
+    proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
+    start = np.random.default_rng(1).normal(size=(2, 10, 2))
+    start[0, 3] = [40.0, 0.0]
+    start[1, 5] = [0.0, -50.0]
+    found = brought_in(start, log_density, -50.0, proposal, np.random.default_rng(2))
+    moved = np.any(found != start, axis=-1)
+    assert np.argwhere(moved).tolist() == [[0, 3], [1, 5]]
+    assert (log_density(found.reshape(-1, 2)) > -50).all()
+    assert np.array_equal(brought_in(found, log_density, -50.0, proposal, np.random.default_rng(2)), found)
+
+
+def test_the_simultaneous_band_holds_as_often_as_it_says():
+    rng = np.random.default_rng(6)
+    turn = np.array([[1.0, 0.0, 0.0], [0.9, 0.4, 0.0], [0.2, 0.3, 0.8]])
+    held = [in_band(rng.normal(size=(1000, 3)) @ turn.T, turn @ rng.normal(size=3)) for _ in range(600)]
+    assert 0.92 < np.mean(held) < 0.98
