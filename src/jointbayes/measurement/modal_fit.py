@@ -1,5 +1,6 @@
 """Natural frequencies and damping ratios from measured FRFs, with standard deviations and without an eye on a diagram."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,13 +129,18 @@ def fit_modes(
     problem = _Problem(frequency, values, _first_weight(values) if stated is None else stated**-0.5, frf)
     order = min(max_order, n_lines // 4)
     by_order = polynomial_poles(frequency, values, problem.weight, order)
-    candidates = np.concatenate(by_order)
-    poles = problem.search(steady_poles(by_order, max(4, order // 5)), candidates)
+    poles = problem.search(steady_poles(by_order, max(4, order // 5)), order)
     if stated is None:
         problem = _Problem(frequency, values, _weight_of_residuals(values, problem.model(poles)), frf)
-        poles = problem.search(poles, candidates)
+        poles = problem.search(poles, order)
     return problem.result(poles, (n_lines, len(frf.outputs), len(frf.inputs)))
 
+
+#: One climb goes no further than this many half-power bandwidths and this much in ln ζ; so many climbs in a row.
+_REACH = (3.0, 1.5)
+_CLIMBS = 4
+#: Damping ratios to start from where a residual stands out.
+_TRIED_DAMPING = (0.001, 0.003, 0.01, 0.03)
 
 #: Below this many lines there is nothing to fit: seven numbers for the rest and four for one mode need more values.
 _FEWEST_LINES = 16
@@ -192,54 +198,83 @@ class _Problem:
 
     def climb(self, poles: Complex) -> Complex:
         """Poles of least squares, from a start; shape (modes,), rad/s."""
-        if poles.size == 0:
-            return poles
+        for _ in range(_CLIMBS if poles.size else 0):
+            poles, ended_inside = self._climb_within_reach(poles)
+            if ended_inside:
+                break
+        return poles[np.argsort(np.abs(poles))]
+
+    def _climb_within_reach(self, poles: Complex) -> tuple[Complex, bool]:
+        """Poles of least squares not far from the start, and whether none ended at the limit of that."""
         # steps are measured in half-power bandwidths, and damping stays positive
         centre, width = np.abs(poles), -poles.real
 
         def poles_at(x: Array) -> Complex:
             shift, log_growth = x.reshape(2, -1)
-            omega_r = centre + width * shift
-            zeta = np.minimum(width / centre * np.exp(log_growth), 0.99)
-            return _pole(omega_r, zeta)
+            return _pole(centre + width * shift, np.minimum(width / centre * np.exp(log_growth), 0.9))
+
+        def residual(x: Array) -> Array:
+            return self._residual(poles_at(x))
 
         def jacobian(x: Array) -> Array:
-            by_omega, by_zeta = self._jacobian(poles_at(x))
-            zeta = -poles_at(x).real / np.abs(poles_at(x))
-            return np.hstack([by_omega * width, by_zeta * zeta])
+            now = poles_at(x)
+            by_omega, by_zeta = self._jacobian(now)
+            return np.hstack([by_omega * width, by_zeta * (-now.real / np.abs(now))])
 
-        reach = np.concatenate([np.full(poles.size, 3.0), np.full(poles.size, 2.0)])
+        reach = np.repeat(_REACH, poles.size)
+        start = np.zeros(2 * poles.size)
         end = scipy.optimize.least_squares(
-            lambda x: self._residual(poles_at(x)),
-            np.zeros(2 * poles.size),
-            jacobian,
-            bounds=(-reach, reach),
-            xtol=1e-10,
-            ftol=1e-10,
-            max_nfev=60,
+            residual, start, jacobian, bounds=(-reach, reach), xtol=1e-9, ftol=1e-9, max_nfev=60
         )
-        found = poles_at(end.x)
-        return found[np.argsort(np.abs(found))]
+        return poles_at(end.x), bool((np.abs(end.x) < 0.95 * reach).all())
 
-    def search(self, poles: Complex, candidates: Complex) -> Complex:
-        """Poles of least squares: candidates join while they pay their price, and those that do not must go.
+    def search(self, poles: Complex, order: int) -> Complex:
+        """Poles of least squares: further ones join while they pay their price, and those that do not must go.
 
+        Further ones are sought in what the fit leaves: its polynomial poles, and two modes in the place of one.
         The price is what the Bayesian information criterion asks for the numbers that a mode adds, two for its pole and
         two for each FRF, plus a margin; χ² is taken relative to its mean.
         """
         price = (2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0
         poles = self._without_idle(self.climb(poles), price)
-        for _ in range(candidates.size):
-            gain = self.gain(poles, candidates) / self._misfit(poles)
-            best = int(np.argmax(gain)) if gain.size else -1
-            if best < 0 or gain[best] < price:
+        for _ in range(order):
+            least = self._chi2(poles) - price * self._misfit(poles)
+            for start in self._further(poles, order, price):
+                more = self._without_idle(self.climb(start), price)
+                if self._chi2(more) < least:
+                    poles = more
+                    break
+            else:
                 break
-            further = self._without_idle(self.climb(np.append(poles, candidates[best])), price)
-            if self._chi2(further) > self._chi2(poles) - price:
-                candidates = np.delete(candidates, best)
-                continue
-            poles = further
         return poles
+
+    def _further(self, poles: Complex, order: int, price: float) -> Iterator[Complex]:
+        """Starts with one mode more, the most promising first."""
+        residual = self.values - self.model(poles)
+        square = (np.abs(self.weight * residual) ** 2).mean(axis=1)
+        by_order = polynomial_poles(self.omega / (2 * np.pi), residual, self.weight, order)
+        candidates = np.concatenate([*by_order, self._peaks(square)])
+        gain = self.gain(poles, candidates) / self._misfit(poles)
+        for i in np.argsort(gain)[::-1][:3]:
+            if gain[i] > price:
+                yield np.append(poles, candidates[i])
+        for i, pole in enumerate(poles):
+            width = -pole.real
+            near = np.abs(self.omega - abs(pole)) < 3 * width
+            # E of the mean is 1; its spread is 1/√n
+            if near.any() and square[near].mean() > 1 + 4 / np.sqrt(near.sum() * self.values.shape[1]):
+                yield np.append(np.delete(poles, i), [pole - 0.7j * width, pole + 0.7j * width])
+
+    def _peaks(self, square: Array) -> Complex:
+        """Poles at the lines that the fit explains worst, with dampings from a wide range."""
+        smooth = np.convolve(square, np.full(5, 0.2), "same")
+        worst: list[int] = []
+        for line in np.argsort(smooth)[::-1]:
+            if all(abs(line - other) > 5 for other in worst):
+                worst.append(int(line))
+            if len(worst) == 4:
+                break
+        return np.concatenate([_pole(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
 
     def _without_idle(self, poles: Complex, price: float) -> Complex:
         while poles.size:
