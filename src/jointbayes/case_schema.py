@@ -20,6 +20,13 @@ from jointbayes.case_data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, Sy
 from jointbayes.case_errors import Finding, fault_lines
 from jointbayes.case_fields import Spec
 from jointbayes.case_joint import JointSpec, StiffnessSpec
+from jointbayes.case_measured import (
+    ChannelSpec,
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    RotationSpec,
+    VarianceSpec,
+)
 from jointbayes.case_noise import DiscrepancySpec, NoiseModelSpec
 from jointbayes.case_priors import (
     DecadesPriorSpec,
@@ -65,6 +72,7 @@ from jointbayes.toml_text import parse_toml, read_text
 __all__ = [
     "BoxSpec",
     "CaseSpec",
+    "ChannelSpec",
     "CircleSpec",
     "CompareSpec",
     "DampingSpec",
@@ -78,6 +86,8 @@ __all__ = [
     "LogNormalPriorSpec",
     "LogUniformPriorSpec",
     "LossFactorDampingSpec",
+    "MeasuredFrequenciesSpec",
+    "MeasuredFrfSpec",
     "ModalDampingSpec",
     "NaturalFrequenciesSpec",
     "NoiseModelSpec",
@@ -88,6 +98,7 @@ __all__ = [
     "RayleighDampingSpec",
     "RectangleSpec",
     "ReferenceSpec",
+    "RotationSpec",
     "SamplingSpec",
     "SectionSpec",
     "StiffnessSpec",
@@ -97,6 +108,7 @@ __all__ = [
     "TubeSpec",
     "UncertainSpec",
     "UniformPriorSpec",
+    "VarianceSpec",
     "parse_case",
     "read_case_file",
 ]

@@ -1,0 +1,326 @@
+"""From the measurement files that a case names to its data."""
+
+import difflib
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes import case_schema as schema
+from jointbayes.case_measured import MeasuredSpec
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet, NaturalFrequencies, quantity_factor
+from jointbayes.joint import Joint, joint_matrix
+from jointbayes.measurement.accelerometer import without_accelerometers
+from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement.mapping import Channel, ChannelUse, MappedRecords, map_records
+from jointbayes.measurement.measured import MeasuredFile, MeasuredTest, Provenance
+from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
+from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
+from jointbayes.measurement.variance import combined_repeats, stated_variance
+from jointbayes.parametrisation import RIGID
+from jointbayes.structure import BeamRecipe
+
+__all__ = ["read_test", "require_lowest", "with_measured_damping"]
+
+Array = NDArray[np.float64]
+_MM, _G = 1e-3, 1e-3
+_ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
+_DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
+
+
+@dataclass(frozen=True)
+class _Read:
+    """FRFs between DOFs of the model, with their variance, and what is to be said of them."""
+
+    frf: FrfSet
+    variance: Array | None
+    words: str
+    notes: tuple[str, ...]
+
+
+def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
+    """Read the measurement files of a case.
+
+    Parameters
+    ----------
+    spec
+        Case with data of kind ``"measured_frf"`` or ``"measured_frequencies"``.
+    base
+        Directory from which file names count.
+
+    Raises
+    ------
+    MeasurementError
+        If a file is missing or wrong, or does not hold what the case says.
+    """
+    data = spec.data
+    assert isinstance(data, MeasuredSpec)
+    files = [_file(base / name, name) for name in data.file]
+    where = ", ".join(data.file)
+    mapped = map_records(_frfs(base, data.file), _channels(data), where)
+    read = _assembled(data, mapped, where)
+    modes, modal_note = _modes(read, required=isinstance(data, schema.MeasuredFrequenciesSpec))
+    provenance = Provenance(
+        tuple(files),
+        read.frf.quantity,
+        read.frf.n_lines,
+        (float(read.frf.frequency_hz[0]), float(read.frf.frequency_hz[-1])),
+        read.frf.averages,
+        mapped.uses,
+        mapped.left_out,
+        read.words,
+        read.notes + modal_note,
+        modes=modes,
+        loaded=tuple(output for output in read.frf.outputs if ":r" not in output),
+    )
+    if isinstance(data, schema.MeasuredFrequenciesSpec):
+        return MeasuredTest(_frequencies(data, modes, where), None, provenance)
+    assert isinstance(data, schema.MeasuredFrfSpec)
+    return _frf_test(spec, data, read, provenance)
+
+
+def _frf_test(
+    spec: schema.CaseSpec, data: schema.MeasuredFrfSpec, read: _Read, provenance: Provenance
+) -> MeasuredTest:
+    """The FRFs that the likelihood sees, and those at the joint."""
+    assert read.variance is not None
+    rotations = [_rotation(label, rotation, spec.structure) for label, rotation in data.rotations.items()]
+    frf, variance = with_rotations(read.frf, read.variance, rotations)
+    derived = {r.dof for r in rotations if r.in_likelihood}
+    outputs = tuple(o for o in frf.outputs if not data.outputs or o in data.outputs or o in derived)
+    inputs = tuple(i for i in frf.inputs if not data.inputs or i in data.inputs)
+    for stated, present, role in ((data.outputs, read.frf.outputs, "response"), (data.inputs, frf.inputs, "force")):
+        for label in stated:
+            if label not in present:
+                raise MeasurementError(
+                    f"{', '.join(data.file)}: found no {role} at {label}; expected one of {', '.join(present)}; correct "
+                    f"data.{'outputs' if role == 'response' else 'inputs'}"
+                )
+    rows, columns = [frf.outputs.index(o) for o in outputs], [frf.inputs.index(i) for i in inputs]
+    used = FrfMeasurement(frf.select(outputs, inputs), variance[:, rows][:, :, columns])
+    joint_frf, missing = None, ""
+    try:
+        chosen = read.frf.select(read.frf.outputs, inputs)
+        joint_frf = at_joint(chosen, rotations, outputs, spec.joint.dofs + spec.joint.against)
+    except MeasurementError as error:
+        missing = str(error)
+    return MeasuredTest(used, joint_frf, replace(provenance, iteration=missing))
+
+
+def _file(path: Path, name: str) -> MeasuredFile:
+    """Size and fingerprint of a file."""
+    if not path.is_file():
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1, 0.6)
+        found = "a directory" if path.is_dir() else "no such file"
+        remedy = f'did you mean "{near[0]}"?' if near else "names count from the directory of the case file"
+        raise MeasurementError(f"data.file: {name}: found {found}; expected a measurement file; {remedy}")
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return MeasuredFile(name, path.stat().st_size, digest)
+
+
+def _frfs(base: Path, names: Iterable[str]) -> Iterator[FrfRecord]:
+    """All FRFs of all files, one after the other."""
+    from jointbayes.measurement.formats import iter_records
+
+    for name in names:
+        for record in iter_records(base / name):
+            if isinstance(record, FrfRecord):
+                yield replace(record, where=f"{name}, {record.where}".rstrip(", "))
+
+
+def _channels(data: MeasuredSpec) -> dict[str, Channel]:
+    return {
+        name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()
+    }
+
+
+def _assembled(data: MeasuredSpec, mapped: MappedRecords, where: str) -> _Read:
+    """One set of FRFs from all records, with variance, without the masses that are to be taken out."""
+    from jointbayes.measurement.formats import assemble
+
+    records, notes = _with_quantity(mapped.records, data.quantity, where)
+    notes = [*dict.fromkeys(note for record in mapped.records for note in record.notes), *notes]
+    notes += [_turned(use) for use in mapped.uses if use.reversed_direction]
+    stated = data.variance
+    groups = _repeats(records, where, allowed=stated is not None and stated.source == "repeats")
+    sets = [assemble(group, where, f_min_hz=data.f_min_hz, f_max_hz=data.f_max_hz) for group in groups]
+    if data.thin > 1:
+        notes.append(f"Every line but one in {data.thin} was left out.")
+    sets = [_thinned(frf, data.thin) for frf in sets]
+    frf, variance, words = _variance(sets, stated, where)
+    masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
+    if masses:
+        roving = data.accelerometers == "roving"
+        spread = np.ones(frf.values.shape) if variance is None else variance
+        frf, spread = without_accelerometers(frf, spread, masses, roving=roving)
+        variance = None if variance is None else spread
+        each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
+        notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
+    return _Read(frf, variance, words, tuple(notes))
+
+
+def _turned(use: ChannelUse) -> str:
+    return (
+        f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "
+        f"{use.factor:g}."
+    )
+
+
+def _with_quantity(
+    records: Iterable[FrfRecord], stated: str | None, where: str
+) -> tuple[list[FrfRecord], list[str]]:
+    """Records with the quantity that the case states, if any, and what contradicts it."""
+    known, notes = [], {}
+    for record in records:
+        if stated is None and record.quantity is None:
+            raise MeasurementError(
+                f'{record.where or where}: found an FRF that does not say what it is (unit "{record.unit}"); expected '
+                'receptance, mobility or accelerance; write for example quantity = "accelerance" in [data]'
+            )
+        if stated is not None and record.quantity not in (None, stated):
+            unit = f" in {record.unit}" if record.unit else ""
+            notes[f"The file says {record.quantity}{unit}; the case says {stated}, and was followed."] = True
+        known.append(record if stated is None else replace(record, quantity=stated))  # type: ignore[arg-type]
+    return known, list(notes)
+
+
+def _repeats(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list[list[FrfRecord]]:
+    """Records apart by repetition: the first FRF of each pair of DOFs, the second, and so on."""
+    by_pair: dict[tuple[str, str], list[FrfRecord]] = defaultdict(list)
+    for record in records:
+        by_pair[record.response, record.reference].append(record)
+    counts = {pair: len(group) for pair, group in by_pair.items()}
+    most = max(counts.values())
+    if most > 1 and not allowed:
+        pair = max(counts, key=lambda p: counts[p])
+        raise MeasurementError(
+            f"{by_pair[pair][1].where or where}: found another FRF of {pair[0]} over {pair[1]}; expected each once; "
+            'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
+        )
+    for pair, count in counts.items():
+        if count != most:
+            raise MeasurementError(
+                f"{where}: found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others; expected as many "
+                "repetitions of each; leave the surplus out"
+            )
+    return [[group[k] for group in by_pair.values()] for k in range(most)]
+
+
+def _thinned(frf: FrfSet, step: int) -> FrfSet:
+    coherence = None if frf.coherence is None else frf.coherence[::step]
+    return replace(frf, frequency_hz=frf.frequency_hz[::step], values=frf.values[::step], coherence=coherence)
+
+
+def _variance(
+    sets: list[FrfSet], spec: schema.VarianceSpec | None, where: str
+) -> tuple[FrfSet, Array | None, str]:
+    """FRFs, their variance, and where it comes from."""
+    frf = sets[0]
+    if spec is None:
+        return frf, None, "estimated from what the modal fit leaves"
+    if spec.averages is not None:
+        frf = replace(frf, averages=spec.averages)
+    if spec.source == "repeats":
+        frf, variance = combined_repeats(sets, relative=spec.relative, floor=spec.floor)
+        return frf, variance, f"from the scatter of {len(sets)} repeated measurements, whose mean is used"
+    if spec.source == "relative" or (frf.averages == 1 and "relative" in spec.model_fields_set):
+        alone = "" if spec.source == "relative" else " (of one average coherence says nothing)"
+        words = f"as stated: {100 * spec.relative:g} % of |H| and {100 * spec.floor:g} % of the median accelerance"
+        return frf, stated_variance(frf, spec.relative, spec.floor), words + alone
+    try:
+        from jointbayes.measurement.variance import coherence_variance
+
+        variance = coherence_variance(frf, floor=0.0)
+    except MeasurementError as error:
+        raise MeasurementError(f"{where}: {error}") from error
+    least = stated_variance(frf, spec.relative, spec.floor) if spec.relative + spec.floor > 0 else 0.0
+    words = f"from the coherence of {frf.averages} averages, at least {100 * spec.relative:g} % of |H|"
+    return frf, np.maximum(variance, least), words
+
+
+def _modes(read: _Read, *, required: bool) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
+    """Modes that the FRFs show; in accelerance, so that they do not depend on the quantity of the file."""
+    factor = quantity_factor(read.frf.frequency_hz, "accelerance", read.frf.quantity)
+    variance = None if read.variance is None else read.variance * np.abs(factor[:, None, None]) ** 2
+    try:
+        return identify_modes(read.frf.converted("accelerance"), variance), ()
+    except MeasurementError as error:
+        if required:
+            raise
+        return (), (f"Natural frequencies were not looked for: {error}.",)
+
+
+def _frequencies(data: schema.MeasuredFrequenciesSpec, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyMeasurement:
+    wanted = data.modes or max(len(modes), 1)
+    if len(modes) < wanted:
+        raise MeasurementError(
+            f"{where}: found {len(modes)} modes; expected at least {wanted}; lower data.modes or widen the band"
+        )
+    frequency = np.array([mode.frequency_hz for mode in modes[:wanted]])
+    fitted = np.array([mode.frequency_sd_hz for mode in modes[:wanted]])
+    return FrequencyMeasurement(frequency, np.sqrt(fitted**2 + (data.sd_relative * frequency) ** 2 + data.sd_hz**2))
+
+
+def _rotation(label: str, spec: schema.RotationSpec, structure: schema.StructureSpec) -> Rotation:
+    """A rotation with the distance of its stations, negative where they run backwards."""
+    first, second, *_ = (int(station.split(":")[0]) for station in spec.stations)
+    spacing = (second - first) * structure.length_mm / structure.elements
+    if spec.spacing_mm is not None:
+        spacing = float(np.copysign(spec.spacing_mm, spacing))
+    return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood)
+
+
+def require_lowest(recipe: BeamRecipe, joint: Joint, modes: tuple[MeasuredMode, ...], where: str) -> None:
+    """Refuse modes that cannot be the lowest ones of the structure: no joint is stiffer than a rigid one.
+
+    Raises
+    ------
+    MeasurementError
+        If a mode lies above where the model has as many with a rigid joint.
+    """
+    structure = recipe.structure()
+    count = min(len(modes), structure.n_dofs - len(joint.dofs))
+    rigid = NaturalFrequencies(structure, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
+        if mode.frequency_hz > _ABOVE_RIGID * highest:
+            raise MeasurementError(
+                f"{where}: found mode {number} at {mode.frequency_hz:.4g} Hz; expected it at {highest:.4g} Hz at most, "
+                "where a rigid joint puts it, so that a lower mode was missed; lower f_min_hz, or measure where that "
+                "mode moves"
+            )
+
+
+def with_measured_damping(spec: schema.CaseSpec, test: MeasuredTest) -> schema.CaseSpec:
+    """The case with the damping ratios that the data show, where it asks for them.
+
+    For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
+    in the likelihood, and a prior as narrow as the modal fit would count them twice.
+
+    Raises
+    ------
+    MeasurementError
+        If the data show no mode with a damping ratio between 0 and 1.
+    """
+    damping = spec.structure.damping
+    if not (isinstance(damping, schema.ModalDampingSpec) and damping.measured):
+        return spec
+    ratios = tuple(float(mode.damping_ratio) for mode in test.provenance.modes)
+    if not ratios or not all(0 < ratio < 1 for ratio in ratios):
+        raise MeasurementError(
+            f"structure.damping.ratio: found the ratios {list(ratios)} in the data; expected some between 0 and 1; "
+            "state a ratio"
+        )
+    structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
+    uncertain = spec.uncertain
+    if uncertain.damping_ratio is None and isinstance(test.measurement, FrfMeasurement):
+        high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
+        prior = schema.FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high)
+        uncertain = uncertain.model_copy(update={"damping_ratio": prior})
+    return spec.model_copy(update={"structure": structure, "uncertain": uncertain})
