@@ -43,7 +43,7 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
         ('quantity = "receptance"', f'quantity = "{quantity}"'),
         ("relative = 0.01", "relative = 1e-9"),
         ("floor = 0.002", "floor = 1e-12"),
-        ("[data.truth]", "[data.truth]\ngain = 1.5"),
+        ("k11 = 5.05e9", "gain = 1.5\nk11 = 5.05e9"),
         table='extra_outputs = ["3:y", "1:rz"]',
     )
     records = simulate(case, None, np.random.default_rng(1))
@@ -62,7 +62,7 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
 
 def test_accelerometers_load_the_virtual_structure():
     damping = ('law = "modal"', 'law = "loss_factor"'), ("ratio = 0.01", "loss_factor = 0.01")
-    heavy = virtual_case(*damping, ("[data.truth]", "[data.truth]\naccelerometer_mass_g = 50.0"))
+    heavy = virtual_case(*damping, ("k11 = 5.05e9", "accelerometer_mass_g = 50.0\nk11 = 5.05e9"))
     lines = np.array(heavy.spec.data.lines_hz())
     loaded, bare = (Truth(case).frf(lines, ("5:y",)).values[:, 0, 0] for case in (heavy, virtual_case(*damping)))
     # exact mass loading at a drive point: 1/H' = 1/H − ω² m

@@ -1,4 +1,4 @@
-"""FRFs as an analyser would write them after a test with a known truth: noise, coherence, averages, no time histories."""
+"""FRFs as an analyser writes them after a test with a known truth: noise, coherence, averages; no time histories."""
 
 import numpy as np
 from numpy.typing import NDArray
