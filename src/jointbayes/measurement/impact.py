@@ -1,7 +1,7 @@
 """Impact tests: from the records of a hammer and of responses to FRFs, their coherence, and the hits behind them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class ImpactSettings:
         Band of the lines that are kept; by default from the first above 0 Hz to the sample rate over 2.56.
     """
 
-    hits: HitSettings = HitSettings()
+    hits: HitSettings = field(default_factory=HitSettings)
     force_window_s: float | None = None
     exponential_end: float = 1.0
     estimator: Estimator = "H1"
@@ -131,7 +131,8 @@ def _estimate(
     frequency, lines = kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     decay = exponential_window(samples, settings.exponential_end)
     spectra = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
-    values, coherence = estimate_frf(*np.array(spectra).swapaxes(0, 1)[:, :, lines], settings.estimator)
+    force, response = (np.array(one)[:, lines] for one in zip(*spectra, strict=True))
+    values, coherence = estimate_frf(force, response, settings.estimator)
     x, y = pairs[0]
     added = added_decay_rate(settings.exponential_end, samples / rate)
     notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
@@ -159,14 +160,14 @@ def _samples(record: TimeRecord, settings: ImpactSettings) -> int:
 
 def _spectra_of_hit(
     pair: tuple[TimeRecord, TimeRecord], hit: Hit, decay: Array, settings: ImpactSettings
-) -> list[NDArray[np.complex128]]:
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Spectra of force and response of one hit, offset removed and windowed, each (lines,)."""
     trigger = hit.trigger - hit.start
     force, response = (_at_rest(one.values[hit.start : hit.start + decay.size], trigger) for one in pair)
     if settings.force_window_s is not None:
         length = max(round(settings.force_window_s * pair[0].sample_rate_hz), 1)
         force = force * force_window(decay.size, trigger, length)
-    return [np.fft.rfft(decay * one) for one in (force, response)]
+    return np.fft.rfft(decay * force), np.fft.rfft(decay * response)
 
 
 def _at_rest(block: Array, trigger: int) -> Array:

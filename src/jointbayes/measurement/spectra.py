@@ -136,7 +136,7 @@ class ShakerResult:
     Parameters
     ----------
     frf
-        Its `averages` are the independent ones, rounded down.
+        Its `averages` are the independent ones, rounded.
     blocks
         Number of blocks, overlapping or not.
     effective_averages
@@ -193,7 +193,7 @@ def shaker_frf(
     )
     each = [len(x) for x, _ in spectra]
     effective = sum(effective_averages(count, window, hop) for count in each if count)
-    averages = max(int(effective + 1e-9), 1)
+    averages = max(round(effective), 1)
     first, moved = pairs[0]
     frf = FrfRecord(
         moved.channel,
@@ -220,11 +220,11 @@ def kept_lines(
     MeasurementError
         If none is left.
     """
-    every = np.fft.rfftfreq(samples, 1 / sample_rate_hz)
+    every = np.asarray(np.arange(samples // 2 + 1) * (sample_rate_hz / samples), dtype=float)
     low = every[1] / 2 if f_min_hz is None else f_min_hz
     high = HIGHEST_LINE * sample_rate_hz if f_max_hz is None else f_max_hz
     close = 1e-6 * every[1]
-    kept = np.flatnonzero((every >= low - close) & (every <= high + close) & (every > 0))
+    kept: NDArray[np.intp] = np.flatnonzero((every >= low - close) & (every <= high + close) & (every > 0))
     if not kept.size:
         raise MeasurementError(
             f"FRF estimate: found no line between {low:g} and {high:g} Hz; expected a band that holds multiples of "

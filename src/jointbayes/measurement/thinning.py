@@ -66,9 +66,9 @@ def line_correlation(window: Array, *, random: bool, blocks: int = 1, hop: int |
     """
     most = min(most, window.size // 2)
     if random:
-        overlapping = _overlapping(blocks, window, hop or window.size, most)
-        return overlapping / overlapping[0]
-    spectrum = np.abs(np.fft.rfft(window**2))[:most]
+        spectrum = _overlapping(blocks, window, hop or window.size, most)
+    else:
+        spectrum = np.abs(np.fft.rfft(window**2))[:most]
     correlation: Array = spectrum / spectrum[0]
     return correlation
 

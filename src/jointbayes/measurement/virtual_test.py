@@ -64,7 +64,7 @@ class Rig:
         period = int(fft.next_fast_len(samples, real=True))
         lines = np.fft.rfftfreq(period, 1 / self.sample_rate_hz)
         values = np.zeros((lines.size, len(self.outputs), len(self.inputs)), dtype=complex)
-        values[1:] = self.frf(lines[1:])
+        values[1:] = self.frf(np.asarray(lines[1:], dtype=float))
         values[0] = values[1].real  # static; the model may not have 0 Hz
         return Responses(period, values)
 
@@ -93,8 +93,12 @@ class Responses:
 
 @dataclass(frozen=True, slots=True)
 class ChannelNoise:
-    """Standard deviation of white noise, as a fraction of the channel's peak in a nominal hit, or of its own under
-    a shaker.
+    """White noise of the channels.
+
+    Parameters
+    ----------
+    force, response
+        Standard deviation as a fraction of the channel's peak in a nominal hit, or, with a shaker, of its own.
 
     Raises
     ------

@@ -72,7 +72,7 @@ def true_modes(frequency_hz: Array, damping_ratio: Array, rate: float) -> tuple[
     frequency_hz, damping_ratio : ndarray, shape (modes,)
         A ratio below zero means that the window alone explains more damping than was found.
     """
-    pole = _poles(np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)) + rate
+    pole = _poles(frequency_hz, damping_ratio) + rate
     return np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
 
 
@@ -105,8 +105,9 @@ def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array
         If there are fewer lines than unknowns.
     """
     omega, power = 2 * np.pi * frf.frequency_hz, _POWER[frf.quantity]
-    measured_at, wanted_at = 1j * omega + rate, 1j * omega
-    true = _poles(np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)) + rate
+    wanted_at = np.asarray(1j * omega, dtype=np.complex128)
+    measured_at = np.asarray(wanted_at + rate, dtype=np.complex128)
+    true = _poles(frequency_hz, damping_ratio) + rate
     before, after = _partial_fractions(measured_at, true), _partial_fractions(wanted_at, true)
     if 2 * omega.size < before.shape[1]:
         raise MeasurementError(
@@ -127,9 +128,8 @@ def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array
 
 
 def _poles(frequency_hz: Array, damping_ratio: Array) -> NDArray[np.complex128]:
-    poles: NDArray[np.complex128] = (2 * np.pi * frequency_hz) * (
-        -damping_ratio + 1j * np.sqrt(np.maximum(1 - damping_ratio**2, 0.0))
-    )
+    omega, ratio = 2 * np.pi * np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)
+    poles: NDArray[np.complex128] = -ratio * omega + 1j * omega * np.sqrt(np.maximum(1 - ratio**2, 0.0))
     return poles
 
 
