@@ -3,7 +3,7 @@
 import difflib
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from jointbayes.measurement.measured import MeasuredFile, MeasuredTest, Provenan
 from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
-from jointbayes.measurement.variance import combined_repeats, stated_variance
+from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 from jointbayes.parametrisation import RIGID
 from jointbayes.structure import BeamRecipe
 
@@ -125,14 +125,14 @@ def _file(path: Path, name: str) -> MeasuredFile:
     return MeasuredFile(name, path.stat().st_size, digest)
 
 
-def _frfs(base: Path, names: Iterable[str]) -> Iterator[FrfRecord]:
+def _frfs(base: Path, names: Sequence[str]) -> Iterator[FrfRecord]:
     """All FRFs of all files, one after the other."""
     from jointbayes.measurement.formats import iter_records
 
     for name in names:
         for record in iter_records(base / name):
             if isinstance(record, FrfRecord):
-                yield replace(record, where=f"{name}, {record.where}".rstrip(", "))
+                yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
 
 
 def _channels(data: MeasuredSpec) -> dict[str, Channel]:
@@ -166,6 +166,10 @@ def _assembled(data: MeasuredSpec, mapped: MappedRecords, where: str) -> _Read:
     return _Read(frf, variance, words, tuple(notes))
 
 
+def _place(record: FrfRecord, where: str) -> str:
+    return f"{where}: {record.where}" if record.where else where
+
+
 def _turned(use: ChannelUse) -> str:
     return (
         f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "
@@ -181,7 +185,7 @@ def _with_quantity(
     for record in records:
         if stated is None and record.quantity is None:
             raise MeasurementError(
-                f'{record.where or where}: found an FRF that does not say what it is (unit "{record.unit}"); expected '
+                f'{_place(record, where)}: found an FRF that does not say what it is (unit "{record.unit}"); expected '
                 'receptance, mobility or accelerance; write for example quantity = "accelerance" in [data]'
             )
         if stated is not None and record.quantity not in (None, stated):
@@ -201,7 +205,7 @@ def _repeats(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list
     if most > 1 and not allowed:
         pair = max(counts, key=lambda p: counts[p])
         raise MeasurementError(
-            f"{by_pair[pair][1].where or where}: found another FRF of {pair[0]} over {pair[1]}; expected each once; "
+            f"{_place(by_pair[pair][1], where)}: found another FRF of {pair[0]} over {pair[1]}; expected each once; "
             'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
         )
     for pair, count in counts.items():
@@ -219,7 +223,7 @@ def _thinned(frf: FrfSet, step: int) -> FrfSet:
 
 
 def _variance(
-    sets: list[FrfSet], spec: schema.VarianceSpec | None, where: str
+    sets: Sequence[FrfSet], spec: schema.VarianceSpec | None, where: str
 ) -> tuple[FrfSet, Array | None, str]:
     """FRFs, their variance, and where it comes from."""
     frf = sets[0]
@@ -228,21 +232,32 @@ def _variance(
     if spec.averages is not None:
         frf = replace(frf, averages=spec.averages)
     if spec.source == "repeats":
-        frf, variance = combined_repeats(sets, relative=spec.relative, floor=spec.floor)
-        return frf, variance, f"from the scatter of {len(sets)} repeated measurements, whose mean is used"
+        frf, variance = mean_of_repeats(sets, floor=0.0)
+        words = f"from the scatter of {len(sets)} repeated measurements, whose mean is used, {_least_words(spec)}"
+        return frf, np.maximum(variance, _stated(frf, spec)), words
     if spec.source == "relative" or (frf.averages == 1 and "relative" in spec.model_fields_set):
         alone = "" if spec.source == "relative" else " (of one average coherence says nothing)"
         words = f"as stated: {100 * spec.relative:g} % of |H| and {100 * spec.floor:g} % of the median accelerance"
-        return frf, stated_variance(frf, spec.relative, spec.floor), words + alone
+        return frf, _stated(frf, spec), words + alone
     try:
-        from jointbayes.measurement.variance import coherence_variance
-
         variance = coherence_variance(frf, floor=0.0)
     except MeasurementError as error:
         raise MeasurementError(f"{where}: {error}") from error
-    least = stated_variance(frf, spec.relative, spec.floor) if spec.relative + spec.floor > 0 else 0.0
-    words = f"from the coherence of {frf.averages} averages, at least {100 * spec.relative:g} % of |H|"
-    return frf, np.maximum(variance, least), words
+    words = f"from the coherence of {frf.averages} averages, {_least_words(spec)}"
+    return frf, np.maximum(variance, _stated(frf, spec)), words
+
+
+def _least_words(spec: schema.VarianceSpec) -> str:
+    return f"but at least a standard deviation of {100 * spec.relative:g} % of |H| in each part"
+
+
+def _stated(frf: FrfSet, spec: schema.VarianceSpec) -> Array:
+    """Variance by the law of relative and floor, of accelerance: it must not depend on how a file keeps its FRFs."""
+    factor = np.abs(quantity_factor(frf.frequency_hz, "accelerance", frf.quantity))[:, None, None]
+    magnitude = np.abs(frf.values) * factor
+    sd_of_part = spec.relative * magnitude + spec.floor * np.median(magnitude, axis=0)
+    variance: Array = 2 * (sd_of_part / factor) ** 2
+    return variance
 
 
 def _modes(read: _Read, *, required: bool) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
@@ -277,21 +292,27 @@ def _rotation(label: str, spec: schema.RotationSpec, structure: schema.Structure
     return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood)
 
 
-def require_lowest(recipe: BeamRecipe, joint: Joint, modes: tuple[MeasuredMode, ...], where: str) -> None:
-    """Refuse modes that cannot be the lowest ones of the structure: no joint is stiffer than a rigid one.
+def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, modes: Sequence[MeasuredMode]) -> None:
+    """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
+
+    No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.
 
     Raises
     ------
     MeasurementError
-        If a mode lies above where the model has as many with a rigid joint.
+        If natural frequencies, or damping ratios mode by mode, are taken from the data and a lower mode was missed.
     """
+    damping = spec.structure.damping
+    ratios = isinstance(damping, schema.ModalDampingSpec) and damping.measured
+    if not modes or not (ratios or isinstance(spec.data, schema.MeasuredFrequenciesSpec)):
+        return
     structure = recipe.structure()
     count = min(len(modes), structure.n_dofs - len(joint.dofs))
     rigid = NaturalFrequencies(structure, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:
             raise MeasurementError(
-                f"{where}: found mode {number} at {mode.frequency_hz:.4g} Hz; expected it at {highest:.4g} Hz at most, "
+                f"data: found mode {number} at {mode.frequency_hz:.4g} Hz; expected it at {highest:.4g} Hz at most, "
                 "where a rigid joint puts it, so that a lower mode was missed; lower f_min_hz, or measure where that "
                 "mode moves"
             )

@@ -48,9 +48,11 @@ __all__ = [
     "beam_recipe",
     "family_of",
     "measurement_of",
+    "noise_law",
     "noise_model",
     "prior_of",
     "stiffness_of",
+    "true_beam",
     "with_workshop_uncertainty",
 ]
 
@@ -228,7 +230,9 @@ def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily | None:
     return BeamFamily(recipe, ranges) if ranges else None
 
 
-def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> tuple[Measurement, FrfSet | None]:
+def measurement_of(
+    recipe: BeamRecipe, joint: Joint, spec: schema.SyntheticFrfSpec | schema.NaturalFrequenciesSpec
+) -> tuple[Measurement, FrfSet | None]:
     """The data, and for FRFs also those at the joint, which the paper's iteration needs."""
     if isinstance(spec, schema.NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
@@ -238,7 +242,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
     rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
     measured = synthesise_frf(
-        _true_beam(recipe, spec.truth).structure(),
+        true_beam(recipe, spec.truth).structure(),
         joint,
         joint_matrix(stiffness_of(spec.truth)),
         ports,
@@ -255,7 +259,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
     return used, measured.frf
 
 
-def _true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
+def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
     """The beam that makes the data: as analysed, but for what the truth states otherwise."""
     stated = {
         "youngs_modulus": truth.youngs_modulus_gpa and truth.youngs_modulus_gpa * 1e9,
