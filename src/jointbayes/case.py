@@ -167,11 +167,12 @@ def _build(
             spec = with_measured_damping(spec, test)
         recipe = beam_recipe(spec.structure, spec.data, test.provenance.loaded if test else None)
         joint = Joint(spec.joint.dofs, spec.joint.against)
-        if test is None:
-            measurement, joint_frf = measurement_of(recipe, joint, spec.data)
-        else:
+        if isinstance(spec.data, MeasuredSpec):
+            assert test is not None
             measurement, joint_frf = test.measurement, test.joint_frf
             require_lowest(stated, recipe, joint, test.provenance.modes)
+        else:
+            measurement, joint_frf = measurement_of(recipe, joint, spec.data)
         prior = prior_of(spec, recipe, measurement)
         problem = Problem(
             recipe.structure(),

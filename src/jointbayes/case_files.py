@@ -60,7 +60,7 @@ def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
         If a file is missing or wrong, or does not hold what the case says.
     """
     data = spec.data
-    assert isinstance(data, MeasuredSpec)
+    assert isinstance(data, schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec)
     files = [_file(base / name, name) for name in data.file]
     where = ", ".join(data.file)
     mapped = map_records(_frfs(base, data.file), _channels(data), where)
@@ -85,9 +85,7 @@ def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
     return _frf_test(spec, data, read, provenance)
 
 
-def _frf_test(
-    spec: schema.CaseSpec, data: schema.MeasuredFrfSpec, read: _Read, provenance: Provenance
-) -> MeasuredTest:
+def _frf_test(spec: schema.CaseSpec, data: schema.MeasuredFrfSpec, read: _Read, provenance: Provenance) -> MeasuredTest:
     """The FRFs that the likelihood sees, and those at the joint."""
     assert read.variance is not None
     rotations = [_rotation(label, rotation, spec.structure) for label, rotation in data.rotations.items()]
@@ -136,12 +134,10 @@ def _frfs(base: Path, names: Sequence[str]) -> Iterator[FrfRecord]:
 
 
 def _channels(data: MeasuredSpec) -> dict[str, Channel]:
-    return {
-        name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()
-    }
+    return {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()}
 
 
-def _assembled(data: MeasuredSpec, mapped: MappedRecords, where: str) -> _Read:
+def _assembled(data: "schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec", mapped: MappedRecords, where: str) -> _Read:
     """One set of FRFs from all records, with variance, without the masses that are to be taken out."""
     from jointbayes.measurement.formats import assemble
 
@@ -177,9 +173,7 @@ def _turned(use: ChannelUse) -> str:
     )
 
 
-def _with_quantity(
-    records: Iterable[FrfRecord], stated: str | None, where: str
-) -> tuple[list[FrfRecord], list[str]]:
+def _with_quantity(records: Iterable[FrfRecord], stated: str | None, where: str) -> tuple[list[FrfRecord], list[str]]:
     """Records with the quantity that the case states, if any, and what contradicts it."""
     known, notes = [], {}
     for record in records:
@@ -222,9 +216,7 @@ def _thinned(frf: FrfSet, step: int) -> FrfSet:
     return replace(frf, frequency_hz=frf.frequency_hz[::step], values=frf.values[::step], coherence=coherence)
 
 
-def _variance(
-    sets: Sequence[FrfSet], spec: schema.VarianceSpec | None, where: str
-) -> tuple[FrfSet, Array | None, str]:
+def _variance(sets: Sequence[FrfSet], spec: schema.VarianceSpec | None, where: str) -> tuple[FrfSet, Array | None, str]:
     """FRFs, their variance, and where it comes from."""
     frf = sets[0]
     if spec is None:
@@ -272,7 +264,9 @@ def _modes(read: _Read, *, required: bool) -> tuple[tuple[MeasuredMode, ...], tu
         return (), (f"Natural frequencies were not looked for: {error}.",)
 
 
-def _frequencies(data: schema.MeasuredFrequenciesSpec, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyMeasurement:
+def _frequencies(
+    data: schema.MeasuredFrequenciesSpec, modes: tuple[MeasuredMode, ...], where: str
+) -> FrequencyMeasurement:
     wanted = data.modes or max(len(modes), 1)
     if len(modes) < wanted:
         raise MeasurementError(

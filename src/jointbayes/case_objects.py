@@ -60,9 +60,7 @@ Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
 
 
-def beam_recipe(
-    spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None
-) -> BeamRecipe:
+def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None) -> BeamRecipe:
     """The beam of a case; accelerometers sit where translations are measured, or at the DOFs that are `loaded`."""
     if loaded is None:
         loaded = data.outputs if isinstance(data, schema.SyntheticFrfSpec) else ()
@@ -108,7 +106,9 @@ def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
     parametrisation: Parametrisation = LogStiffness() if spec.joint.parametrisation == "log" else SignedCoupling()
     by_name = {name: getattr(spec.prior, name) for name in parametrisation.names}
     marginals = tuple(_marginal(by_name[name]) for name in parametrisation.names)
-    return JointPrior(parametrisation, marginals, (*_quantities(spec, recipe, measurement), *_noise_parameters(spec.noise)))
+    return JointPrior(
+        parametrisation, marginals, (*_quantities(spec, recipe, measurement), *_noise_parameters(spec.noise))
+    )
 
 
 def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:

@@ -98,6 +98,8 @@ def identify(config: Path) -> None:
         for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
             click.echo(f"{step:>4} {norm:>10.3e} {k[0]:>12.4e} {k[1]:>12.4e} {k[2]:>14.4e}")
         click.echo(f"The paper's iteration {history.reason}.")
+    elif case.provenance is not None and case.provenance.iteration:
+        click.echo(f"The paper's iteration is left out. {case.provenance.iteration}.")
     estimate = find_map(case)
     k11, k12, k22 = estimate.stiffness
     click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")

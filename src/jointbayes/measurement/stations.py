@@ -127,8 +127,8 @@ def at_joint(
         else:
             remedy = f'state its stations in [data.rotations."{dof}"]' if ":r" in dof else "measure it"
             raise MeasurementError(
-                f"paper's iteration: found no FRF of {dof}, a DOF of the joint; expected the motion of the joint itself "
-                f"under every force; {remedy}"
+                f"paper's iteration: found no FRF of {dof}, a DOF of the joint; expected the motion of the joint "
+                f"itself under every force; {remedy}"
             )
     return replace(frf, values=np.concatenate(columns, axis=1), outputs=wanted, coherence=None)
 
