@@ -93,12 +93,13 @@ def _frf_test(spec: schema.CaseSpec, data: schema.MeasuredFrfSpec, read: _Read, 
     derived = {r.dof for r in rotations if r.in_likelihood}
     outputs = tuple(o for o in frf.outputs if not data.outputs or o in data.outputs or o in derived)
     inputs = tuple(i for i in frf.inputs if not data.inputs or i in data.inputs)
-    for stated, present, role in ((data.outputs, read.frf.outputs, "response"), (data.inputs, frf.inputs, "force")):
+    for key, stated, present in (("outputs", data.outputs, frf.outputs), ("inputs", data.inputs, frf.inputs)):
         for label in stated:
             if label not in present:
+                taken = ", which a rotation in the likelihood replaces" if label in read.frf.outputs else ""
                 raise MeasurementError(
-                    f"{', '.join(data.file)}: found no {role} at {label}; expected one of {', '.join(present)}; correct "
-                    f"data.{'outputs' if role == 'response' else 'inputs'}"
+                    f"data.{key}: found {label}{taken}; expected one of {', '.join(present)} of "
+                    f"{', '.join(data.file)}; remove it"
                 )
     rows, columns = [frf.outputs.index(o) for o in outputs], [frf.inputs.index(i) for i in inputs]
     used = FrfMeasurement(frf.select(outputs, inputs), variance[:, rows][:, :, columns])
@@ -137,7 +138,9 @@ def _channels(data: MeasuredSpec) -> dict[str, Channel]:
     return {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()}
 
 
-def _assembled(data: "schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec", mapped: MappedRecords, where: str) -> _Read:
+def _assembled(
+    data: "schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec", mapped: MappedRecords, where: str
+) -> _Read:
     """One set of FRFs from all records, with variance, without the masses that are to be taken out."""
     from jointbayes.measurement.formats import assemble
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -205,7 +206,7 @@ def rotation_findings(data: MeasuredFrfSpec, elements: int) -> Iterator[Finding]
     """Yield stations that are not evenly spaced nodes where no spacing is stated."""
     for label, rotation in data.rotations.items():
         nodes = [int(station.split(":")[0]) for station in rotation.stations]
-        steps = {b - a for a, b in zip(nodes, nodes[1:], strict=False)}
+        steps = {b - a for a, b in itertools.pairwise(nodes)}
         if len(steps) != 1 or 0 in steps or max(nodes) > elements + 1:
             found = f"found nodes {', '.join(map(str, nodes))}"
             expected = f"different nodes, evenly spaced in one direction, from 1 to {elements + 1}"

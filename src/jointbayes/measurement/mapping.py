@@ -190,6 +190,6 @@ def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:
     for (role, dof), labels in by_dof.items():
         if len(labels) > 1:
             raise MeasurementError(
-                f"{where}: found {role} channels {' and '.join(labels)} for the one DOF {dof}; expected one channel for "
-                "it; take one of them out of [data.channels]"
+                f"{where}: found {role} channels {' and '.join(labels)} for the one DOF {dof}; expected one channel "
+                "for it; take one of them out of [data.channels]"
             )

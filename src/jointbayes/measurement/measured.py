@@ -91,7 +91,9 @@ class Provenance:
             "doubts": NotedDoubt,
             "modes": MeasuredMode,
         }
-        given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
+        given: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in record.items()
+        }
         for key, kind in parts.items():
             given[key] = tuple(kind(**entry) for entry in given[key])
         return cls(**given)
