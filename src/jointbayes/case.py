@@ -28,7 +28,7 @@ from jointbayes.joint import Joint
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.measurement.measured import MeasuredTest, Provenance
 from jointbayes.sampling import SamplerSettings
-from jointbayes.toml_text import read_text
+from jointbayes.toml_text import key_lines, read_text
 
 __all__ = ["Case", "case_from_text", "load_case"]
 
@@ -160,9 +160,10 @@ def case_from_text(
 def _build(
     name: str, text: str, spec: "schema.CaseSpec", where: str, directory: Path, test: MeasuredTest | None = None
 ) -> Case:
-    stated = spec
+    stated, line = spec, 1
     try:
         if isinstance(spec.data, MeasuredSpec):
+            line = key_lines(text)["data",]
             test = test or read_test(spec, directory)
             spec = with_measured_damping(spec, test)
         recipe = beam_recipe(spec.structure, spec.data, test.provenance.loaded if test else None)
@@ -187,5 +188,5 @@ def _build(
     except CaseError:
         raise
     except JointBayesError as error:
-        raise CaseError(f"{where}:1: {error}") from error
+        raise CaseError(f"{where}:{line}: {error}") from error
     return Case(name, text, spec, problem, joint_frf, test.provenance if test else None)

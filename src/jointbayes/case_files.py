@@ -96,7 +96,8 @@ def _frf_test(spec: schema.CaseSpec, data: schema.MeasuredFrfSpec, read: _Read, 
     for key, stated, present in (("outputs", data.outputs, frf.outputs), ("inputs", data.inputs, frf.inputs)):
         for label in stated:
             if label not in present:
-                taken = ", which a rotation in the likelihood replaces" if label in read.frf.outputs else ""
+                replaced = key == "outputs" and label in read.frf.outputs
+                taken = ", which a rotation in the likelihood replaces" if replaced else ""
                 raise MeasurementError(
                     f"data.{key}: found {label}{taken}; expected one of {', '.join(present)} of "
                     f"{', '.join(data.file)}; remove it"
