@@ -171,7 +171,7 @@ def test_a_file_that_does_not_say_its_quantity_needs_one(tmp_path):
         for r in records_of_frf(virtual())
     ]
     write_records(records, tmp_path / "tip.npz", "npz")
-    with pytest.raises(CaseError, match='does not say what it is.*write for example quantity = "accelerance"'):
+    with pytest.raises(CaseError, match=r'does not say what it is.*write for example quantity = "accelerance"'):
         loaded(tmp_path, TIP)
     assert loaded(tmp_path, frf_data('quantity = "accelerance"')).problem.measurement.frf.quantity == "accelerance"
 
