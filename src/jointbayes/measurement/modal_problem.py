@@ -239,4 +239,5 @@ def _parts(columns: Complex) -> Array:
 
 
 def _orthonormal(columns: Array) -> Array:
-    return np.asarray(np.linalg.qr(columns / np.linalg.norm(columns, axis=0)).Q, dtype=np.float64)
+    q: Array = np.linalg.qr(columns / np.linalg.norm(columns, axis=0), "reduced")[0]
+    return q
