@@ -11,7 +11,7 @@ from jointbayes.frf import FrfSet
 from jointbayes.measurement.hits import HitSettings
 from jointbayes.measurement.impact import ImpactSettings, impact_frf, impact_frfs
 from jointbayes.measurement.records import TimeRecord
-from jointbayes.measurement.spectra import ShakerSettings, estimate_frf, shaker_frf, by_force
+from jointbayes.measurement.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
 from jointbayes.measurement.variance import coherence_variance
 from jointbayes.measurement.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from jointbayes.measurement.windows import added_decay_rate

@@ -17,7 +17,7 @@ from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement.impact import ImpactSettings, impact_frfs
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.spectra import ShakerSettings, shaker_frf, by_force
+from jointbayes.measurement.spectra import ShakerSettings, by_force, shaker_frf
 from jointbayes.measurement.thinning import effective_averages, lines_apart
 from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
 from jointbayes.measurement.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records

@@ -207,7 +207,7 @@ def is_clipped(values: Array, full_scale: float | None = None) -> bool:
     # either end by itself: it is the amplifier that is cut off, and an offset may lie before it
     ends = [side for side in (values, -values) if float(side.max()) > _SMALL * largest]
     flat = [np.convolve(side >= side.max() - 1e-9 * largest, np.ones(_FLAT)).max() for side in ends]
-    return max(flat) > _FLAT - 0.5
+    return bool(max(flat) > _FLAT - 0.5)
 
 
 def reject_overloads(hits: Sequence[Hit], responses: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit, ...]:
