@@ -48,9 +48,11 @@ __all__ = [
     "beam_recipe",
     "family_of",
     "measurement_of",
+    "noise_law",
     "noise_model",
     "prior_of",
     "stiffness_of",
+    "true_beam",
     "with_workshop_uncertainty",
 ]
 
@@ -231,7 +233,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
     rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
     measured = synthesise_frf(
-        _true_beam(recipe, spec.truth).structure(),
+        true_beam(recipe, spec.truth).structure(),
         joint,
         joint_matrix(stiffness_of(spec.truth)),
         ports,
@@ -248,7 +250,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
     return used, measured.frf
 
 
-def _true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
+def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
     """The beam that makes the data: as analysed, but for what the truth states otherwise."""
     stated = {
         "youngs_modulus": truth.youngs_modulus_gpa and truth.youngs_modulus_gpa * 1e9,

@@ -17,6 +17,7 @@ from jointbayes.case_structure import (
     StructureSpec,
     absent_dofs,
 )
+from jointbayes.case_virtual_test import VirtualTestSpec
 
 __all__ = [
     "dof_findings",
@@ -25,6 +26,7 @@ __all__ = [
     "prior_findings",
     "truth_findings",
     "uncertain_findings",
+    "virtual_test_findings",
 ]
 
 _FRF_ONLY = 'data of kind = "synthetic_frf"'
@@ -164,3 +166,20 @@ def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
         elif plan.f_max_hz <= data.f_max_hz:
             found = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
             yield Finding(("plan", "f_max_hz"), found, f"a number above {data.f_max_hz!r}", "raise or remove it")
+
+
+def virtual_test_findings(test: VirtualTestSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
+    if not isinstance(data, SyntheticFrfSpec):
+        if test != VirtualTestSpec():
+            yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
+        return
+    loc = ("virtual_test", "extra_outputs")
+    yield from absent_dofs(structure, test.extra_outputs, loc)
+    for i, label in enumerate(test.extra_outputs):
+        if label in structure.supports:
+            found = f'"{label}" is held fixed by structure.supports'
+            yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+        elif label in data.outputs:
+            found = f'"{label}" is one of data.outputs, which are measured anyway'
+            yield Finding((*loc, i), found, "a further DOF", "remove it")

@@ -38,6 +38,7 @@ from jointbayes.case_rules import (
     prior_findings,
     truth_findings,
     uncertain_findings,
+    virtual_test_findings,
 )
 from jointbayes.case_settings import (
     CompareSpec,
@@ -59,6 +60,7 @@ from jointbayes.case_structure import (
     StructureSpec,
     TubeSpec,
 )
+from jointbayes.case_virtual_test import VirtualTestSpec
 from jointbayes.errors import CaseError
 from jointbayes.toml_text import parse_toml, read_text
 
@@ -97,6 +99,7 @@ __all__ = [
     "TubeSpec",
     "UncertainSpec",
     "UniformPriorSpec",
+    "VirtualTestSpec",
     "parse_case",
     "read_case_file",
 ]
@@ -126,6 +129,7 @@ class CaseSpec(Spec):
     sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
     compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
     plan: Annotated[PlanSpec, Field(description="the further measurements to rank")] = PlanSpec()
+    virtual_test: Annotated[VirtualTestSpec, Field(description="how `simulate` measures")] = VirtualTestSpec()
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
 
     @property
@@ -147,6 +151,7 @@ class CaseSpec(Spec):
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.data)
         yield from plan_findings(self.plan, self.data)
+        yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 
 def parse_case(text: str, name: str = "case") -> CaseSpec:

@@ -19,6 +19,19 @@ BAD_INPUT = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 
+#: Formats of `simulate`, each with the endings that choose it.
+_FORMATS: dict[str, tuple[str, ...]] = {
+    "uff58": (".uff", ".unv", ".uf"),
+    "uff58b": (),
+    "mat": (".mat",),
+    "mat73": (),
+    "csv": (".csv",),
+    "tsv": (".tsv", ".txt"),
+    "npz": (".npz",),
+    "hdf5": (".h5", ".hdf5"),
+    "lvm": (".lvm",),
+}
+
 
 class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
@@ -210,6 +223,35 @@ def plan(
         click.echo(line)
     if out is not None:
         click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+
+
+@main.command()
+@_config
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
+@click.option("--format", "form", type=click.Choice(list(_FORMATS)), help="By default that of the file's ending.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
+def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
+    """Measure the truth of a case in a virtual test and write a measurement file."""
+    import numpy as np
+
+    from jointbayes.case import load_case
+    from jointbayes.errors import CaseError
+    from jointbayes.measurement.formats import write_records
+    from jointbayes.simulation import describe
+    from jointbayes.simulation import simulate as measure
+
+    chosen = form or next((name for name, endings in _FORMATS.items() if out.suffix.lower() in endings), None)
+    if chosen is None:
+        raise CaseError(
+            f"{out}: found no format of the ending {out.suffix!r}; expected one of "
+            f"{', '.join(e for endings in _FORMATS.values() for e in endings)}; choose another or give --format"
+        )
+    case = load_case(config)
+    records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
+    write_records(records, out, chosen)
+    for line in describe(records):
+        click.echo(line)
+    click.echo(f"Measurement: {out} ({chosen})")
 
 
 def _sample(case: "Case", seed: int | None) -> "Posterior":
