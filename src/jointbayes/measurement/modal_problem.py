@@ -235,7 +235,8 @@ def _pole(omega_r: Array, zeta: Array) -> Complex:
 
 def _parts(columns: Complex) -> Array:
     """Real and imaginary parts over each other, scaled so that noise of σ² = E|δH|² = 1 has unit variance in each."""
-    return np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
+    parts: Array = np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
+    return parts
 
 
 def _orthonormal(columns: Array) -> Array:
