@@ -1,23 +1,20 @@
 """Virtual tests: records that hold the truth of a case, with the noise that is stated."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.case import Case, case_from_text
 from jointbayes.case_virtual_test import VirtualTestSpec
-from jointbayes.cli import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
-from jointbayes.measurement.records import FrfRecord, Record
+from jointbayes.measurement.hits import HitSettings, find_hits
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.variance import coherence_variance
 from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
-from jointbayes.simulation import Truth, simulate
+from jointbayes.simulation import Truth, describe, simulate
 from tests.conftest import TABLE_3, cheap_frequencies_text, cheap_text, edited
 
 NOISE = "relative = 0.01 \nfloor = 0.002"
@@ -144,8 +141,71 @@ def test_coherence_noise_of_the_case_is_used_as_stated():
     assert np.mean(np.abs(values - 1) ** 2) == pytest.approx(0.2 / 8, rel=0.06)
 
 
-# command line
+# time histories
 
 
-def run(*arguments: str | Path):
-    return CliRunner().invoke(main, ["simulate", *map(str, arguments)])
+@pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+@pytest.mark.parametrize("method", ["impact", "shaker"])
+def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise(method, quantity):
+    case = virtual_case(
+        ('quantity = "receptance"', f'quantity = "{quantity}"'),
+        table=f'method = "{method}"\naverages = 12\nextra_outputs = ["3:y"]',
+    )
+    found = as_set(simulate(case, None, np.random.default_rng(4)))
+    assert found.outputs == ("Point:5:Y+", "Point:3:Y+")
+    lines = np.array(case.spec.data.lines_hz())
+    assert_allclose(found.frequency_hz, lines, rtol=1e-9)
+    true = Truth(case).frf(lines, ("5:y", "3:y")).values
+    z = np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)
+    # Student-t with 2(n − 1) = 22 degrees of freedom: mean 22/20
+    assert z.mean() == pytest.approx(1.1, abs=0.25)
+
+
+@pytest.mark.parametrize(
+    ("law", "key"), [("loss_factor", "loss_factor = 0.02"), ("rayleigh", "alpha_per_s = 20.0\nbeta_s = 1e-6")]
+)
+def test_other_laws_of_damping_are_tested_as_well(law, key):
+    damping = ('law = "modal"', f'law = "{law}"'), ("ratio = 0.01", key)
+    case = virtual_case(*damping, ('"receptance"', '"accelerance"'), table='method = "impact"')
+    found = as_set(simulate(case, None, np.random.default_rng(4)))
+    true = Truth(case).frf(found.frequency_hz, ("5:y",)).values
+    z = np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)
+    assert z.mean() == pytest.approx(1.125, abs=0.3)
+
+
+def test_the_decay_rate_is_that_of_the_slowest_mode():
+    assert Truth(virtual_case()).decay_rate == pytest.approx(0.01 * 2 * np.pi * 121.5, rel=0.01)
+    damping = ('law = "modal"', 'law = "rayleigh"'), ("ratio = 0.01", "alpha_per_s = 20.0\nbeta_s = 0.0")
+    assert Truth(virtual_case(*damping)).decay_rate == pytest.approx(10.0)
+
+
+def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
+    table = 'method = "impact"\nwrites = "time"\naverages = 2\ndouble_hits = 1\noverloads = 1\nextra_outputs = ["3:y"]'
+    records = simulate(virtual_case(table=table), None, np.random.default_rng(1))
+    assert all(isinstance(record, TimeRecord) for record in records)
+    assert [(r.hit, r.channel, r.quantity, r.unit) for r in records[:3]] == [
+        (1, "Point:5:Y+", "force", "N"),
+        (1, "Point:5:Y+", "displacement", "m"),
+        (1, "Point:3:Y+", "displacement", "m"),
+    ]
+    assert [record.hit for record in records] == [1] * 3 + [2] * 3 + [3] * 3 + [4] * 3
+    hits = find_hits([r for r in records if r.quantity == "force"], HitSettings())
+    assert sorted(hit.reason.split(",")[0] for hit in hits) == ["", "", "double hit", "force overloaded"]
+    assert describe(records) == ["12 time histories of 1.4 s at 20000 samples per second, 4 hits or runs"]
+
+
+def test_blocks_are_as_long_and_as_finely_sampled_as_stated():
+    table = 'method = "impact"\nwrites = "time"\naverages = 1\nblock_s = 0.5\nsample_rate_hz = 8000.0'
+    record = simulate(virtual_case(table=table), None, np.random.default_rng(1))[0]
+    assert (record.values.size, record.sample_rate_hz) == (4000, 8000.0)
+
+
+def test_what_cannot_be_tested_is_refused():
+    slow = virtual_case(table='method = "impact"\nsample_rate_hz = 5000.0')
+    with pytest.raises(MeasurementError, match="5000 samples per second for lines up to 2500 Hz"):
+        simulate(slow, None, np.random.default_rng(1))
+    undamped = virtual_case(
+        ("ratio = 0.01", "ratio = 0.0"), ("f_min_hz = 20.0", "f_min_hz = 21.3"), table='method = "impact"'
+    )
+    with pytest.raises(MeasurementError, match="without damping"):
+        simulate(undamped, None, np.random.default_rng(1))

@@ -17,7 +17,7 @@ from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement.impact import ImpactSettings, impact_frfs
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.spectra import ShakerSettings, shaker_frf, tests_of
+from jointbayes.measurement.spectra import ShakerSettings, by_force, shaker_frf
 from jointbayes.measurement.thinning import effective_averages, lines_apart
 from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
 from jointbayes.measurement.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
@@ -176,7 +176,7 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
         f_max_hz=high,
     )
     found: list[Record] = []
-    for forces, responses in tests_of(records):
+    for forces, responses in by_force(records):
         found += [_at_step(result.frf, truth) for result in impact_frfs(forces, responses, settings)]
     return found
 
@@ -194,7 +194,7 @@ def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
         return list(records)
     return [
         _at_step(shaker_frf(forces, response, settings).frf, truth)
-        for forces, responses in tests_of(records)
+        for forces, responses in by_force(records)
         for response in responses
     ]
 

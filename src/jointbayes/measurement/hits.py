@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 #: So many equal samples in a row at the very top are a clipped signal.
 _FLAT = 3
+#: Below this fraction of the largest value the other end of a signal is rest, not range.
+_SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,8 +204,10 @@ def is_clipped(values: Array, full_scale: float | None = None) -> bool:
         return False
     if full_scale is not None:
         return largest >= full_scale * (1 - 1e-6)
-    at_top = magnitude >= largest * (1 - 1e-9)
-    return bool(np.convolve(at_top, np.ones(_FLAT)).max() >= _FLAT - 0.5)
+    # either end by itself: it is the amplifier that is cut off, and an offset may lie before it
+    ends = [side for side in (values, -values) if float(side.max()) > _SMALL * largest]
+    flat = [np.convolve(side >= side.max() - 1e-9 * largest, np.ones(_FLAT)).max() for side in ends]
+    return bool(max(flat) > _FLAT - 0.5)
 
 
 def reject_overloads(hits: Sequence[Hit], responses: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit, ...]:

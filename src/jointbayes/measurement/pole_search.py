@@ -45,8 +45,8 @@ def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_or
 
     References
     ----------
-    Guillaume, P., Verboven, P., Vanlanduit, S., Van der Auweraer, H., Peeters, B. (2003). A poly-reference implementation
-    of the least-squares complex frequency-domain estimator. Proc. IMAC XXI.
+    Guillaume, P., Verboven, P., Vanlanduit, S., Van der Auweraer, H., Peeters, B. (2003). A poly-reference
+    implementation of the least-squares complex frequency-domain estimator. Proc. IMAC XXI.
     Verboven, P. (2002). Frequency-domain system identification for modal analysis. PhD thesis, VUB, section 5.3.3.
     """
     omega = 2 * np.pi * frequency_hz
@@ -88,7 +88,9 @@ def _normal_matrices(
 def _possible(poles: Poles, omega: Array) -> NDArray[np.bool_]:
     frequency = np.abs(poles)
     damping = -poles.real / frequency
-    return (damping > 0) & (damping < _MOST_DAMPING) & (frequency > omega[0]) & (frequency < omega[-1])
+    possible: NDArray[np.bool_] = (damping > 0) & (damping < _MOST_DAMPING)
+    possible &= (frequency > omega[0]) & (frequency < omega[-1])
+    return possible
 
 
 def steady_poles(by_order: list[Poles], least: int) -> Poles:

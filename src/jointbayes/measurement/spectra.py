@@ -22,7 +22,7 @@ __all__ = [
     "kept_lines",
     "paired",
     "shaker_frf",
-    "tests_of",
+    "by_force",
 ]
 
 Array = NDArray[np.float64]
@@ -272,7 +272,7 @@ def paired(
     return pairs, _QUANTITY[responses[0].quantity]
 
 
-def tests_of(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord], list[list[TimeRecord]]]]:
+def by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord], list[list[TimeRecord]]]]:
     """Sort time records into tests: the forces on one channel, and for each response the records that go with them.
 
     Records belong together by `TimeRecord.hit`; without it, all are one recording.

@@ -113,7 +113,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], floor: float = 1e-3) -> tuple[FrfSet
         raise MeasurementError(f"{where}: found a floor of {floor:g}; expected 0 or more; correct it")
     if len(frfs) < 2:
         raise MeasurementError(
-            f"{where}: found {len(frfs)} measurement; expected two or more; measure again or state the noise as relative"
+            f"{where}: found {len(frfs)} measurement; expected two or more; measure again, or state the noise"
         )
     first = frfs[0]
     for number, other in enumerate(frfs[1:], 2):
