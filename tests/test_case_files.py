@@ -165,6 +165,18 @@ def test_the_quantity_of_the_case_wins_and_the_contradiction_is_said(tmp_path):
     assert any("The file says accelerance" in n and "the case says mobility" in n for n in case.provenance.notes)
 
 
+def test_doubts_about_the_file_are_kept_and_a_sign_put_right_by_the_mapping_is_none(tmp_path):
+    frf = virtual(("5:y",))
+    stored(replace(frf, values=-frf.values), tmp_path / "tip.npz")
+    wrong = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
+    assert any("5:y/5:y" in doubt.where for doubt in wrong.provenance.doubts)
+    records = [replace(r, response="acc", reference="hammer") for r in records_of_frf(frf)]
+    write_records([replace(r, values=-r.values) for r in records], tmp_path / "tip.npz", "npz")
+    right = loaded(tmp_path, frf_data(channels='"acc" = "-5:y"\n"hammer" = "5:y"\n'))
+    assert right.provenance.doubts == ()
+    np.testing.assert_allclose(right.problem.measurement.frf.values, frf.values, rtol=1e-12)
+
+
 def test_a_file_that_does_not_say_its_quantity_needs_one(tmp_path):
     records = [
         replace(r, response=LABELS[r.response], reference=LABELS[r.reference], quantity=None, unit="")

@@ -18,7 +18,7 @@ from jointbayes.joint import Joint, joint_matrix
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
 from jointbayes.measurement.mapping import Channel, ChannelUse, MappedRecords, map_records
-from jointbayes.measurement.measured import MeasuredFile, MeasuredTest, Provenance
+from jointbayes.measurement.measured import MeasuredFile, MeasuredTest, NotedDoubt, Provenance
 from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
@@ -42,6 +42,7 @@ class _Read:
     variance: Array | None
     words: str
     notes: tuple[str, ...]
+    doubts: tuple[NotedDoubt, ...]
 
 
 def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
@@ -76,7 +77,8 @@ def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
         mapped.left_out,
         read.words,
         read.notes + modal_note,
-        modes=modes,
+        read.doubts,
+        modes,
         loaded=tuple(output for output in read.frf.outputs if ":r" not in output),
     )
     if isinstance(data, schema.MeasuredFrequenciesSpec):
@@ -163,11 +165,26 @@ def _assembled(
         variance = None if variance is None else spread
         each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
         notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
-    return _Read(frf, variance, words, tuple(notes))
+    return _Read(frf, variance, words, tuple(notes), _doubts(records, data))
 
 
 def _place(record: FrfRecord, where: str) -> str:
     return f"{where}: {record.where}" if record.where else where
+
+
+def _doubts(records: Iterable[FrfRecord], data: MeasuredSpec) -> tuple[NotedDoubt, ...]:
+    """What is doubtful about the FRFs as they are used: in the band, with signs and quantity as the case has them."""
+    from jointbayes.measurement.doubts import find_doubts
+
+    found = find_doubts(_cut(record, data.f_min_hz, data.f_max_hz) for record in records)
+    return tuple(NotedDoubt(doubt.where, doubt.sentence, doubt.remedy) for doubt in found)
+
+
+def _cut(record: FrfRecord, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
+    f = record.frequency_hz
+    inside = (f >= (f_min_hz or -np.inf)) & (f <= (f_max_hz or np.inf))
+    coherence = None if record.coherence is None else record.coherence[inside]
+    return replace(record, frequency_hz=f[inside], values=record.values[inside], coherence=coherence)
 
 
 def _turned(use: ChannelUse) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.measurement.mapping import ChannelUse
-from jointbayes.measurement.measured import Provenance
+from jointbayes.measurement.measured import NotedDoubt, Provenance
 from jointbayes.posterior import Posterior
 from jointbayes.report.format import number
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
@@ -54,7 +54,7 @@ def measurement_section(provenance: Provenance) -> Section:
         f"**{p.quantity.capitalize()}**, {p.lines} lines from {p.band_hz[0]:g} to {p.band_hz[1]:g} Hz{averages}. "
         f"Variance: {p.variance}."
     )
-    blocks: list[Block] = [Callout("caution", f"**{d.where}**: {d.sentence} {d.remedy}") for d in p.doubts]
+    blocks: list[Block] = [Callout("caution", f"**Doubtful: {d.where}.** {_sentence(d)}") for d in p.doubts]
     blocks.append(Paragraph(text))
     files = tuple((file.name, f"{file.size}", f"`{file.sha256}`") for file in p.files)
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))
@@ -66,6 +66,10 @@ def measurement_section(provenance: Provenance) -> Section:
         more = f" and {len(p.left_out) - 40} more" if len(p.left_out) > 40 else ""
         blocks.append(Paragraph(f"Channels left out, because the case does not map them: {shown}{more}."))
     return Section("measurement", "Measurement", tuple(blocks))
+
+
+def _sentence(doubt: NotedDoubt) -> str:
+    return f"{doubt.sentence[0].upper()}{doubt.sentence[1:]}; {doubt.remedy}."
 
 
 def _row(use: ChannelUse) -> tuple[str, ...]:
