@@ -154,7 +154,9 @@ class CaseSpec(Spec):
     @property
     def plan_inputs(self) -> tuple[str, ...]:
         """DOFs that may be excited for a further measurement: those of the plan, or the inputs of FRF data."""
-        return self.plan.inputs or (self.data.inputs if isinstance(self.data, SyntheticFrfSpec) else ())
+        return self.plan.inputs or (
+            self.data.inputs if isinstance(self.data, SyntheticFrfSpec | MeasuredFrfSpec) else ()
+        )
 
     def _findings(self) -> Iterator[Finding]:
         yield from dof_findings(self.structure, self.joint, self.data, self.plan)
