@@ -12,17 +12,19 @@ from numpy.typing import NDArray
 
 from jointbayes import case_schema as schema
 from jointbayes.case_measured import MeasuredSpec
+from jointbayes.case_records import FrfsOfRecords, frfs_of_records
+from jointbayes.case_variance import as_accelerance, variance_of
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet, NaturalFrequencies, quantity_factor
+from jointbayes.frf import FrfSet, NaturalFrequencies
 from jointbayes.joint import Joint, joint_matrix
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
-from jointbayes.measurement.mapping import Channel, ChannelUse, MappedRecords, map_records
+from jointbayes.measurement.mapping import Channel, ChannelMap, ChannelUse, MappedRecords, map_records
 from jointbayes.measurement.measured import MeasuredFile, MeasuredTest, NotedDoubt, Provenance
 from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
-from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
-from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
+from jointbayes.measurement.windows import without_added_damping
 from jointbayes.parametrisation import RIGID
 from jointbayes.structure import BeamRecipe
 
@@ -64,8 +66,10 @@ def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
     assert isinstance(data, schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec)
     files = [_file(base / name, name) for name in data.file]
     where = ", ".join(data.file)
-    mapped = map_records(_frfs(base, data.file), _channels(data), where)
-    read = _assembled(data, mapped, where)
+    made = _made_of_records(base, data, where)
+    stored = (r for r in _records(base, data.file) if isinstance(r, FrfRecord))
+    mapped = map_records(made.frfs if made else stored, _channels(data), where)
+    read = _assembled(data, mapped, where, made or FrfsOfRecords(()))
     modes, modal_note = _modes(read, required=isinstance(data, schema.MeasuredFrequenciesSpec))
     provenance = Provenance(
         tuple(files),
@@ -127,14 +131,32 @@ def _file(path: Path, name: str) -> MeasuredFile:
     return MeasuredFile(name, path.stat().st_size, digest)
 
 
-def _frfs(base: Path, names: Sequence[str]) -> Iterator[FrfRecord]:
-    """All FRFs of all files, one after the other."""
+def _made_of_records(base: Path, data: MeasuredSpec, where: str) -> FrfsOfRecords | None:
+    """FRFs made of the time histories of all files, where the case asks for it."""
+    if data.records is None:
+        return None
+    channels = ChannelMap(_channels(data))
+    times = [r for r in _records(base, data.file) if isinstance(r, TimeRecord)]
+    channels.require_all([record.channel for record in times], where)
+    return frfs_of_records([r for r in times if channels.find(r.channel)], data, where)
+
+
+def _records(base: Path, names: Sequence[str]) -> Iterator[Record]:
+    """All records of all files, one after the other."""
     from jointbayes.measurement.formats import iter_records
 
     for name in names:
         for record in iter_records(base / name):
-            if isinstance(record, FrfRecord):
-                yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
+            yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
+
+
+def _undamped(frf: FrfSet, variance: Array | None, added: float) -> FrfSet:
+    """FRFs without the decay rate that an exponential window added to every mode."""
+    modes = identify_modes(*as_accelerance(frf, variance))
+    frequency, ratio = (
+        np.array(values) for values in zip(*((m.frequency_hz, m.damping_ratio) for m in modes), strict=True)
+    )
+    return without_added_damping(frf, frequency, ratio, added)
 
 
 def _channels(data: MeasuredSpec) -> dict[str, Channel]:
@@ -142,21 +164,30 @@ def _channels(data: MeasuredSpec) -> dict[str, Channel]:
 
 
 def _assembled(
-    data: "schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec", mapped: MappedRecords, where: str
+    data: "schema.MeasuredFrfSpec | schema.MeasuredFrequenciesSpec",
+    mapped: MappedRecords,
+    where: str,
+    made: FrfsOfRecords,
 ) -> _Read:
     """One set of FRFs from all records, with variance, without the masses that are to be taken out."""
     from jointbayes.measurement.formats import assemble
 
     records, notes = _with_quantity(mapped.records, data.quantity, where)
-    notes = [*dict.fromkeys(note for record in mapped.records for note in record.notes), *notes]
+    notes = [*made.notes, *dict.fromkeys(note for record in mapped.records for note in record.notes), *notes]
     notes += [_turned(use) for use in mapped.uses if use.reversed_direction]
     stated = data.variance
     groups = _repeats(records, where, allowed=stated is not None and stated.source == "repeats")
     sets = [assemble(group, where, f_min_hz=data.f_min_hz, f_max_hz=data.f_max_hz) for group in groups]
-    if data.thin > 1:
-        notes.append(f"Every line but one in {data.thin} was left out.")
-    sets = [_thinned(frf, data.thin) for frf in sets]
-    frf, variance, words = _variance(sets, stated, where)
+    thin = data.thin or made.step
+    if thin > 1:
+        why = "" if data.thin else ", since with the window that was used neighbouring lines depend on each other"
+        notes.append(f"Of {thin} lines one was kept{why}.")
+    sets = [_thinned(frf, thin) for frf in sets]
+    frf, variance, words = variance_of(sets, stated, where)
+    if made.added_decay_rate > 0:
+        frf = _undamped(frf, variance, made.added_decay_rate)
+        rate = f"{made.added_decay_rate:.4g} 1/s"
+        notes.append(f"The damping of the exponential window, {rate}, was taken out by the fitted modes.")
     masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
     if masses:
         roving = data.accelerometers == "roving"
@@ -237,48 +268,10 @@ def _thinned(frf: FrfSet, step: int) -> FrfSet:
     return replace(frf, frequency_hz=frf.frequency_hz[::step], values=frf.values[::step], coherence=coherence)
 
 
-def _variance(sets: Sequence[FrfSet], spec: schema.VarianceSpec | None, where: str) -> tuple[FrfSet, Array | None, str]:
-    """FRFs, their variance, and where it comes from."""
-    frf = sets[0]
-    if spec is None:
-        return frf, None, "estimated from what the modal fit leaves"
-    if spec.averages is not None:
-        frf = replace(frf, averages=spec.averages)
-    if spec.source == "repeats":
-        frf, variance = mean_of_repeats(sets, floor=0.0)
-        words = f"from the scatter of {len(sets)} repeated measurements, whose mean is used, {_least_words(spec)}"
-        return frf, np.maximum(variance, _stated(frf, spec)), words
-    if spec.source == "relative" or (frf.averages == 1 and "relative" in spec.model_fields_set):
-        alone = "" if spec.source == "relative" else " (of one average coherence says nothing)"
-        words = f"as stated: {100 * spec.relative:g} % of |H| and {100 * spec.floor:g} % of the median accelerance"
-        return frf, _stated(frf, spec), words + alone
-    try:
-        variance = coherence_variance(frf, floor=0.0)
-    except MeasurementError as error:
-        raise MeasurementError(f"{where}: {error}") from error
-    words = f"from the coherence of {frf.averages} averages, {_least_words(spec)}"
-    return frf, np.maximum(variance, _stated(frf, spec)), words
-
-
-def _least_words(spec: schema.VarianceSpec) -> str:
-    return f"but at least a standard deviation of {100 * spec.relative:g} % of |H| in each part"
-
-
-def _stated(frf: FrfSet, spec: schema.VarianceSpec) -> Array:
-    """Variance by the law of relative and floor, of accelerance: it must not depend on how a file keeps its FRFs."""
-    factor = np.abs(quantity_factor(frf.frequency_hz, "accelerance", frf.quantity))[:, None, None]
-    magnitude = np.abs(frf.values) * factor
-    sd_of_part = spec.relative * magnitude + spec.floor * np.median(magnitude, axis=0)
-    variance: Array = 2 * (sd_of_part / factor) ** 2
-    return variance
-
-
 def _modes(read: _Read, *, required: bool) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
-    """Modes that the FRFs show; in accelerance, so that they do not depend on the quantity of the file."""
-    factor = quantity_factor(read.frf.frequency_hz, "accelerance", read.frf.quantity)
-    variance = None if read.variance is None else read.variance * np.abs(factor[:, None, None]) ** 2
+    """Modes that the FRFs show."""
     try:
-        return identify_modes(read.frf.converted("accelerance"), variance), ()
+        return identify_modes(*as_accelerance(read.frf, read.variance)), ()
     except MeasurementError as error:
         if required:
             raise

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from jointbayes.case_errors import Finding, raise_findings
 from jointbayes.case_fields import (
+    Fraction,
     Label,
     Labels,
     Positive,
@@ -27,6 +28,7 @@ __all__ = [
     "MeasuredFrequenciesSpec",
     "MeasuredFrfSpec",
     "MeasuredSpec",
+    "RecordsSpec",
     "RotationSpec",
     "VarianceSpec",
     "rotation_findings",
@@ -120,6 +122,49 @@ class VarianceSpec(Spec):
             yield Finding(("averages",), found, 'source = "coherence"', "write source so, or remove averages")
 
 
+_METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
+_ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")
+_WINDOW = key_field('the window of the blocks, "hann" or "boxcar"', "hann")
+_LENGTH = Field(gt=0, description="the length of a block in s, a number greater than 0", examples=[1.0])
+_PULSE = Field(gt=0, description="how long after its trigger the force counts in s, above 0", examples=[0.005])
+_END = key_field("what is left of the exponential window at the end of a block, above 0 and at most 1", 0.05)
+_RANGE = Field(gt=0, description="the full scale of the force channel in N, a number greater than 0", examples=[500.0])
+_OVERLAP = Field(ge=0, lt=1, description="the overlap of blocks, a number of at least 0 and below 1", examples=[0.5])
+#: Keys that one method alone uses.
+_USED_WITH = {
+    "pretrigger_s": "impact",
+    "force_window_s": "impact",
+    "exponential_end": "impact",
+    "force_range_n": "impact",
+    "overlap": "shaker",
+    "window": "shaker",
+}
+
+
+class RecordsSpec(Spec):
+    """How FRFs are made from the time histories of a file."""
+
+    method: Annotated[Literal["impact", "shaker"], _METHOD]
+    estimator: Annotated[Literal["H1", "H2", "Hv"], _ESTIMATOR] = "H1"
+    block_s: Annotated[float | None, _LENGTH] = None
+    pretrigger_s: Annotated[float, not_negative("how long before its trigger a block begins, in s", 0.01)] = 0.0
+    force_window_s: Annotated[float | None, _PULSE] = None
+    exponential_end: Annotated[Fraction, _END] = 1.0
+    force_range_n: Annotated[float | None, _RANGE] = None
+    overlap: Annotated[float, _OVERLAP] = 0.5
+    window: Annotated[Literal["hann", "boxcar"], _WINDOW] = "hann"
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.method == "shaker" and self.block_s is None:
+            yield Finding(("block_s",), missing=True)
+        for key, method in _USED_WITH.items():
+            value = getattr(self, key)
+            if self.method != method and value != type(self).model_fields[key].default:
+                found = f'found {value!r}, which method = "{self.method}" does not use'
+                yield Finding((key,), found, f'method = "{method}"', f"write method so, or remove {key}")
+
+
+_RECORDS = Field(description="how FRFs are made from time histories: method")
 _FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
 _MAP = key_field('a table from channel to DOF, as "Point:11:Y+" = "11:y"', {})
 _QUANTITY = key_field(
@@ -148,9 +193,10 @@ class MeasuredSpec(Spec):
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _QUANTITY] = None
     f_min_hz: Annotated[Positive | None, _band("the lowest frequency used", 20.0)] = None
     f_max_hz: Annotated[Positive | None, _band("the highest frequency used", 2500.0)] = None
-    thin: Annotated[int, count_field("every how many lines one is kept", 2, 1, 10_000)] = 1
+    thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: Annotated[_Channels, _MAP]
+    records: Annotated[RecordsSpec | None, _RECORDS] = None
 
     def _findings(self) -> Iterator[Finding]:
         if self.f_min_hz is not None and self.f_max_hz is not None:

@@ -24,6 +24,7 @@ from jointbayes.case_measured import (
     ChannelSpec,
     MeasuredFrequenciesSpec,
     MeasuredFrfSpec,
+    RecordsSpec,
     RotationSpec,
     VarianceSpec,
 )
@@ -99,6 +100,7 @@ __all__ = [
     "PriorsSpec",
     "RayleighDampingSpec",
     "RectangleSpec",
+    "RecordsSpec",
     "ReferenceSpec",
     "RotationSpec",
     "SamplingSpec",

@@ -170,7 +170,7 @@ def map_records(records: Iterable[FrfRecord], channels: Mapping[str, Channel], w
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
     if not labels:
         raise MeasurementError(
-            f"{where}: found no FRF; expected at least one; for time histories make FRFs of them first"
+            f"{where}: found no FRF; expected at least one; for time histories add a table [data.records]"
         )
     known.require_all(labels, where)
     if not kept:
