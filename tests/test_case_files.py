@@ -14,6 +14,7 @@ from jointbayes.cli import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.identification import maximise_posterior
+from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise
 from jointbayes.measurement.formats import records_of_frf, write_records
@@ -229,6 +230,19 @@ def test_a_coherence_of_nearly_1_is_not_believed_beyond_the_floor(tmp_path):
     stored(frf, tmp_path / "tip.npz")
     measured = loaded(tmp_path, TIP).problem.measurement
     np.testing.assert_allclose(measured.variance, 2 * (1e-3 * np.abs(measured.frf.values)) ** 2, rtol=1e-9)
+
+
+def test_a_variance_estimated_from_few_averages_makes_residuals_student_t(tmp_path):
+    stored(virtual(averages=10), tmp_path / "tip.npz")
+    assert loaded(tmp_path, TIP).problem.noise == StudentNoise(2, 18.0)
+    stated = TIP + '\n[noise]\ndistribution = "gaussian"\n'
+    assert isinstance(loaded(tmp_path, stated).problem.noise, GaussianNoise)
+    correlated = TIP + "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
+    assert isinstance(loaded(tmp_path, correlated).problem.noise, CorrelatedNoise)
+    relative = frf_data(variance='[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01\n')
+    assert isinstance(loaded(tmp_path, relative).problem.noise, GaussianNoise)
+    stored(virtual(averages=300), tmp_path / "tip.npz")
+    assert isinstance(loaded(tmp_path, TIP).problem.noise, GaussianNoise)
 
 
 def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes import case_schema as schema
-from jointbayes.case_files import read_test, require_lowest, with_measured_damping
+from jointbayes.case_files import read_test, require_lowest, with_estimated_variance, with_measured_damping
 from jointbayes.case_measured import MeasuredSpec
 from jointbayes.case_objects import (
     beam_recipe,
@@ -165,7 +165,7 @@ def _build(
         if isinstance(spec.data, MeasuredSpec):
             line = key_lines(text)["data",]
             test = test or read_test(spec, directory)
-            spec = with_measured_damping(spec, test)
+            spec = with_estimated_variance(with_measured_damping(spec, test), test)
         recipe = beam_recipe(spec.structure, spec.data, test.provenance.loaded if test else None)
         joint = Joint(spec.joint.dofs, spec.joint.against)
         if isinstance(spec.data, MeasuredSpec):

@@ -28,11 +28,12 @@ from jointbayes.measurement.windows import without_added_damping
 from jointbayes.parametrisation import RIGID
 from jointbayes.structure import BeamRecipe
 
-__all__ = ["read_test", "require_lowest", "with_measured_damping"]
+__all__ = ["read_test", "require_lowest", "with_estimated_variance", "with_measured_damping"]
 
 Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
+_NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off
 _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
 
 
@@ -45,6 +46,7 @@ class _Read:
     words: str
     notes: tuple[str, ...]
     doubts: tuple[NotedDoubt, ...]
+    dof: int | None
 
 
 def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
@@ -83,6 +85,7 @@ def read_test(spec: schema.CaseSpec, base: Path) -> MeasuredTest:
         read.notes + modal_note,
         read.doubts,
         modes,
+        variance_dof=read.dof,
         loaded=tuple(output for output in read.frf.outputs if ":r" not in output),
     )
     if isinstance(data, schema.MeasuredFrequenciesSpec):
@@ -183,7 +186,7 @@ def _assembled(
         why = "" if data.thin else ", since with the window that was used neighbouring lines depend on each other"
         notes.append(f"Of {thin} lines one was kept{why}.")
     sets = [_thinned(frf, thin) for frf in sets]
-    frf, variance, words = variance_of(sets, stated, where)
+    frf, variance, words, dof = variance_of(sets, stated, where)
     if made.added_decay_rate > 0:
         frf = _undamped(frf, variance, made.added_decay_rate)
         rate = f"{made.added_decay_rate:.4g} 1/s"
@@ -196,7 +199,7 @@ def _assembled(
         variance = None if variance is None else spread
         each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
         notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
-    return _Read(frf, variance, words, tuple(notes), _doubts(records, data))
+    return _Read(frf, variance, words, tuple(notes), _doubts(records, data), dof)
 
 
 def _place(record: FrfRecord, where: str) -> str:
@@ -324,6 +327,23 @@ def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, mode
                 "where a rigid joint puts it, so that a lower mode was missed; lower f_min_hz, or measure where that "
                 "mode moves"
             )
+
+
+def with_estimated_variance(spec: schema.CaseSpec, test: MeasuredTest) -> schema.CaseSpec:
+    """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
+
+    A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
+    dof/(dof − 2) on average, not 1. Only where the case does not choose a distribution itself, and nothing else
+    forbids it.
+    """
+    dof, noise = test.provenance.variance_dof, spec.noise
+    free = "distribution" not in noise.model_fields_set and noise.discrepancy is None and noise.scale != "integrated"
+    if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
+        return spec
+    if not isinstance(test.measurement, FrfMeasurement):
+        return spec
+    chosen = noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})
+    return spec.model_copy(update={"noise": chosen})
 
 
 def with_measured_damping(spec: schema.CaseSpec, test: MeasuredTest) -> schema.CaseSpec:

@@ -24,8 +24,8 @@ def as_accelerance(frf: FrfSet, variance: Array | None) -> tuple[FrfSet, Array |
 
 def variance_of(
     sets: Sequence[FrfSet], spec: schema.VarianceSpec | None, where: str
-) -> tuple[FrfSet, Array | None, str]:
-    """FRFs, their variance, and where it comes from.
+) -> tuple[FrfSet, Array | None, str, int | None]:
+    """FRFs with their variance.
 
     Parameters
     ----------
@@ -43,6 +43,8 @@ def variance_of(
     variance : ndarray, shape (lines, outputs, inputs), or None
     words : str
         Where the variance comes from.
+    dof : int or None
+        Degrees of freedom from which each line's variance was estimated; None where it was not.
 
     Raises
     ------
@@ -51,23 +53,24 @@ def variance_of(
     """
     frf = sets[0]
     if spec is None:
-        return frf, None, "estimated from what the modal fit leaves"
+        return frf, None, "estimated from what the modal fit leaves", None
     if spec.averages is not None:
         frf = replace(frf, averages=spec.averages)
     if spec.source == "repeats":
         frf, variance = mean_of_repeats(sets, floor=0.0)
         words = f"from the scatter of {len(sets)} repeated measurements, whose mean is used, {_least_words(spec)}"
-        return frf, np.maximum(variance, _stated(frf, spec)), words
+        return frf, np.maximum(variance, _stated(frf, spec)), words, 2 * (len(sets) - 1)
     if spec.source == "relative" or (frf.averages == 1 and "relative" in spec.model_fields_set):
         alone = "" if spec.source == "relative" else " (of one average coherence says nothing)"
         words = f"as stated: {100 * spec.relative:g} % of |H| and {100 * spec.floor:g} % of the median accelerance"
-        return frf, _stated(frf, spec), words + alone
+        return frf, _stated(frf, spec), words + alone, None
     try:
         variance = coherence_variance(frf, floor=0.0)
     except MeasurementError as error:
         raise MeasurementError(f"{where}: {error}") from error
     words = f"from the coherence of {frf.averages} averages, {_least_words(spec)}"
-    return frf, np.maximum(variance, _stated(frf, spec)), words
+    assert frf.averages is not None
+    return frf, np.maximum(variance, _stated(frf, spec)), words, 2 * (frf.averages - 1)
 
 
 def _least_words(spec: schema.VarianceSpec) -> str:

@@ -52,6 +52,8 @@ class Provenance:
         Channels of the files that were not used.
     variance
         Where the variance comes from, in words.
+    variance_dof
+        Degrees of freedom from which the variance of each line was estimated; None where it is stated.
     notes
         What was changed on the way, in words.
     doubts
@@ -77,6 +79,7 @@ class Provenance:
     modes: tuple[MeasuredMode, ...] = ()
     loaded: tuple[str, ...] = ()
     iteration: str = ""
+    variance_dof: int | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists, texts and numbers."""

@@ -54,6 +54,11 @@ def measurement_section(provenance: Provenance) -> Section:
         f"**{p.quantity.capitalize()}**, {p.lines} lines from {p.band_hz[0]:g} to {p.band_hz[1]:g} Hz{averages}. "
         f"Variance: {p.variance}."
     )
+    if p.variance_dof is not None:
+        text += (
+            f" It is itself estimated, line by line from {p.variance_dof} degrees of freedom, so that residuals over "
+            "it are Student-t with as many, not Gaussian; the case is analysed so unless its [noise] says otherwise."
+        )
     blocks: list[Block] = [Callout("caution", f"**Doubtful: {d.where}.** {_sentence(d)}") for d in p.doubts]
     blocks.append(Paragraph(text))
     files = tuple((file.name, f"{file.size}", f"`{file.sha256}`") for file in p.files)
