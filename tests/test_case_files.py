@@ -221,7 +221,9 @@ def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
     case = loaded(tmp_path, frf_data(variance=stated))
     magnitude = np.abs(frf.values)
     expected = 2 * (0.02 * magnitude + 0.01 * np.median(magnitude, axis=0)) ** 2
-    np.testing.assert_allclose(case.problem.measurement.variance, expected, rtol=1e-9)
+    ratio = case.problem.measurement.variance / expected  # that of a modal fit over that of the noisy |H|
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.01)
+    assert ratio.std() < 0.05
     assert "of one average coherence says nothing" in case.provenance.variance
 
 

@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 from jointbayes import case_schema as schema
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
+from jointbayes.measurement.modal_fit import fit_modes
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 
 __all__ = ["as_accelerance", "variance_of"]
 
 Array = NDArray[np.float64]
+
+#: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
+_EXPLAINED = 10.0
 
 
 def as_accelerance(frf: FrfSet, variance: Array | None) -> tuple[FrfSet, Array | None]:
@@ -63,7 +67,8 @@ def variance_of(
     if spec.source == "relative" or (frf.averages == 1 and "relative" in spec.model_fields_set):
         alone = "" if spec.source == "relative" else " (of one average coherence says nothing)"
         words = f"as stated: {100 * spec.relative:g} % of |H| and {100 * spec.floor:g} % of the median accelerance"
-        return frf, _stated(frf, spec), words + alone, None
+        variance, smooth = _stated_of_fit(frf, spec)
+        return frf, variance, words + alone + smooth, None
     try:
         variance = coherence_variance(frf, floor=0.0)
     except MeasurementError as error:
@@ -71,6 +76,23 @@ def variance_of(
     words = f"from the coherence of {frf.averages} averages, {_least_words(spec)}"
     assert frf.averages is not None
     return frf, np.maximum(variance, _stated(frf, spec)), words, 2 * (frf.averages - 1)
+
+
+def _stated_of_fit(frf: FrfSet, spec: schema.VarianceSpec) -> tuple[Array, str]:
+    """Variance by the law, of |H| without its noise where a modal fit tells it; and what was done, in words.
+
+    A variance in proportion to the *measured* |H|² favours lines that the noise made small, so that everything fitted
+    comes out too small by the variance relative to |H|², which many lines do not average away.
+    """
+    first = _stated(frf, spec)
+    try:
+        fit = fit_modes(*as_accelerance(frf, first))
+    except MeasurementError:
+        return first, ""
+    if not fit.modes or fit.misfit > _EXPLAINED:
+        return first, ""
+    smooth = replace(frf.converted("accelerance"), values=fit.values, coherence=None)
+    return _stated(smooth.converted(frf.quantity), spec), "; |H| is that of a modal fit, without the noise"
 
 
 def _least_words(spec: schema.VarianceSpec) -> str:
