@@ -17,7 +17,7 @@ from jointbayes.identification import maximise_posterior
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise
-from jointbayes.measurement.formats import records_of_frf, write_records
+from jointbayes.measurement.formats import read_frf, records_of_frf, write_records
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 from jointbayes.measurement.virtual_frf import noisy_frf
 from jointbayes.posterior.storage import stored_test
@@ -350,6 +350,27 @@ def test_damping_ratios_come_from_the_data_and_stay_uncertain(tmp_path):
         directory=tmp_path,
     )
     assert own.spec.uncertain.damping_ratio.sd_percent == 5.0
+
+
+def test_the_file_of_the_repository_is_what_its_virtual_test_writes(configs, tmp_path):
+    made, kept = tmp_path / "made.uff", configs / "data" / "virtual_test.uff"
+    command = ["simulate", str(configs / "virtual_test.toml"), "--out", str(made), "--format", "uff58b"]
+    assert CliRunner().invoke(main, command).exit_code == 0
+    first, second = read_frf(made), read_frf(kept)
+    assert (first.outputs, first.inputs, first.averages) == (second.outputs, second.inputs, second.averages)
+    np.testing.assert_allclose(first.values, second.values, rtol=1e-6)  # from one machine to another
+
+
+def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(configs):
+    start = {"published": TABLE_3}
+    stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
+    assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
+    assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
+    assert stations.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
+    found = maximise_posterior(stations.problem.log_posterior, start).stiffness
+    np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
+    biased = maximise_posterior(rotation.problem.log_posterior, start).stiffness
+    assert np.abs(biased / TABLE_3 - 1).max() > 0.1
 
 
 @pytest.fixture(scope="module")
