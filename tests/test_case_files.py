@@ -464,6 +464,12 @@ def test_faults_of_the_data_table_are_named_by_key(data, key, words):
     assert words in line
 
 
+def test_a_roving_sensor_cannot_be_in_the_model():
+    heavy = ("supports = []", "accelerometer_mass_g = 2.0\nsupports = []")
+    with pytest.raises(CaseError, match=r'data.accelerometers: found "roving" with a mass in \[structure\]'):
+        jb.case_from_text("case", text(frf_data('accelerometers = "roving"'), heavy))
+
+
 def test_measured_damping_needs_a_file():
     with pytest.raises(
         CaseError, match=r'structure.damping.ratio: found "measured" with data of kind = "synthetic_frf"'

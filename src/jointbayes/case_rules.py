@@ -76,6 +76,12 @@ def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[
         if channel.accelerometer_mass_g > 0 and ":r" in channel.label:
             found = f'found a mass at "{channel.label}", a rotation'
             yield Finding((*loc, "accelerometer_mass_g"), found, "a mass at a translation", "remove it")
+    if data.accelerometers == "roving" and structure.accelerometer_mass_g > 0:
+        found = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
+        expected = "the mass of a roving sensor at its channels, to be taken out of the data"
+        yield Finding(
+            ("data", "accelerometers"), found, expected, "move the mass to accelerometer_mass_g of the channels"
+        )
     if isinstance(data, MeasuredFrfSpec):
         yield from rotation_findings(data, structure.elements)
         for label in data.rotations:
