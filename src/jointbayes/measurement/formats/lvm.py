@@ -105,7 +105,7 @@ def _segment_header(lines: Lines, layout: _Layout) -> _Segment | None:
         if len(segment.fields) > 1000:
             break
     raise MeasurementError(
-        f"line {segment.line}: found no end of the segment's header; expected {_END}; the file is cut off, export it again"
+        f"line {segment.line}: found no end of the segment's header; expected {_END}; the file is cut off, export again"
     )
 
 
