@@ -140,7 +140,7 @@ def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment
 
 
 def _axis(segment: _Segment, count: int) -> NDArray[np.float64]:
-    start, step = (segment.each(key, 1)[0] for key in ("x0", "delta_x"))
+    start, step = (segment.each(key, 1)[0].replace(",", ".") for key in ("x0", "delta_x"))
     try:
         return np.asarray(float(start or "0") + np.arange(count) * float(step), dtype=np.float64)
     except ValueError:
