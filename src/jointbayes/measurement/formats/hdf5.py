@@ -42,7 +42,7 @@ def read_mat73(path: Path) -> Iterator[tuple[str, Arrays]]:
 
 def _check_heaps(path: Path) -> None:
     """Walk the heaps in which text lies: the library goes round in circles in one that is damaged."""
-    chunk_size, overlap = 1 << 20, 16
+    chunk_size, overlap = 1 << 16, 16
     with path.open("rb") as file:
         base, buffer = 0, b""
         while chunk := file.read(chunk_size):

@@ -45,7 +45,7 @@ def check_elements(path: Path) -> None:
         while file.tell() < size:
             number += 1
             where = f"variable {number}"
-            kind, start, end = _tag(file, size, order, where)
+            kind, start, _, end = _tag(file, size, order, where)
             if kind == _COMPRESSED:
                 file.seek(start)
                 engine = zlib.decompressobj()
@@ -64,18 +64,18 @@ def check_elements(path: Path) -> None:
             file.seek(end)
 
 
-def _tag(file: BinaryIO, stop: int, order: str, where: str) -> tuple[int, int, int]:
-    """Type of the element at the position of the file, first byte of its content, and first byte behind it."""
+def _tag(file: BinaryIO, stop: int, order: str, where: str) -> tuple[int, int, int, int]:
+    """Type of the element at the position of the file, its content's first byte and length, and the byte behind it."""
     here = file.tell()
     tag = file.read(8)
     if len(tag) == 8:
         kind, count = struct.unpack(f"{order}II", tag)
         if kind >> 16:  # up to four bytes stand within the tag
-            return kind & 0xFFFF, here + 4, here + 8
+            return kind & 0xFFFF, here + 4, min(kind >> 16, 4), here + 8
         start = here + 8
         padded = count if kind == _COMPRESSED else -(-count // 8) * 8
         if start + count <= stop:
-            return kind, start, min(start + padded, stop)
+            return kind, start, count, min(start + padded, stop)
     raise MeasurementError(
         f"{where}: found an element that goes beyond its {stop - here} bytes; expected a complete one; the file is cut "
         "off or damaged, copy it again"
@@ -86,7 +86,7 @@ def _walk(file: BinaryIO, stop: int, order: str, where: str, depth: int) -> None
     if depth > _DEEPEST:
         raise MeasurementError(f"{where}: found structs within structs {depth} deep; expected arrays; save the arrays")
     while file.tell() < stop:
-        kind, start, end = _tag(file, stop, order, where)
+        kind, start, _, end = _tag(file, stop, order, where)
         if kind == _MATRIX:
             _matrix(file, start, end, order, where, depth + 1)
         file.seek(end)
@@ -97,9 +97,9 @@ def _matrix(file: BinaryIO, start: int, end: int, order: str, where: str, depth:
     if start == end:
         return
     file.seek(start)
-    kind, at, behind = _tag(file, end, order, where)
+    kind, at, count, behind = _tag(file, end, order, where)
     file.seek(at)
-    flags = file.read(behind - at)
+    flags = file.read(count)
     if kind != 6 or len(flags) != 8:
         raise MeasurementError(f"{where}: found a damaged header of an array; expected its flags; copy the file again")
     class_ = struct.unpack(f"{order}I", flags[:4])[0] & 0xFF
@@ -109,9 +109,9 @@ def _matrix(file: BinaryIO, start: int, end: int, order: str, where: str, depth:
             "alone: save('file.mat', 'frequency_hz', 'frf', 'outputs', 'inputs')"
         )
     file.seek(behind)
-    kind, at, behind = _tag(file, end, order, where)
+    kind, at, count, behind = _tag(file, end, order, where)
     file.seek(at)
-    sizes = file.read(behind - at)
+    sizes = file.read(count)
     dimensions = struct.unpack(f"{order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
     elements = math.prod(max(0, n) for n in dimensions)
     # a number or a character takes a byte at least, a cell the eight of its tag
