@@ -212,6 +212,8 @@ def test_writing_into_no_directory_is_one_line(tmp_path):
         ("µm/N", 1e-6, "receptance"),
         ("mm/kN", 1e-6, "receptance"),
         ("m N^-1", 1.0, "receptance"),
+        ("IN/LBF", 0.0254 / 4.4482216152605, "receptance"),
+        ("m/MN", 1e-6, "receptance"),
         ("rad/(Nm)", 1.0, "receptance"),
     ],
 )

@@ -212,6 +212,20 @@ def test_time_histories_with_units_and_hits(tmp_path):
     assert all(isinstance(r, TimeRecord) and abs(r.sample_rate_hz - 1000) < 1e-6 for r in records)
 
 
+def test_coherences_that_do_not_pair_up_are_left_and_told(tmp_path):
+    (tmp_path / "a").write_text(function_58(H) * 2 + function_58(np.full(23, 0.5), function=6))
+    for record in iter_records(tmp_path / "a"):
+        assert record.coherence is None
+        assert record.notes == ("1 coherences for 2 FRFs of this pair: none taken",)
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_lines_padded_to_column_80_and_a_byte_order_mark(tmp_path, single):
+    text = "\n".join(line.ljust(80) for line in function_58(H, single=single).split("\n")[:-1]) + "\n"
+    record = only(tmp_path / "a", b"\xef\xbb\xbf" + text.encode())
+    np.testing.assert_allclose(record.values, H, rtol=1e-5 if single else 1e-12)
+
+
 def test_other_data_sets_are_passed_over(tmp_path):
     nodes = "    -1\n  2411\n         1         0         0        11\n   1.0D+00   2.0D+00   3.0D+00\n    -1\n"
     record = only(tmp_path / "a", nodes + "\n" + function_58(H) + "    -1\n    55\nNONE\n    -1\n")

@@ -6,6 +6,7 @@ The tests read its files and have it read ours.
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -66,8 +67,12 @@ def read_uff(path: Path) -> Iterator[Record]:
                 yield _time_record(file, one, corrections, units, nth if occurrences[pair] > 1 else None)
                 continue
             of_pair = coherences.get(pair, [])
-            coherence = of_pair[nth - 1] if len(of_pair) == occurrences[pair] else None
-            yield _frf_record(file, one, coherence, corrections, units)
+            paired = len(of_pair) == occurrences[pair]
+            record = _frf_record(file, one, of_pair[nth - 1] if paired else None, corrections, units)
+            if of_pair and not paired:
+                left = f"{len(of_pair)} coherences for {occurrences[pair]} FRFs of this pair: none taken"
+                record = replace(record, notes=(*record.notes, left))
+            yield record
 
 
 def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits]:

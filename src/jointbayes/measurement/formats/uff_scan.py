@@ -60,6 +60,8 @@ def scan(file: BinaryIO) -> Iterator[DataSet]:
         If a data set has no end, text stands between data sets, or a header cannot be read.
     """
     number = 0
+    if file.read(3) != b"\xef\xbb\xbf":
+        file.seek(0)
     while True:
         here = file.tell()
         line = file.readline(_LONGEST_LINE)

@@ -106,7 +106,7 @@ def _columns(header: FunctionHeader, body: bytes, expected: int) -> NDArray[np.f
         return None
     cells = np.frombuffer(body, "S1", count=full * length).reshape(full, length)
     ends = cells[:, width:]
-    if not ((ends == b"\n") | (ends == b"\r") | (ends == b"")).all() or not (ends[:, -1] == b"\n").all():
+    if not ((ends == b"\n") | (ends == b"\r") | (ends == b" ")).all() or not (ends[:, -1] == b"\n").all():
         return None
     out = np.empty(expected)
     first = 0
