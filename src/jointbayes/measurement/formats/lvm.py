@@ -105,7 +105,7 @@ def _segment_header(lines: Lines, layout: _Layout) -> _Segment | None:
         if len(segment.fields) > 1000:
             break
     raise MeasurementError(
-        f"line {segment.line}: found no end of the segment's header; expected {_END}; the file is cut off, export it again"
+        f"line {segment.line}: found no end of the segment's header; expected {_END}; the file is cut off, export again"
     )
 
 
@@ -140,7 +140,7 @@ def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment
 
 
 def _axis(segment: _Segment, count: int) -> NDArray[np.float64]:
-    start, step = (segment.each(key, 1)[0] for key in ("x0", "delta_x"))
+    start, step = (segment.each(key, 1)[0].replace(",", ".") for key in ("x0", "delta_x"))
     try:
         return np.asarray(float(start or "0") + np.arange(count) * float(step), dtype=np.float64)
     except ValueError:

@@ -6,6 +6,7 @@ The tests read its files and have it read ours.
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -66,8 +67,12 @@ def read_uff(path: Path) -> Iterator[Record]:
                 yield _time_record(file, one, corrections, units, nth if occurrences[pair] > 1 else None)
                 continue
             of_pair = coherences.get(pair, [])
-            coherence = of_pair[nth - 1] if len(of_pair) == occurrences[pair] else None
-            yield _frf_record(file, one, coherence, corrections, units)
+            paired = len(of_pair) == occurrences[pair]
+            record = _frf_record(file, one, of_pair[nth - 1] if paired else None, corrections, units)
+            if of_pair and not paired:
+                left = f"{len(of_pair)} coherences for {occurrences[pair]} FRFs of this pair: none taken"
+                record = replace(record, notes=(*record.notes, left))
+            yield record
 
 
 def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits]:
@@ -119,7 +124,7 @@ def _read(file: BinaryIO, one: DataSet, corrections: dict[int, DataSet]) -> Func
     header = one.header
     assert header is not None
     try:
-        found = decode(header, _body(file, one).lstrip(b"\r\n") if not header.byte_order else _body(file, one))
+        found = decode(header, _body(file, one))
     except LineError as error:
         line = line_of(file, one.start) + error.line
         raise MeasurementError(f"data set {one.number}, line {line}: {error}") from None
@@ -161,11 +166,8 @@ def _frf_record(
         read = _read(file, coherence, corrections)
         assert coherence.header is not None
         squared = np.asarray(read.ordinate.real)
-        if (
-            not np.allclose(_in_hertz(read.abscissa, coherence.header, []), lines, rtol=1e-6, equal_nan=True)
-            if (squared.size == lines.size)
-            else True
-        ):
+        own = _in_hertz(read.abscissa, coherence.header, [])
+        if own.size != lines.size or not np.allclose(own, lines, rtol=1e-6, equal_nan=True):
             raise MeasurementError(
                 f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
                 f"in data set {one.number} ({lines.size} lines); expected the same lines; export again"

@@ -125,7 +125,9 @@ def _product(tokens: list[re.Match[str]]) -> tuple[Unit, list[re.Match[str]]]:
             case ")":
                 return unit, [token, *tokens]
             case _:
-                atom = Unit(*_ATOMS[token["name"]])
+                name = token["name"]
+                # old programs write in capitals; MN stays a meganewton
+                atom = Unit(*_ATOMS[name if name in _ATOMS else name.lower()])
                 exponent = int(re.sub(r"[()^*]", "", token["power"])) if token["power"] else 1
                 unit = unit.times(atom, power * exponent)
     return unit, tokens
