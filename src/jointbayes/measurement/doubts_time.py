@@ -58,7 +58,8 @@ def doubts_of_time(record: TimeRecord) -> Iterator[tuple[str, str, str]]:
         )
     for hit in hits_of(record):
         if hit.reason.startswith("double hit"):
-            yield "double_hit", f"hit {hit.number} is a {hit.reason}", "leave this hit out"
+            number = hit.number if record.hit is None else record.hit
+            yield "double_hit", f"hit {number} is a {hit.reason}", "leave this hit out"
     yield from _offset(x)
 
 

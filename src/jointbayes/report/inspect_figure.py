@@ -42,16 +42,15 @@ def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hit
     heights = [2.6, 1.3, *([1.2] if with_coherence else [])] if frfs else []
 
     def draw(canvas: Canvas) -> None:
-        parts = canvas.subfigures(
-            1 + bool(rows), 1, height_ratios=[max(sum(heights), 0.3), *([1.5 * rows] * bool(rows))]
-        )
-        panels = np.atleast_1d(parts)
+        parts = [sum(heights)] * bool(frfs) + [1.5 * rows] * bool(rows)
+        if not parts:
+            canvas.text(0.5, 0.5, "no FRF and no hit to draw", ha="center", va="center")
+            return
+        panels: Any = canvas.subfigures(len(parts), 1, height_ratios=parts, squeeze=False)
         if frfs:
-            _draw_frfs(panels[0], frfs, modes, heights)
-        elif not rows:
-            panels[0].text(0.5, 0.5, "no FRF and no hit to draw", ha="center", va="center")
+            _draw_frfs(panels[0, 0], frfs, modes, heights)
         if rows:
-            _draw_hits(panels[1], drawn, rows)
+            _draw_hits(panels[-1, 0], drawn, rows)
 
     return _svg(draw, 7.4, max(sum(heights) + 1.5 * rows, 1.0))
 
