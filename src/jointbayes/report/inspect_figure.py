@@ -63,8 +63,10 @@ def _draw_frfs(part: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMod
         curves = [np.where(good, np.abs(record.values), np.nan), np.where(good, _degrees(record), np.nan)]
         if record.coherence is not None and len(heights) > 2:
             curves.append(record.coherence)
-        for panel, curve in zip(panels, curves, strict=False):
-            panel.plot(*_thinned(f, curve), lw=0.8, color=colour, label=f"{record.response}/{record.reference}")
+        for j, (panel, curve) in enumerate(zip(panels, curves, strict=False)):
+            # the phase jumps between −180° and 180°: points, not lines
+            style = {"ls": "none", "marker": ".", "ms": 1.2} if j == 1 else {"lw": 0.8}
+            panel.plot(*_thinned(f, curve), color=colour, label=f"{record.response}/{record.reference}", **style)
     panels[0].set_yscale("log")
     kinds = dict.fromkeys(r.quantity for r in frfs)
     panels[0].set_ylabel(" or ".join(f"{k or 'H'} ({_UNITS[k]})" for k in kinds))
