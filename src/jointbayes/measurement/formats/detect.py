@@ -42,6 +42,8 @@ def detect_format(path: str | Path) -> str:
         If the file cannot be opened, is empty or is none of these.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise MeasurementError(f"{path}: found a directory or a device; expected a measurement file; correct the path")
     try:
         with path.open("rb") as file:
             head = file.read(4096)
