@@ -29,7 +29,7 @@ _WORDS: tuple[tuple[Role, str], ...] = (
     ("time", r"time|zeit|t"),
     ("coherence", r"coherence|coh|kohärenz|gamma2|γ²|γ2"),
     ("real", r"real ?part|real|re"),
-    ("imaginary", r"imaginary ?part|imaginary|imag|im"),
+    ("imaginary", r"imaginary ?part|imag\.? ?part|imaginary|imag|im"),
     ("magnitude", r"magnitude|mag|amplitude|abs|betrag|modulus"),
     ("phase", r"phase|angle|arg"),
 )

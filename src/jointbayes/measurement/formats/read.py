@@ -7,7 +7,10 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.assemble import assemble
 from jointbayes.measurement.formats.detect import detect_format
+from jointbayes.measurement.formats.hdf5 import read_hdf5, read_mat73
 from jointbayes.measurement.formats.layout import Arrays, records_of
+from jointbayes.measurement.formats.lvm import read_lvm
+from jointbayes.measurement.formats.matlab import read_matlab
 from jointbayes.measurement.formats.npz import read_npz
 from jointbayes.measurement.formats.table import read_table
 from jointbayes.measurement.formats.uff import read_uff
@@ -92,4 +95,8 @@ _READERS: dict[str, Callable[[Path], Iterator[Record]]] = {
     "uff": read_uff,
     "table": read_table,
     "npz": _blocks(read_npz),
+    "mat": _blocks(read_matlab),
+    "mat73": _blocks(read_mat73),
+    "hdf5": _blocks(read_hdf5),
+    "lvm": read_lvm,
 }

@@ -119,7 +119,7 @@ def _read(file: BinaryIO, one: DataSet, corrections: dict[int, DataSet]) -> Func
     header = one.header
     assert header is not None
     try:
-        found = decode(header, _body(file, one).lstrip(b"\r\n") if not header.byte_order else _body(file, one))
+        found = decode(header, _body(file, one))
     except LineError as error:
         line = line_of(file, one.start) + error.line
         raise MeasurementError(f"data set {one.number}, line {line}: {error}") from None

@@ -29,7 +29,7 @@ class DataSet:
     kind
         Number of the data set's type, such as 58.
     start, stop
-        First byte of its content and of its closing delimiter (of the line end before it, in text).
+        First byte of its content and of its closing delimiter.
     header
         Header of a data set 58, None for other types.
     """
@@ -137,7 +137,7 @@ def _closing(file: BinaryIO, number: int, start: int) -> int:
         # a match that reaches the end of what was read may be a longer line, such as " -1 …"
         if match is not None and (match.end() < len(buffer) or not chunk or match[0].endswith(b"\n")):
             file.seek(base + match.end())
-            return base + match.start()
+            return base + match.start() + 1
         if not chunk:
             raise MeasurementError(
                 f"data set {number}, line {line_of(file, base + len(buffer))}: found the end of the file; expected the "

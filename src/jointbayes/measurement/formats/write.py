@@ -7,7 +7,10 @@ from pathlib import Path
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats.hdf5 import write_hdf5, write_mat73
 from jointbayes.measurement.formats.layout import arrays_of
+from jointbayes.measurement.formats.lvm import write_lvm
+from jointbayes.measurement.formats.matlab import write_matlab
 from jointbayes.measurement.formats.npz import write_npz
 from jointbayes.measurement.formats.table import write_table
 from jointbayes.measurement.formats.uff_write import write_uff
@@ -22,6 +25,10 @@ _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "csv": lambda records, path: write_table(records, path, ","),
     "tsv": lambda records, path: write_table(records, path, "\t"),
     "npz": lambda records, path: write_npz(arrays_of(records), path),
+    "mat": lambda records, path: write_matlab(arrays_of(records), path),
+    "mat73": lambda records, path: write_mat73(arrays_of(records), path),
+    "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
+    "lvm": write_lvm,
 }
 
 #: Formats that can be written.
