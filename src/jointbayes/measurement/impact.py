@@ -11,12 +11,12 @@ from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.hits import Hit, HitSettings, find_hits, reject_overloads
 from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.spectra import Estimator, estimate_frf, kept_lines, paired
-from jointbayes.measurement.virtual_frf import FRF_UNIT
+from jointbayes.measurement.spectra import Estimator, by_force, estimate_frf, kept_lines, paired
 from jointbayes.measurement.thinning import independent_step, line_correlation
+from jointbayes.measurement.virtual_frf import FRF_UNIT
 from jointbayes.measurement.windows import added_decay_rate, exponential_window, force_window, without_added_damping
 
-__all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "impact_frf", "impact_frfs"]
+__all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "frfs_of_hits", "impact_frf", "impact_frfs"]
 
 _SAMPLES = 1024  # enough to tell how the lines of a window correlate
 
@@ -157,6 +157,28 @@ def _estimate(
     return ImpactResult(frf, hits, added)
 
 
+def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> list[FrfRecord]:
+    """All FRFs of the time records of an impact test, the damping of an exponential window taken out.
+
+    Parameters
+    ----------
+    records
+        Forces and responses of one hammer on one place after the other; those of the same `TimeRecord.hit` belong
+        together.
+    settings
+        As for `impact_frf`.
+
+    Returns
+    -------
+    list of FrfRecord
+        One for each pair of a force channel and a response; errors as for `by_force`, `impact_frfs`, `corrected_frfs`.
+    """
+    found: list[FrfRecord] = []
+    for forces, responses in by_force(records):
+        found += corrected_frfs(impact_frfs(forces, responses, settings))
+    return found
+
+
 def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     """FRFs without the damping that an exponential window added, by the modes that are found in them.
 
@@ -178,7 +200,8 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
         return [result.frf for result in results]
     records = [result.frf for result in results]
     first = records[0]
-    coherence = None if first.coherence is None else np.stack([r.coherence for r in records], axis=1)[:, :, None]
+    known = [record.coherence for record in records if record.coherence is not None]
+    coherence = np.stack(known, axis=1)[:, :, None] if known else None
     together = FrfSet(
         first.frequency_hz,
         np.stack([record.values for record in records], axis=1)[:, :, None],
