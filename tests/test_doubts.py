@@ -173,13 +173,18 @@ def test_a_unit_that_contradicts_the_axis_types_or_is_not_there_is_doubted(tmp_p
     write_records(records(np.random.default_rng(2))[:1], path, "uff58")
     text = path.read_text(encoding="ascii")
     assert keys(iter_records(path)) == set()
-    lines = text.splitlines(keepends=True)
-    (row,) = [i for i, line in enumerate(lines) if line.startswith("        12") and "m/s^2" in line]
-    for wrong, key in (("m", "quantity_units"), ("NONE", "unit_missing")):
-        # the denominator's unit stands on the next line
-        force = lines[row + 1] if wrong == "m" else lines[row + 1].replace("N   ", "NONE", 1)
-        unit = lines[row][:47] + wrong.ljust(20) + lines[row][67:]
-        path.write_text("".join([*lines[:row], unit, force, *lines[row + 2 :]]), encoding="ascii")
+    changes = {
+        "quantity_units": [("m/s^2", "m    ")],
+        "unit_missing": [("m/s^2", "NONE "), ("Force                N   ", "Force                NONE")],
+        "unit_unknown": [("m/s^2", "volts")],
+        "unit_system": [("1.00000000000000000E+00", "1.00000000000000000E+03")],
+    }
+    for key, edits in changes.items():
+        changed = text.replace("Force                N", "Force                N   ")
+        for old, new in edits:
+            assert old in changed
+            changed = changed.replace(old, new, 1)
+        path.write_text(changed, encoding="ascii")
         assert keys(iter_records(path)) == {key}
 
 
