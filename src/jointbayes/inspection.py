@@ -120,7 +120,7 @@ def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> 
         seen.doubts.add(record)
         seen.keep_frf(record)
     kept = seen.frf_kept()
-    modes, modes_of, modes_note = _modes(kept)
+    modes, modes_of, modes_note = _modes(kept) if kept else ((), (), note)
     known = seen.coherence
     return Inspection(
         "",
@@ -133,7 +133,7 @@ def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> 
         kept,
         modes,
         modes_of,
-        modes_note or note,
+        modes_note,
         tuple(seen.hits),
         seen.doubts.doubts(),
     )

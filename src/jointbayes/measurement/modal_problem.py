@@ -22,7 +22,7 @@ _REST_ABOVE = (1.15, 1.5, 2.5)
 _REST_COLUMNS = len(_REST_POWERS) + 2 * len(_REST_BELOW + _REST_ABOVE)
 #: One climb goes no further than this many half-power bandwidths and this much in ln ζ; so many climbs in a row.
 _REACH = (3.0, 1.5)
-_CLIMBS = 4
+_CLIMBS = 3
 #: A mode this far outside the band may join the fit, which without it would bend the modes inside.
 _EDGE = 1.1
 #: Steps of χ² at which a climb ends, relative to χ²: while searching, and at last.
@@ -89,7 +89,7 @@ class ModalProblem:
         """
         price = (2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0
         poles = self._without_idle(self.climb(poles), price)
-        for _ in range(order):
+        for _ in range(order // 2):
             least = self.chi2(poles) - price * self._misfit(poles)
             for start in self._further(poles, order, price):
                 more = self._without_idle(self.climb(start), price)
