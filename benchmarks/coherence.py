@@ -14,6 +14,7 @@ from jointbayes.measurement.variance import coherence_variance
 from jointbayes.simulation import simulate
 
 AVERAGES = (3, 10, 50)
+METHODS = ("impact", "shaker", "frf")
 
 
 def beam() -> Case:
@@ -44,12 +45,14 @@ def main() -> None:
     """Print the table of docs/records.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few tests, to try the script")
-    tests = 20 if parser.parse_args().quick else 500
+    parser.add_argument("--method", choices=METHODS, action="append", help="this one only; may be repeated")
+    chosen = parser.parse_args()
+    tests = 20 if chosen.quick else 500
     case = beam()
     print(f"{tests} tests of each kind; a scatter over so many is itself uncertain by {100 / tests**0.5:.1f} %\n")
     print("| method | averages | predicted/scatter, mean over lines | 2.5 % and 97.5 % of lines | s |")
     print("|---|---|---|---|---|")
-    for method in ("impact", "shaker", "frf"):
+    for method in chosen.method or METHODS:
         noise = {} if method == "frf" else {"force_noise": 0.0005, "response_noise": 0.003}
         for averages in AVERAGES:
             start = time.perf_counter()

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.hits import HitSettings
-from jointbayes.measurement.impact import ImpactSettings, impact_frf, impact_frfs
+from jointbayes.measurement.impact import ImpactSettings, frfs_of_hits, impact_frf, impact_frfs
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
 from jointbayes.measurement.variance import coherence_variance
@@ -78,6 +78,26 @@ def test_an_exponential_window_gives_the_frf_at_the_shifted_variable():
     true = rig().frf(plain.frf.frequency_hz)[:, 0, 0]
     assert np.abs(plain.frf.values - true).max() > 0.02 * np.abs(true).max()  # the block is too short without it
     assert any("exponential window adds" in note for note in windowed.frf.notes)
+
+
+def test_the_damping_of_an_exponential_window_is_taken_out_by_the_modes_that_are_found():
+    records = hammered(Hammer(10, 2e-3), ChannelNoise(0.0005, 0.002), block=1024)
+    settings = ImpactSettings(exponential_end=0.02, force_window_s=4e-3, f_min_hz=20, f_max_hz=400)
+    a = added_decay_rate(0.02, 1024 / RATE)
+    for i, frf in enumerate(frfs_of_hits(records, settings)):
+        true = rig().frf(frf.frequency_hz)[:, i, 0]
+        shifted = 2j * np.pi * frf.frequency_hz + a
+        windowed = plate(shifted)[:, i, 0] * shifted**2
+        peak = np.abs(true).max()
+        assert np.abs(windowed - true).max() > 0.3 * peak
+        assert np.abs(frf.values - true).max() < 0.01 * peak
+        assert frf.notes[1].endswith("taken out by the 2 modes that were found")
+
+
+def test_without_any_mode_the_window_cannot_be_corrected():
+    records = hammered(Hammer(2, 2e-3), ChannelNoise(0.0005, 0.002), block=1024)
+    with pytest.raises(MeasurementError, match="found no mode in the FRFs of 'Point:1:Y\\+'"):
+        frfs_of_hits(records, ImpactSettings(exponential_end=0.02, force_window_s=4e-3, f_min_hz=340, f_max_hz=480))
 
 
 def test_double_hits_and_overloads_are_left_out_of_all_responses():

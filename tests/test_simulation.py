@@ -1,17 +1,24 @@
 """Virtual tests: records that hold the truth of a case, with the noise that is stated."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.case import Case, case_from_text
 from jointbayes.case_virtual_test import VirtualTestSpec
+from jointbayes.cli import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
+from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
 from jointbayes.measurement.hits import HitSettings, find_hits
+from jointbayes.measurement.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.thinning import lines_apart
 from jointbayes.measurement.variance import coherence_variance
 from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
 from jointbayes.simulation import Truth, describe, simulate
@@ -209,3 +216,79 @@ def test_what_cannot_be_tested_is_refused():
     )
     with pytest.raises(MeasurementError, match="without damping"):
         simulate(undamped, None, np.random.default_rng(1))
+
+
+# command line
+
+
+def command(tmp_path: Path, table: str, *options: str):
+    file = tmp_path / "case.toml"
+    file.write_text(cheap_text() + f"\n[virtual_test]\n{table}\n", encoding="utf-8")
+    return CliRunner().invoke(main, ["simulate", str(file), *options])
+
+
+def read(path: Path) -> list[Record]:
+    return list(iter_records(path))
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_simulate_writes_every_format(tmp_path, form):
+    out = tmp_path / "tip.dat"
+    result = command(tmp_path, 'extra_outputs = ["3:y"]', "--out", str(out), "--format", form, "--seed", "7")
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines() == [
+        "2 FRFs (receptance) of 249 lines, 20 to 2500 Hz, averages: 10",
+        f"Measurement: {out} ({form})",
+    ]
+    expected = simulate(virtual_case(table='extra_outputs = ["3:y"]'), None, np.random.default_rng(7))
+    for found, record in zip(read(out), expected, strict=True):
+        assert (found.response, found.reference, found.averages) == (record.response, record.reference, 10)
+        assert_allclose(found.values, record.values, rtol=1e-5)
+        assert_allclose(found.coherence, record.coherence, rtol=1e-5)
+
+
+def test_the_ending_chooses_the_format_and_the_table_the_seed(tmp_path):
+    values = {}
+    for name, options in (("a.npz", ()), ("b.npz", ("--seed", "3")), ("c.csv", ())):
+        out = tmp_path / name
+        result = command(tmp_path, "seed = 3" if name != "c.csv" else "seed = 4", "--out", str(out), *options)
+        assert result.exit_code == 0, result.output
+        assert detect_format(out) == ("table" if name == "c.csv" else "npz")
+        values[name] = read(out)[0].values
+    assert_array_equal(values["a.npz"], values["b.npz"])
+    assert (values["a.npz"] != values["c.csv"]).all()
+
+
+def test_a_file_of_hits_gives_back_the_frfs_of_the_test(tmp_path):
+    table = 'method = "impact"\naverages = 3\ndouble_hits = 1\n'
+    direct, out = virtual_case(table=table), tmp_path / "hits.uff"
+    assert command(tmp_path, table + 'writes = "time"', "--out", str(out)).exit_code == 0
+    settings = ImpactSettings(force_window_s=2 / 2500, f_min_hz=20, f_max_hz=2500)
+    (found,) = frfs_of_hits(read(out), settings)
+    (record,) = simulate(direct, None, np.random.default_rng(1))
+    assert found.averages == record.averages == 3
+    kept = lines_apart(found.frequency_hz, 10.0)
+    assert_allclose(found.values[kept], record.values, rtol=1e-4)
+
+
+def test_simulate_offers_the_formats_that_can_be_written():
+    (option,) = (option for option in main.commands["simulate"].params if option.name == "form")
+    assert sorted(option.type.choices) == sorted(FORMATS)
+
+
+@pytest.mark.parametrize(
+    ("table", "out", "message"),
+    [
+        ("", "tip.docx", "found no format of the ending '.docx'"),
+        ("", "tip", "found no format of the ending ''"),
+        ("averages = 0", "tip.uff", "virtual_test.averages"),
+        ('method = "impact"\nsample_rate_hz = 1.0', "tip.uff", "1 samples per second"),
+        ("", "absent/tip.uff", "absent"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said_in_one_line(tmp_path, table, out, message):
+    result = command(tmp_path, table, "--out", str(tmp_path / out))
+    assert result.exit_code == 2
+    assert message in result.output
+    assert len(result.output.splitlines()) == 1
+    assert not (tmp_path / out).exists()

@@ -105,3 +105,47 @@ def test_no_blocks_are_refused():
     for blocks, hop in ((0, 4), (3, 0)):
         with pytest.raises(MeasurementError, match="averages: found"):
             effective_averages(blocks, HANN, hop)
+
+
+def claimed_over_true_variance(errors: np.ndarray, slope: np.ndarray, step: int) -> float:
+    """Variance that least squares on every `step`-th line claims for a parameter, over the one it has.
+
+    Lines are taken for independent; `slope` (lines,) is the derivative of H, `errors` (tests, lines) those of H.
+    """
+    kept = slice(None, None, step)
+    variance = np.mean(np.abs(errors[:, kept]) ** 2, axis=0)
+    information = 2 * np.sum(np.abs(slope[kept]) ** 2 / variance)
+    found = 2 * np.real(errors[:, kept] @ (slope[kept].conj() / variance)) / information
+    return float(1 / information / np.var(found))
+
+
+def resonance(lines: int) -> np.ndarray:
+    """dH/dω₀ of one mode whose half-power bandwidth is nine lines."""
+    k = np.arange(lines)
+    return 1 / (k - lines / 2 - 4.5j) ** 2
+
+
+@pytest.mark.parametrize("hop", [128, 64, 32])
+def test_every_other_line_of_a_hann_window_gives_an_honest_variance_and_every_line_does_not(hop):
+    window = signal.get_window("hann", 128)
+    errors = frf_errors(np.random.default_rng(hop), 3000, 50, hop, window)[:, 4:-4]
+    slope = resonance(errors.shape[1])
+    step = independent_step(line_correlation(window, random=True, blocks=50, hop=hop))
+    assert step == 2
+    assert claimed_over_true_variance(errors, slope, 1) < 0.65
+    assert claimed_over_true_variance(errors, slope, step) == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize("end", [0.1, 0.03])
+def test_the_step_of_an_exponential_window_leaves_no_overconfidence(end):
+    window = exponential_window(1024, end)
+    rng = np.random.default_rng(1)
+    errors = np.fft.rfft(rng.standard_normal((3000, 1024)) * window)[:, 100:200]
+    rate = -np.log(end) / (2 * np.pi)  # of the window, in lines
+    k = np.arange(100)
+    slope = 1 / (k - 50 - 1j * (0.5 + rate)) ** 2  # a mode that is narrower than the window makes it
+    step = independent_step(line_correlation(window, random=False))
+    assert step > 1
+    every, kept = (claimed_over_true_variance(errors, slope, s) for s in (1, step))
+    assert every < 0.7
+    assert 0.95 < kept < 1.4

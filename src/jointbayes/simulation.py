@@ -15,7 +15,7 @@ from jointbayes.case_virtual_test import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
 from jointbayes.joint import joint_matrix
-from jointbayes.measurement.impact import ImpactSettings, impact_frfs
+from jointbayes.measurement.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.spectra import ShakerSettings, by_force, shaker_frf
 from jointbayes.measurement.thinning import effective_averages, lines_apart
@@ -175,10 +175,7 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
         f_min_hz=low,
         f_max_hz=high,
     )
-    found: list[Record] = []
-    for forces, responses in by_force(records):
-        found += [_at_step(result.frf, truth) for result in impact_frfs(forces, responses, settings)]
-    return found
+    return [_at_step(record, truth) for record in frfs_of_hits(records, settings)]
 
 
 def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:

@@ -13,7 +13,7 @@ from jointbayes.measurement.formats.labels import parse_dof
 from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.records import FrfRecord
 
-__all__ = ["Doubt", "Resonance", "doubts_of_frf", "noise_of", "pair_of", "resonances_of", "usable"]
+__all__ = ["Doubt", "Resonance", "doubts_of_frf", "doubts_of_notes", "noise_of", "pair_of", "resonances_of", "usable"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -239,10 +239,11 @@ def _of_unit(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
             "neither unit nor type says whether it is receptance, mobility or accelerance",
             "state the quantity",
         )
+    yield from doubts_of_notes(record.notes)
     if not record.unit.strip():
         yield (
             "unit_missing",
-            "no unit is given and SI was assumed: one FRF alone cannot tell m/s² from g or m from mm",
+            "no unit stands with the numbers, taken as SI: one FRF alone cannot tell m/s² from g or m from mm",
             "find out the unit of the sensor, and scale the channel by its gain if it is another",
         )
         return
@@ -253,6 +254,15 @@ def _of_unit(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
             f"the file says {record.quantity}, but its unit {record.unit} is that of {said[1]}",
             "find out which is right and state the quantity",
         )
+
+
+def doubts_of_notes(notes: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
+    """Doubts that a reader had already: units that it could not read, or of which the file says two things."""
+    for note in notes:
+        if "not understood" in note:
+            yield "unit_unknown", note, "find out the unit, and scale the channel by its gain"
+        if "says otherwise" in note:
+            yield "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
 
 
 def _of_drive_point(

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.measurement.doubts_frf import doubts_of_notes
 from jointbayes.measurement.hits import Hit, HitSettings, find_hits, is_clipped
 from jointbayes.measurement.records import TimeRecord
 
@@ -50,6 +51,7 @@ def doubts_of_time(record: TimeRecord) -> Iterator[tuple[str, str, str]]:
     if np.ptp(x) == 0:
         yield "dead_channel", f"all samples are {x[0]:g}", "look at cable and channel"
         return
+    yield from doubts_of_notes(record.notes)
     if is_clipped(x) or _at_its_ends(x):
         yield (
             "overload",
@@ -58,7 +60,8 @@ def doubts_of_time(record: TimeRecord) -> Iterator[tuple[str, str, str]]:
         )
     for hit in hits_of(record):
         if hit.reason.startswith("double hit"):
-            yield "double_hit", f"hit {hit.number} is a {hit.reason}", "leave this hit out"
+            number = hit.number if record.hit is None else record.hit
+            yield "double_hit", f"hit {number} is a {hit.reason}", "leave this hit out"
     yield from _offset(x)
 
 

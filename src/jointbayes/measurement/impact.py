@@ -1,20 +1,24 @@
 """Impact tests: from the records of a hammer and of responses to FRFs, their coherence, and the hits behind them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import Quantity
+from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.hits import Hit, HitSettings, find_hits, reject_overloads
+from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.spectra import Estimator, estimate_frf, kept_lines, paired
+from jointbayes.measurement.spectra import Estimator, by_force, estimate_frf, kept_lines, paired
+from jointbayes.measurement.thinning import independent_step, line_correlation
 from jointbayes.measurement.virtual_frf import FRF_UNIT
-from jointbayes.measurement.windows import added_decay_rate, exponential_window, force_window
+from jointbayes.measurement.windows import added_decay_rate, exponential_window, force_window, without_added_damping
 
-__all__ = ["ImpactResult", "ImpactSettings", "impact_frf", "impact_frfs"]
+__all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "frfs_of_hits", "impact_frf", "impact_frfs"]
+
+_SAMPLES = 1024  # enough to tell how the lines of a window correlate
 
 Array = NDArray[np.float64]
 Records = TimeRecord | Sequence[TimeRecord]
@@ -151,6 +155,93 @@ def _estimate(
         tuple(notes),
     )
     return ImpactResult(frf, hits, added)
+
+
+def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> list[FrfRecord]:
+    """All FRFs of the time records of an impact test, the damping of an exponential window taken out.
+
+    Parameters
+    ----------
+    records
+        Forces and responses of one hammer on one place after the other; those of the same `TimeRecord.hit` belong
+        together.
+    settings
+        As for `impact_frf`.
+
+    Returns
+    -------
+    list of FrfRecord
+        One for each pair of a force channel and a response; errors as for `by_force`, `impact_frfs`, `corrected_frfs`.
+    """
+    found: list[FrfRecord] = []
+    for forces, responses in by_force(records):
+        found += corrected_frfs(impact_frfs(forces, responses, settings))
+    return found
+
+
+def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
+    """FRFs without the damping that an exponential window added, by the modes that are found in them.
+
+    See `jointbayes.measurement.windows.without_added_damping` for what this corrects and what not. Without a window
+    the FRFs are returned as they are.
+
+    Parameters
+    ----------
+    results
+        Of `impact_frfs`: all responses to the same hits, whose modes are fitted together.
+
+    Raises
+    ------
+    MeasurementError
+        If no mode is found.
+    """
+    rate = results[0].added_decay_rate
+    if rate == 0:
+        return [result.frf for result in results]
+    records = [result.frf for result in results]
+    first = records[0]
+    known = [record.coherence for record in records if record.coherence is not None]
+    coherence = np.stack(known, axis=1)[:, :, None] if known else None
+    together = FrfSet(
+        first.frequency_hz,
+        np.stack([record.values for record in records], axis=1)[:, :, None],
+        tuple(str(i) for i in range(len(records))),
+        ("force",),
+        _quantity(first),
+        coherence,
+        first.averages,
+    )
+    modes = identify_modes(_with_honest_coherence(together, rate))
+    if not modes:
+        raise MeasurementError(
+            f"exponential window: found no mode in the FRFs of {first.reference!r}; expected some, by which the "
+            "window's damping can be taken out; widen the band or use longer blocks without a window"
+        )
+    frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
+    corrected = without_added_damping(together, frequency, ratio, rate)
+    note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
+    return [
+        replace(record, values=corrected.values[:, i, 0], notes=(record.notes[0], note))
+        for i, record in enumerate(records)
+    ]
+
+
+def _with_honest_coherence(frf: FrfSet, rate: float) -> FrfSet:
+    """Coherence as low as it must be for correlated lines to count as the independent ones that they are worth.
+
+    Otherwise the smooth noise that a window leaves would be fitted by modes that are none.
+    """
+    if frf.coherence is None or frf.n_lines < 2:
+        return frf
+    block_s = 1 / float(np.median(np.diff(frf.frequency_hz)))
+    window = exponential_window(_SAMPLES, float(np.exp(-rate * block_s)))
+    worth = independent_step(line_correlation(window, random=False))
+    return replace(frf, coherence=1 / (1 + worth * (1 / frf.coherence - 1)))
+
+
+def _quantity(record: FrfRecord) -> Quantity:
+    assert record.quantity is not None
+    return record.quantity
 
 
 def _samples(record: TimeRecord, settings: ImpactSettings) -> int:

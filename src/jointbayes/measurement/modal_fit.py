@@ -122,20 +122,29 @@ def fit_modes(
     frequency = frf.frequency_hz[inside]
     values = frf.values[inside].reshape(n_lines, -1)
     stated = None if variance is None else variance[inside].reshape(n_lines, -1)
-    weight = _first_weight(values) if stated is None else stated**-0.5
-    problem = ModalProblem(frequency, values, weight, frf.quantity)
     order = min(max_order, n_lines // 4)
+    problem = ModalProblem(frequency, values, _first_weight(values) if stated is None else stated**-0.5, frf.quantity)
     by_order = polynomial_poles(frequency, values, problem.weight, order)
-    poles = problem.search(steady_poles(by_order, max(4, order // 5)), order)
-    if stated is None:
-        model = problem.model(poles)
-        square, width = _noise_squares(frf, inside) or (np.abs(values - model) ** 2, n_lines)
-        weight = _weight_of_squares(square, model, width)
-        problem = ModalProblem(frequency, values, weight, frf.quantity)
+    poles = steady_poles(by_order, max(4, order // 5))
+    if stated is not None:
         poles = problem.search(poles, order)
+    else:
+        poles = problem.climb(poles)
+        from_coherence = _noise_squares(frf, inside)
+        # the noise is known better the more modes are known: once for the strong ones, once for all
+        for _ in range(2):
+            model = problem.model(poles)
+            square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
+            problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
+            poles = problem.search(poles, order)
     misfit = problem.chi2(poles) / problem.freedom(poles.size)
     shape = (n_lines, len(frf.outputs), len(frf.inputs))
-    return ModalFit(_modes(problem, poles, misfit), problem.model(poles).reshape(shape), misfit)
+    inside_band = [
+        m
+        for m in _modes(problem, poles, misfit)
+        if frequency[0] <= m.frequency_hz <= frequency[-1] and m.damping_ratio < 0.5
+    ]
+    return ModalFit(tuple(inside_band), problem.model(poles).reshape(shape), misfit)
 
 
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
@@ -167,18 +176,19 @@ def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_]) -> tuple[Array, int] 
 def _weight_of_squares(square: Array, model: Complex, width: int) -> Array:
     """One over the noise of which each square is a rough estimate of σ².
 
-    ln σ² is a parabola in ln|H| plus a line in f, as likely as the squares allow; times the mean over `width` lines of
+    ln σ² is a parabola in ln|H| plus one in f, as likely as the squares allow; times the mean over `width` lines of
     what that leaves, for noise that depends on frequency as such.
     """
     weight = np.empty(square.shape)
     count, half = len(square), width // 2
+    line = np.linspace(-1, 1, count)
     first = np.maximum(np.arange(count) - half, 0)
     last = np.minimum(np.arange(count) + half + 1, count)
     for k in range(square.shape[1]):
         magnitude = np.abs(model[:, k])
         level = np.log(magnitude + 1e-3 * np.median(magnitude) + np.finfo(float).tiny)
         level = (level - level.mean()) / max(level.std(), 1e-6)
-        columns = np.column_stack([np.ones(count), level, level**2, np.linspace(-1, 1, count)])
+        columns = np.column_stack([np.ones(count), level, level**2, line, line**2])
         law = np.exp(columns @ _log_linear_fit(columns, square[:, k]))
         total = np.concatenate([[0.0], np.cumsum(square[:, k] / law)])
         weight[:, k] = (law * (total[last] - total[first]) / (last - first)) ** -0.5
