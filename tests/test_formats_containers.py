@@ -39,8 +39,9 @@ def save(request):
     return SAVERS[request.param]
 
 
-@pytest.mark.parametrize("frequency", ["frequency_hz", "frequency", "freq", "f", "Freqs"])
-@pytest.mark.parametrize("name", ["frf", "FRF", "H", "h"])
+@pytest.mark.parametrize(
+    ("frequency", "name"), [("frequency_hz", "FRF"), ("frequency", "H"), ("freq", "h"), ("f", "frf"), ("Freqs", "H")]
+)
 def test_usual_names_are_known(tmp_path, save, frequency, name):
     save(tmp_path / "a", **{frequency: LINES, name: H, "quantity": "mobility", "coherence": np.abs(H) / 9, "navg": 5})
     frf = read_frf(tmp_path / "a")

@@ -169,14 +169,15 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) 
                     "add it or split the file"
                 )
     shape = (first.frequency_hz.size, len(outputs), len(inputs))
-    values, coherence = np.empty(shape, complex), np.ones(shape)
-    for (output, input_), record in frfs.items():
-        cell = (slice(None), outputs.index(output), inputs.index(input_))
-        values[cell] = record.values
-        if record.coherence is not None:
-            coherence[cell] = record.coherence
     complete = all(record.coherence is not None for record in frfs.values())
     averages = [record.averages for record in frfs.values()]
     least = None if None in averages else min(n for n in averages if n is not None)
+    values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
+    while frfs:  # each record is let go once it is in place, so that no file is in memory three times
+        (output, input_), record = frfs.popitem()
+        cell = (slice(None), outputs.index(output), inputs.index(input_))
+        values[cell] = record.values
+        if coherence is not None:
+            coherence[cell] = record.coherence
     assert first.quantity is not None
-    return FrfSet(first.frequency_hz, values, outputs, inputs, first.quantity, coherence if complete else None, least)
+    return FrfSet(first.frequency_hz, values, outputs, inputs, first.quantity, coherence, least)

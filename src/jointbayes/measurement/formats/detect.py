@@ -42,6 +42,8 @@ def detect_format(path: str | Path) -> str:
         If the file cannot be opened, is empty or is none of these.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise MeasurementError(f"{path}: found a directory or a device; expected a measurement file; correct the path")
     try:
         with path.open("rb") as file:
             head = file.read(4096)
@@ -74,7 +76,7 @@ def _binary_format(path: Path, head: bytes) -> str | None:
         if any(name.endswith(".npy") for name in names):
             return "npz"
         raise MeasurementError(f"{path}: found a zip archive without NumPy arrays (an Office document?); {_EXPECTED}")
-    if re.match(rb"\x80[\x01-\x05]", head):
+    if re.match(rb"\x80[\x01-\x05]|c[\w.]+\n\w+\n|\(lp\d|\(dp\d|[\]}]q\x00", head):
         raise MeasurementError(f"{path}: found a Python pickle, which is never opened; {_EXPECTED}")
     for start, name in _OTHERS:
         if head.startswith(start):
@@ -92,6 +94,4 @@ def _text_format(path: Path, head: bytes) -> str:
     control = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
     if control:
         raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
-    if re.match(rb"c[\w.]+\n\w+\n|\(lp\d|\(dp\d", head):
-        raise MeasurementError(f"{path}: found a Python pickle, which is never opened; {_EXPECTED}")
     return "table"

@@ -3,19 +3,17 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.isolated import read_isolated
 from jointbayes.measurement.formats.layout import Arrays
-from jointbayes.measurement.formats.limits import check_unpacked
 
 __all__ = ["read_hdf5", "read_mat73", "write_hdf5", "write_mat73"]
 
 _MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
-_REMEDY = "store plain numbers and text in this file"
 
 
 def read_hdf5(path: Path) -> Iterator[tuple[str, Arrays]]:
@@ -26,7 +24,8 @@ def read_hdf5(path: Path) -> Iterator[tuple[str, Arrays]]:
     MeasurementError
         If the file is damaged, or a data set is not plain numbers or text, or lies in another file.
     """
-    yield from _read(path, matlab=False)
+    _check_heaps(path)
+    yield from read_isolated(path, "hdf5")
 
 
 def read_mat73(path: Path) -> Iterator[tuple[str, Arrays]]:
@@ -37,102 +36,50 @@ def read_mat73(path: Path) -> Iterator[tuple[str, Arrays]]:
     MeasurementError
         As `read_hdf5`, and for function handles and objects.
     """
-    yield from _read(path, matlab=True)
+    _check_heaps(path)
+    yield from read_isolated(path, "mat73")
 
 
-def _read(path: Path, *, matlab: bool) -> Iterator[tuple[str, Arrays]]:
-    import h5py  # type: ignore[import-untyped]
-
-    try:
-        with h5py.File(path, "r") as file:
-            groups: dict[str, dict[str, Any]] = {}
-            everything: list[Any] = []
-
-            def visit(name: str, item: Any) -> None:  # noqa: ANN401 - h5py is untyped here
-                if name.startswith("#"):
-                    return
-                group, _, key = name.rpartition("/")
-                if isinstance(item, h5py.Dataset):
-                    groups.setdefault(group, {})[key] = item
-                    everything.append(item)
-                else:
-                    groups.setdefault(name, {})
-
-            groups[""] = {}
-            file.visititems(visit)  # passes over links to other files
-            check_unpacked(path, sum(item.nbytes for item in everything))
-            for group in sorted(groups, key=_natural):
-                prefix = f"{group}/" if group else ""
-                block = {key: _array(item, f"variable '{prefix}{key}'", matlab) for key, item in groups[group].items()}
-                attributes = {key: _attribute(v) for key, v in file[group or "/"].attrs.items()} if not matlab else {}
-                block = {key: value for key, value in {**attributes, **block}.items() if value is not None}
-                if block:
-                    yield prefix, block
-    except MeasurementError:
-        raise
-    # the library raises whatever the damaged bytes lead it to; which kind is of no use to the reader
-    except Exception as error:
-        reason = " ".join(str(error).split())[:120]
-        raise MeasurementError(
-            f"HDF5 content: found a part that cannot be read ({reason}); expected a complete file; copy it again"
-        ) from None
+def _check_heaps(path: Path) -> None:
+    """Walk the heaps in which text lies: the library goes round in circles in one that is damaged."""
+    chunk_size, overlap = 1 << 16, 16
+    with path.open("rb") as file:
+        base, buffer = 0, b""
+        while chunk := file.read(chunk_size):
+            buffer += chunk
+            for match in re.finditer(rb"GCOL\x01\x00\x00\x00", buffer):
+                resume = file.tell()
+                _check_heap(file, base + match.start())
+                file.seek(resume)
+            base += max(0, len(buffer) - overlap)
+            buffer = buffer[-overlap:]
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Order in which record_10 comes after record_9."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d{1,9})", name) if part]
-
-
-def _attribute(value: Any) -> Any:  # noqa: ANN401
-    return value if isinstance(value, (str, bytes, int, float, np.number, np.ndarray)) else None
-
-
-def _array(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
-    """Content of a data set, or None where MATLAB marks it as empty."""
-    import h5py
-
-    if item.is_virtual or item.external:
-        raise MeasurementError(f"{where}: found data kept in another file; expected them in this one; {_REMEDY}")
-    kind = item.attrs.get("MATLAB_class", b"")
-    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-    if "MATLAB_object_decode" in item.attrs or kind == "function_handle":
-        raise MeasurementError(f"{where}: found a function handle or an object of MATLAB; expected numbers; {_REMEDY}")
-    if item.shape is None or "MATLAB_empty" in item.attrs:
-        return None
-    if h5py.check_string_dtype(item.dtype):
-        return item.asstr(errors="replace")[()]
-    if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
-        return [_text(item.file[reference], where) for reference in item[()].ravel(order="K")]
-    found: NDArray[Any] = item[()]
-    if found.dtype.names is not None and tuple(name[0] for name in found.dtype.names) == ("r", "i"):
-        real, imaginary = (found[name] for name in found.dtype.names)
-        whole = np.empty(found.shape, complex)
-        whole.real, whole.imag = real, imaginary
-        found = whole
-    if found.dtype.kind not in "iufcUSb":
-        raise MeasurementError(f"{where}: found data of type {item.dtype}; expected numbers or text; {_REMEDY}")
-    if kind == "char":
-        return _characters(found)
-    return np.asarray(found).T if matlab else found
-
-
-def _text(item: Any, where: str) -> str:  # noqa: ANN401
-    """Text in a cell of a cell array."""
-    kind = item.attrs.get("MATLAB_class", b"")
-    if kind not in (b"char", "char") or item.nbytes > 4096:
-        raise MeasurementError(f"{where}: found cells that are not text; expected a cell array of labels; {_REMEDY}")
-    return "" if "MATLAB_empty" in item.attrs else _characters(item[()])[0]
-
-
-def _characters(codes: NDArray[Any]) -> list[str]:
-    """Rows of a character array, stored as UTF-16 with rows along the last axis."""
-    rows = np.atleast_2d(codes.T).astype("<u2")
-    return [row.tobytes().decode("utf-16-le", errors="replace").rstrip() for row in rows]
+def _check_heap(file: BinaryIO, start: int) -> None:
+    """One heap: objects of index, size and content, padded to 8 bytes; the free space has index 0."""
+    file.seek(start + 8)
+    head = file.read(8)
+    size = int.from_bytes(head, "little")
+    file.seek(start)
+    heap = file.read(min(size, 1 << 24)) if len(head) == 8 else b""
+    at = 16
+    while len(heap) == size and at + 16 <= size:
+        index, count = int.from_bytes(heap[at : at + 2], "little"), int.from_bytes(heap[at + 8 : at + 16], "little")
+        step = count if index == 0 else 16 + -(-count // 8) * 8
+        if step < 16 or at + step > size:
+            break
+        at += step
+    else:
+        if len(heap) == size >= 16:
+            return
+    raise MeasurementError(
+        f"HDF5 content: found a damaged heap of text at byte {start}; expected a complete file; copy it again"
+    )
 
 
 def write_hdf5(blocks: dict[str, dict[str, Any]], path: Path) -> None:
     """Write blocks of named arrays, one group for each where there are several."""
-    import h5py
+    import h5py  # type: ignore[import-untyped]
 
     with h5py.File(path, "w") as file:
         for name, block in blocks.items():

@@ -161,11 +161,8 @@ def _frf_record(
         read = _read(file, coherence, corrections)
         assert coherence.header is not None
         squared = np.asarray(read.ordinate.real)
-        if (
-            not np.allclose(_in_hertz(read.abscissa, coherence.header, []), lines, rtol=1e-6, equal_nan=True)
-            if (squared.size == lines.size)
-            else True
-        ):
+        own = _in_hertz(read.abscissa, coherence.header, [])
+        if own.size != lines.size or not np.allclose(own, lines, rtol=1e-6, equal_nan=True):
             raise MeasurementError(
                 f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
                 f"in data set {one.number} ({lines.size} lines); expected the same lines; export again"

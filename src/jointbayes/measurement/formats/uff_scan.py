@@ -10,7 +10,7 @@ from jointbayes.measurement.formats.uff_header import FieldError, FunctionHeader
 
 __all__ = ["DataSet", "line_of", "scan"]
 
-_CHUNK = 1 << 20
+_CHUNK = 1 << 16
 _LONGEST_LINE = 4096
 _DELIMITER = re.compile(rb"[ \t]*-1[ \t]*\r?\n?")
 _CLOSING = re.compile(rb"\n[ \t]*-1[ \t]*(?:\r?\n|\r?$)")
