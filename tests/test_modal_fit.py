@@ -56,16 +56,16 @@ def scores(modes, frequency, damping):
     return [*off, *((m.damping_ratio - d) / m.damping_sd for m, d in zip(modes, damping, strict=True))]
 
 
-@pytest.mark.parametrize(("stated", "sets"), [(True, 25), (False, 12)], ids=["variance stated", "variance unknown"])
+@pytest.mark.parametrize(("stated", "sets"), [(True, 16), (False, 8)], ids=["variance stated", "variance unknown"])
 def test_errors_are_as_large_as_stated(stated, sets):
     found = []
     for seed in range(sets):
         data = beam_frf(seed)
         modes = identify_modes(data.frf, data.variance if stated else None)
         found.append(scores(modes, true_frequencies(), [0.01] * 3))  # strict zip: three modes each time
-    # 150 or 72 scores: their sd is known to 6 or 8 %, their mean to 8 or 12 %
-    assert np.std(found) == pytest.approx(1.0, abs=0.25)
-    assert abs(np.mean(found)) < 0.35
+    # 96 or 48 scores: their sd is known to 7 or 10 %, their mean to 10 or 14 %
+    assert np.std(found) == pytest.approx(1.0, abs=0.3)
+    assert abs(np.mean(found)) < 0.4
 
 
 def test_close_modes_are_told_apart_and_none_is_invented():
@@ -104,6 +104,13 @@ def test_uneven_lines_and_a_band_do_as_well():
     assert np.abs(scores(modes, true_frequencies()[1:2], [0.01])).max() < 4
 
 
+def test_a_mode_just_outside_the_band_does_not_bend_those_inside():
+    data = beam_frf(10, relative=0.01, floor=0.003)
+    assert true_frequencies()[2] > 2050
+    modes = identify_modes(data.frf, data.variance, f_max_hz=2000.0)
+    assert np.abs(scores(modes, true_frequencies()[:2], [0.01] * 2)).max() < 3.5
+
+
 def test_the_fit_is_the_exact_frf_where_there_is_no_noise():
     exact = beam_frf(None)
     fit = fit_modes(exact.frf, exact.variance)
@@ -124,7 +131,7 @@ def test_a_variance_stated_too_small_widens_the_standard_deviations():
 @pytest.mark.parametrize("averages", [3, 30])
 def test_estimated_coherence_serves_as_variance(averages):
     found = []
-    for seed in range(12):
+    for seed in range(8):
         data = beam_frf(None)
         rng = np.random.default_rng(seed)
         sd = np.sqrt(data.variance * averages / 2)
@@ -135,7 +142,7 @@ def test_estimated_coherence_serves_as_variance(averages):
         coherence = np.abs(mean) ** 2 / (np.abs(each) ** 2).mean(axis=0)
         frf = replace(data.frf, values=mean, coherence=coherence, averages=averages)
         found.append(scores(identify_modes(frf), true_frequencies(), [0.01] * 3))
-    assert np.std(found) == pytest.approx(1.0, abs=0.3)  # 72 scores: known to 8 %
+    assert np.std(found) == pytest.approx(1.0, abs=0.3)  # 48 scores: known to 10 %
 
 
 @pytest.mark.parametrize(

@@ -254,6 +254,26 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     click.echo(f"Measurement: {out} ({chosen})")
 
 
+@main.command("inspect")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")
+@click.option("--mass", type=click.FloatRange(min=0, min_open=True), help="Mass of a structure that hangs free, kg.")
+def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None:
+    """Say what a measurement file holds, and what in it is doubtful."""
+    from jointbayes.inspection import inspect_file
+    from jointbayes.inspection_text import text_of
+
+    found = inspect_file(file, mass)
+    for line in text_of(found):
+        click.echo(line)
+    if figure is not None:
+        from jointbayes.report.inspect_figure import inspect_figure
+
+        traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in found.hits]
+        figure.write_text(inspect_figure(found.frfs, found.modes, traces), encoding="utf-8")
+        click.echo(f"Figure: {figure}")
+
+
 def _sample(case: "Case", seed: int | None) -> "Posterior":
     from jointbayes.progress import show_progress
     from jointbayes.workflow import sample as draw

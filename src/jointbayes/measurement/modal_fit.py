@@ -135,7 +135,12 @@ def fit_modes(
         poles = problem.search(poles, order)
     misfit = problem.chi2(poles) / problem.freedom(poles.size)
     shape = (n_lines, len(frf.outputs), len(frf.inputs))
-    return ModalFit(_modes(problem, poles, misfit), problem.model(poles).reshape(shape), misfit)
+    inside_band = [
+        m
+        for m in _modes(problem, poles, misfit)
+        if frequency[0] <= m.frequency_hz <= frequency[-1] and m.damping_ratio < 0.5
+    ]
+    return ModalFit(tuple(inside_band), problem.model(poles).reshape(shape), misfit)
 
 
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.

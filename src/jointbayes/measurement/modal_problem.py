@@ -23,6 +23,10 @@ _REST_COLUMNS = len(_REST_POWERS) + 2 * len(_REST_BELOW + _REST_ABOVE)
 #: One climb goes no further than this many half-power bandwidths and this much in ln ζ; so many climbs in a row.
 _REACH = (3.0, 1.5)
 _CLIMBS = 4
+#: A mode this far outside the band may join the fit, which without it would bend the modes inside.
+_EDGE = 1.1
+#: Steps of χ² at which a climb ends, relative to χ²: while searching, and at last.
+_ROUGH, _FINE = 1e-6, 1e-10
 #: Damping ratios to start from where a residual stands out.
 _TRIED_DAMPING = (0.001, 0.003, 0.01, 0.03)
 
@@ -44,15 +48,15 @@ class ModalProblem:
         self.target = [_parts((weight * values)[:, k : k + 1])[:, 0] for k in range(values.shape[1])]
         self.rest = self._rest()
 
-    def climb(self, poles: Complex) -> Complex:
+    def climb(self, poles: Complex, tolerance: float = _ROUGH) -> Complex:
         """Poles of least squares, from a start; shape (modes,), rad/s."""
         for _ in range(_CLIMBS if poles.size else 0):
-            poles, ended_inside = self._climb_within_reach(poles)
+            poles, ended_inside = self._climb_within_reach(poles, tolerance)
             if ended_inside:
                 break
         return poles[np.argsort(np.abs(poles))]
 
-    def _climb_within_reach(self, poles: Complex) -> tuple[Complex, bool]:
+    def _climb_within_reach(self, poles: Complex, tolerance: float) -> tuple[Complex, bool]:
         """Poles of least squares not far from the start, and whether none ended at the limit of that."""
         # steps are measured in half-power bandwidths, and damping stays positive
         centre, width = np.abs(poles), -poles.real
@@ -72,7 +76,7 @@ class ModalProblem:
         reach = np.repeat(_REACH, poles.size)
         start = np.zeros(2 * poles.size)
         end = scipy.optimize.least_squares(
-            residual, start, jacobian, bounds=(-reach, reach), xtol=1e-9, ftol=1e-9, max_nfev=60
+            residual, start, jacobian, bounds=(-reach, reach), xtol=1e-9, ftol=tolerance, max_nfev=40
         )
         return poles_at(end.x), bool((np.abs(end.x) < 0.95 * reach).all())
 
@@ -94,7 +98,7 @@ class ModalProblem:
                     break
             else:
                 break
-        return poles
+        return self.climb(poles, _FINE)
 
     def _further(self, poles: Complex, order: int, price: float) -> Iterator[Complex]:
         """Starts with one mode more, the most promising first."""
@@ -126,9 +130,10 @@ class ModalProblem:
 
     def _without_idle(self, poles: Complex, price: float) -> Complex:
         while poles.size:
-            inside = (np.abs(poles) >= self.omega[0]) & (np.abs(poles) <= self.omega[-1])
-            if not inside.all():
-                poles = self.climb(poles[inside])
+            frequency = np.abs(poles)
+            near = (frequency >= self.omega[0] / _EDGE) & (frequency <= self.omega[-1] * _EDGE)
+            if not near.all():
+                poles = self.climb(poles[near])
                 continue
             loss = np.array([self.chi2(np.delete(poles, i)) for i in range(poles.size)]) - self.chi2(poles)
             worst = int(np.argmin(loss))
@@ -235,7 +240,8 @@ def _pole(omega_r: Array, zeta: Array) -> Complex:
 
 def _parts(columns: Complex) -> Array:
     """Real and imaginary parts over each other, scaled so that noise of σ² = E|δH|² = 1 has unit variance in each."""
-    return np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
+    parts: Array = np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
+    return parts
 
 
 def _orthonormal(columns: Array) -> Array:
