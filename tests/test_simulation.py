@@ -180,6 +180,22 @@ def test_other_laws_of_damping_are_tested_as_well(law, key):
     assert z.mean() == pytest.approx(1.125, abs=0.3)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_damping_of_an_exponential_window_is_taken_out_of_simulated_frfs(seed):
+    case = virtual_case(
+        ('"receptance"', '"accelerance"'), table='method = "impact"\nblock_s = 0.6\nexponential_end = 0.01'
+    )
+    (record,) = simulate(case, None, np.random.default_rng(seed))
+    found, true = as_set([record]), Truth(case).frf(record.frequency_hz, ("5:y",)).values
+    # the three modes in the band and no more, although the noise of neighbouring lines is alike
+    assert record.notes[1].endswith("taken out by the 3 modes that were found")
+    rate = -np.log(0.01) / 0.6
+    assert rate > 2 * np.pi * 121 * 0.01  # the window damps the first mode more than the structure does
+    peak = np.abs(true[:, 0, 0]).argmax()
+    assert abs(found.values[peak, 0, 0] / true[peak, 0, 0] - 1) < 0.005
+    assert (np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)).mean() < 1.6
+
+
 def test_the_decay_rate_is_that_of_the_slowest_mode():
     assert Truth(virtual_case()).decay_rate == pytest.approx(0.01 * 2 * np.pi * 121.5, rel=0.01)
     damping = ('law = "modal"', 'law = "rayleigh"'), ("ratio = 0.01", "alpha_per_s = 20.0\nbeta_s = 0.0")
