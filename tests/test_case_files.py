@@ -17,7 +17,7 @@ from jointbayes.identification import maximise_posterior
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise
-from jointbayes.measurement.formats import read_frf, records_of_frf, write_records
+from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 from jointbayes.measurement.virtual_frf import noisy_frf
 from jointbayes.posterior.storage import stored_test
@@ -83,7 +83,7 @@ def loaded(folder: Path, data: str, *changes: tuple[str, str]) -> Case:
 TIP = frf_data('outputs = ["5:y"]')
 
 
-@pytest.mark.parametrize("kind", ["npz", "uff58", "uff58b", "csv", "mat"])
+@pytest.mark.parametrize("kind", FORMATS)
 def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     frf = virtual()
     stored(frf, tmp_path / "tip.npz", kind)  # the ending says nothing
