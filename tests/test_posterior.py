@@ -364,7 +364,7 @@ PARAMETER_KEYS = {
 }  # fmt: skip
 KEYS = {
     "schema_version", "case", "seed", "converged", "reason", "parameters", "map", "natural_frequencies_hz", "fit",
-    "sampler", "versions", "data_sha256", "nuisances", "check", "identifiability",
+    "sampler", "versions", "data_sha256", "measurement", "nuisances", "check", "identifiability",
 }  # fmt: skip
 
 

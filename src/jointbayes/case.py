@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes import case_schema as schema
+from jointbayes.case_files import read_test, require_lowest, with_estimated_variance, with_measured_damping
+from jointbayes.case_measured import MeasuredSpec
 from jointbayes.case_objects import (
     beam_recipe,
     family_of,
@@ -24,8 +26,9 @@ from jointbayes.identification import compliance_start
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.measurement.measured import MeasuredTest, Provenance
 from jointbayes.sampling import SamplerSettings
-from jointbayes.toml_text import read_text
+from jointbayes.toml_text import key_lines, read_text
 
 __all__ = ["Case", "case_from_text", "load_case"]
 
@@ -48,7 +51,9 @@ class Case:
         Structure, joint, data and prior.
     joint_frf
         FRFs at the measured DOFs and at the joint, rotation included, which the paper's iteration needs; None where
-        the data are natural frequencies.
+        the data are natural frequencies, or files lack them.
+    provenance
+        Where data from files come from; None for other data.
     """
 
     name: str
@@ -56,6 +61,7 @@ class Case:
     spec: "schema.CaseSpec"
     problem: Problem
     joint_frf: FrfSet | None
+    provenance: Provenance | None = None
 
     @property
     def title(self) -> str:
@@ -96,8 +102,9 @@ class Case:
         E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
         uncertain stays as it says.
         """
-        recipe = beam_recipe(self.spec.structure, self.spec.data)
-        prior = with_workshop_uncertainty(self.problem.prior, self.spec)
+        loaded = self.provenance.loaded if self.provenance else None
+        recipe = beam_recipe(self.spec.structure, self.spec.data, loaded)
+        prior = with_workshop_uncertainty(self.problem.prior, self.spec, recipe, self.problem.measurement)
         return replace(self.problem, prior=prior, family=family_of(recipe, prior))
 
     @cached_property
@@ -130,20 +137,44 @@ def load_case(path: str | os.PathLike[str]) -> Case:
     """
     file = Path(path)
     text = read_text(file)
-    return _build(file.stem, text, schema.parse_case(text, str(file)), str(file))
+    return _build(file.stem, text, schema.parse_case(text, str(file)), str(file), file.parent)
 
 
-def case_from_text(name: str, text: str) -> Case:
-    """Build a case from TOML text; errors as for `load_case`, with `name` for the file."""
-    return _build(name, text, schema.parse_case(text, name), name)
+def case_from_text(
+    name: str, text: str, *, directory: str | os.PathLike[str] = ".", test: MeasuredTest | None = None
+) -> Case:
+    """Build a case from TOML text; errors as for `load_case`, with `name` for the file.
+
+    Parameters
+    ----------
+    name, text
+        Name of the case, and its text.
+    directory
+        Where measurement files are looked for.
+    test
+        Data of a case with measurement files, as they were read before; the files are then not needed.
+    """
+    return _build(name, text, schema.parse_case(text, name), name, Path(directory), test)
 
 
-def _build(name: str, text: str, spec: "schema.CaseSpec", where: str) -> Case:
+def _build(
+    name: str, text: str, spec: "schema.CaseSpec", where: str, directory: Path, test: MeasuredTest | None = None
+) -> Case:
+    stated, line = spec, 1
     try:
-        recipe = beam_recipe(spec.structure, spec.data)
+        if isinstance(spec.data, MeasuredSpec):
+            line = key_lines(text)["data",]
+            test = test or read_test(spec, directory)
+            spec = with_estimated_variance(with_measured_damping(spec, test), test)
+        recipe = beam_recipe(spec.structure, spec.data, test.provenance.loaded if test else None)
         joint = Joint(spec.joint.dofs, spec.joint.against)
-        measurement, joint_frf = measurement_of(recipe, joint, spec.data)
-        prior = prior_of(spec)
+        if isinstance(spec.data, MeasuredSpec):
+            assert test is not None
+            measurement, joint_frf = test.measurement, test.joint_frf
+            require_lowest(stated, recipe, joint, test.provenance.modes)
+        else:
+            measurement, joint_frf = measurement_of(recipe, joint, spec.data)
+        prior = prior_of(spec, recipe, measurement)
         problem = Problem(
             recipe.structure(),
             joint,
@@ -157,5 +188,5 @@ def _build(name: str, text: str, spec: "schema.CaseSpec", where: str) -> Case:
     except CaseError:
         raise
     except JointBayesError as error:
-        raise CaseError(f"{where}:1: {error}") from error
-    return Case(name, text, spec, problem, joint_frf)
+        raise CaseError(f"{where}:{line}: {error}") from error
+    return Case(name, text, spec, problem, joint_frf, test.provenance if test else None)

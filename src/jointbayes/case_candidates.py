@@ -13,7 +13,8 @@ from jointbayes.case_objects import beam_recipe, family_of, noise_law
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
 from jointbayes.inference import CorrelatedNoise
-from jointbayes.posterior.candidates import Candidate, CandidateKind, VarianceLaw, repeated
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
 from jointbayes.structure import BeamFamily, BeamRecipe, FreeModes, Structure
 
 __all__ = ["HeavierFamily", "candidates_of"]
@@ -34,23 +35,26 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
     CaseError
         If the data are natural frequencies.
     """
-    data = case.spec.data
-    if not isinstance(data, schema.SyntheticFrfSpec):
+    if not isinstance(case.problem.measurement, FrfMeasurement):
         raise CaseError(
             f"{case.name}: found natural frequencies as data; a plan expects FRFs, whose noise and band it can vary; "
-            'write [data] with kind = "synthetic_frf"'
+            'write [data] with kind = "synthetic_frf" or "measured_frf"'
         )
-    return _Maker(case, data).all()
+    return _Maker(case, case.problem.measurement).all()
 
 
 class _Maker:
-    """Makes candidates from one case."""
+    """Makes candidates from one case; noise at other DOFs is as stated, or like that of the measured FRFs."""
 
-    def __init__(self, case: Case, data: schema.SyntheticFrfSpec) -> None:
-        self._case, self._data, self._spec = case, data, case.spec
-        self._recipe = beam_recipe(case.spec.structure, data)
-        self._law: VarianceLaw = noise_law(data.noise)
-        self._lines = np.array(data.lines_hz())
+    def __init__(self, case: Case, measurement: FrfMeasurement) -> None:
+        data = case.spec.data
+        self._case, self._data, self._spec = case, measurement.frf, case.spec
+        self._recipe = beam_recipe(case.spec.structure, data, case.provenance.loaded if case.provenance else None)
+        self._law: VarianceLaw = estimated_law(measurement)
+        self._step_hz: float | None = None
+        if isinstance(data, schema.SyntheticFrfSpec):
+            self._law, self._step_hz = noise_law(data.noise), data.f_step_hz
+        self._lines = measurement.frf.frequency_hz
 
     def all(self) -> tuple[Candidate, ...]:
         seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
@@ -95,10 +99,10 @@ class _Maker:
 
     def _band(self) -> Iterator[Candidate]:
         top, data, problem = self._spec.plan.f_max_hz, self._data, self._case.problem
-        if top is None or data.f_step_hz is None:
+        if top is None or self._step_hz is None:
             return
-        steps = math.floor((top - float(self._lines[0])) / data.f_step_hz + 1e-9)
-        lines: Array = float(self._lines[0]) + data.f_step_hz * np.arange(steps + 1, dtype=float)
+        steps = math.floor((top - float(self._lines[0])) / self._step_hz + 1e-9)
+        lines: Array = float(self._lines[0]) + self._step_hz * np.arange(steps + 1, dtype=float)
         if lines[-1] <= self._lines[-1]:
             return
         yield Candidate(

@@ -23,6 +23,7 @@ from jointbayes.case_fields import (
     positive,
 )
 from jointbayes.case_joint import StiffnessSpec
+from jointbayes.case_measured import MeasuredFrequenciesSpec, MeasuredFrfSpec
 
 __all__ = ["DataSpec", "NaturalFrequenciesSpec", "NoiseSpec", "SyntheticFrfSpec", "TruthSpec"]
 
@@ -82,7 +83,10 @@ def _band(what: str, example: float) -> object:
     return Field(description=f"{what} in Hz, a number greater than 0", examples=[example])
 
 
-_KIND = key_field('the kind of data, "synthetic_frf" or "natural_frequencies"', "synthetic_frf")
+_KIND = key_field(
+    'the kind of data, "synthetic_frf", "natural_frequencies", "measured_frf" or "measured_frequencies"',
+    "synthetic_frf",
+)
 _QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
 
 
@@ -147,6 +151,6 @@ class NaturalFrequenciesSpec(Spec):
 
 
 DataSpec = Annotated[
-    SyntheticFrfSpec | NaturalFrequenciesSpec,
+    SyntheticFrfSpec | NaturalFrequenciesSpec | MeasuredFrfSpec | MeasuredFrequenciesSpec,
     Field(discriminator="kind", description="the data: their kind and what belongs to it"),
 ]

@@ -92,6 +92,11 @@ def _choices(annotation: object) -> list[str]:
     return [c for arg in get_args(annotation) for c in _choices(arg)]
 
 
+def _has_free_keys(annotation: object) -> bool:
+    """Whether an annotation is a table whose keys are the user's own names."""
+    return get_origin(annotation) is dict
+
+
 def _tags(model: type[BaseModel]) -> dict[str, str]:
     """Give the keys whose only allowed text tells this kind of table from its siblings."""
     words = {k: get_args(f.annotation) for k, f in model.model_fields.items() if _is_literal(f.annotation)}
@@ -108,12 +113,16 @@ class _Place:
     owner: tuple[type[BaseModel], ...] = ()  # the kinds of table the last key belongs to
     siblings: Mapping[str, object] = field(default_factory=dict)  # the table of the file that holds the last key
     info: FieldInfo | None = None
+    free_keys: bool = False  # whether the keys below are the user's own names, each with a table of one kind
 
     def enter(self, part: str | int, tagged: bool) -> _Place:
         """Follow one part of a pydantic location; parts that are not in the file change nothing else."""
         if isinstance(part, int):
             inside = isinstance(self.value, list) and part < len(self.value)
             return replace(self, path=(*self.path, part), value=self.value[part]) if inside else self  # type: ignore[index]
+        if self.free_keys:
+            value = self.value.get(part) if isinstance(self.value, Mapping) else None
+            return replace(self, path=(*self.path, part), value=value, free_keys=False)
         if tagged and len(self.tables) > 1:  # pydantic names the chosen kind of table after the key
             return replace(self, tables=[m for m in self.tables if part in _tags(m).values()])
         given = self.value if isinstance(self.value, Mapping) else {}
@@ -123,7 +132,8 @@ class _Place:
             return self  # the name of a type inside a union of plain values
         info = owner[0].model_fields[part] if owner else None
         tables, kin = _models(info.annotation) if info else [], tuple(fitting or self.tables)
-        return _Place(tables, given.get(part), (*self.path, part), kin, given, info)
+        free_keys = info is not None and _has_free_keys(info.annotation)
+        return _Place(tables, given.get(part), (*self.path, part), kin, given, info, free_keys)
 
 
 @dataclass

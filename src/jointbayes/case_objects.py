@@ -48,9 +48,11 @@ __all__ = [
     "beam_recipe",
     "family_of",
     "measurement_of",
+    "noise_law",
     "noise_model",
     "prior_of",
     "stiffness_of",
+    "true_beam",
     "with_workshop_uncertainty",
 ]
 
@@ -58,8 +60,10 @@ Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
 
 
-def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec) -> BeamRecipe:
-    """The beam of a case; the accelerometers sit where translations are measured."""
+def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None) -> BeamRecipe:
+    """The beam of a case; accelerometers sit where translations are measured, or at the DOFs that are `loaded`."""
+    if loaded is None:
+        loaded = data.outputs if isinstance(data, schema.SyntheticFrfSpec) else ()
     kappa = None if spec.shear_coefficient == "cowper" else float(spec.shear_coefficient)
     return BeamRecipe(
         spec.length_mm * _MM,
@@ -71,7 +75,7 @@ def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec) -> BeamRecipe
         shear_coefficient=kappa,
         supports=spec.supports,
         accelerometer_mass=spec.accelerometer_mass_g * _G,
-        accelerometer_dofs=data.outputs if isinstance(data, schema.SyntheticFrfSpec) else (),
+        accelerometer_dofs=loaded,
     )
 
 
@@ -97,12 +101,14 @@ def _damping(spec: schema.DampingSpec) -> DampingLaw:
             return Rayleigh(spec.alpha_per_s, spec.beta_s)
 
 
-def prior_of(spec: schema.CaseSpec) -> JointPrior:
+def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
     """Priors on the joint's coordinates and on all else that the case calls uncertain."""
     parametrisation: Parametrisation = LogStiffness() if spec.joint.parametrisation == "log" else SignedCoupling()
     by_name = {name: getattr(spec.prior, name) for name in parametrisation.names}
     marginals = tuple(_marginal(by_name[name]) for name in parametrisation.names)
-    return JointPrior(parametrisation, marginals, (*_quantities(spec), *_noise_parameters(spec.noise)))
+    return JointPrior(
+        parametrisation, marginals, (*_quantities(spec, recipe, measurement), *_noise_parameters(spec.noise))
+    )
 
 
 def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:
@@ -117,7 +123,9 @@ def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:
             return Uniform(spec.low, spec.high)
 
 
-def with_workshop_uncertainty(prior: JointPrior, spec: schema.CaseSpec) -> JointPrior:
+def with_workshop_uncertainty(
+    prior: JointPrior, spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
+) -> JointPrior:
     """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
     usual = {
         "youngs_modulus": schema.FactorPriorSpec(sd_percent=2.0),
@@ -126,15 +134,16 @@ def with_workshop_uncertainty(prior: JointPrior, spec: schema.CaseSpec) -> Joint
     }
     damping = spec.structure.damping
     ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, schema.ModalDampingSpec) else (0.0, 0.0)
-    if ratio[0] > 0 and isinstance(spec.data, schema.SyntheticFrfSpec):
+    if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):
         widest = min(10.0, 0.9 / ratio[1])
         usual["damping_ratio"] = schema.FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     given = schema.UncertainSpec(**(usual | spec.uncertain.given))
-    everything = (*_quantities(spec.model_copy(update={"uncertain": given})), *_noise_parameters(spec.noise))
+    freed = spec.model_copy(update={"uncertain": given})
+    everything = (*_quantities(freed, recipe, measurement), *_noise_parameters(spec.noise))
     return replace(prior, nuisances=everything)
 
 
-def _quantities(spec: schema.CaseSpec) -> list[Nuisance]:
+def _quantities(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> list[Nuisance]:
     """Uncertain quantities of structure and measurement, those of the structure first."""
     structure = spec.structure
     stated = {
@@ -155,7 +164,7 @@ def _quantities(spec: schema.CaseSpec) -> list[Nuisance]:
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             found += [Nuisance(n, "1", ratio, _factor_prior(prior)) for n, ratio in zip(labels, ratios, strict=True)]
         elif name == "mode_frequencies":
-            count = _modes_in_band(spec)
+            count = _modes_in_band(spec, recipe, measurement)
             found += [
                 Nuisance(f"mode_frequency_{i + 1}", "× predicted", 1.0, _factor_prior(prior)) for i in range(count)
             ]
@@ -164,15 +173,15 @@ def _quantities(spec: schema.CaseSpec) -> list[Nuisance]:
     return sorted(found, key=lambda nuisance: nuisance.name == "gain")
 
 
-def _modes_in_band(spec: schema.CaseSpec) -> int:
+def _modes_in_band(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
-    if isinstance(spec.data, schema.NaturalFrequenciesSpec):
-        return len(spec.data.frequencies_hz)
-    structure = beam_recipe(spec.structure, spec.data).structure()
+    if isinstance(measurement, FrequencyMeasurement):
+        return measurement.frequency_hz.size
+    structure = recipe.structure()
     joint = Joint(spec.joint.dofs, spec.joint.against)
     count = min(structure.n_dofs - len(joint.dofs), 30)
     rigid = NaturalFrequencies(structure, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
-    return max(1, int((rigid < 1.1 * spec.data.lines_hz()[-1]).sum()))
+    return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 
 
 def _factor_prior(spec: schema.FactorPriorSpec) -> Marginal:
@@ -221,7 +230,9 @@ def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily | None:
     return BeamFamily(recipe, ranges) if ranges else None
 
 
-def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> tuple[Measurement, FrfSet | None]:
+def measurement_of(
+    recipe: BeamRecipe, joint: Joint, spec: schema.SyntheticFrfSpec | schema.NaturalFrequenciesSpec
+) -> tuple[Measurement, FrfSet | None]:
     """The data, and for FRFs also those at the joint, which the paper's iteration needs."""
     if isinstance(spec, schema.NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
@@ -231,7 +242,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
     rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
     measured = synthesise_frf(
-        _true_beam(recipe, spec.truth).structure(),
+        true_beam(recipe, spec.truth).structure(),
         joint,
         joint_matrix(stiffness_of(spec.truth)),
         ports,
@@ -248,7 +259,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: schema.DataSpec) -> t
     return used, measured.frf
 
 
-def _true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
+def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
     """The beam that makes the data: as analysed, but for what the truth states otherwise."""
     stated = {
         "youngs_modulus": truth.youngs_modulus_gpa and truth.youngs_modulus_gpa * 1e9,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from jointbayes.case_data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
 from jointbayes.case_errors import Finding
 from jointbayes.case_joint import JointSpec
+from jointbayes.case_measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
 from jointbayes.case_noise import NoiseModelSpec
 from jointbayes.case_priors import PriorsSpec, UncertainSpec
 from jointbayes.case_settings import PlanSpec
@@ -17,6 +18,7 @@ from jointbayes.case_structure import (
     StructureSpec,
     absent_dofs,
 )
+from jointbayes.case_virtual_test import VirtualTestSpec
 
 __all__ = [
     "dof_findings",
@@ -25,9 +27,11 @@ __all__ = [
     "prior_findings",
     "truth_findings",
     "uncertain_findings",
+    "virtual_test_findings",
 ]
 
-_FRF_ONLY = 'data of kind = "synthetic_frf"'
+_FREQUENCIES = NaturalFrequenciesSpec | MeasuredFrequenciesSpec
+_FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
 def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, plan: PlanSpec) -> Iterator[Finding]:
@@ -35,7 +39,7 @@ def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, pla
     labelled = {("joint", "dofs"): joint.dofs, ("joint", "against"): joint.against}
     if isinstance(data, SyntheticFrfSpec):
         labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
-    else:
+    elif isinstance(data, NaturalFrequenciesSpec):
         free = structure.nodes * len(structure.directions) - len(structure.supports)
         if len(data.frequencies_hz) > free:
             found = f"{len(data.frequencies_hz)} frequencies for {free} free DOFs"
@@ -52,6 +56,38 @@ def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, pla
             if label in structure.supports:
                 found = f'"{label}" is held fixed by structure.supports'
                 yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+    if isinstance(data, MeasuredSpec):
+        yield from _channel_findings(structure, data)
+
+
+def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[Finding]:
+    """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
+    for name, channel in data.channels.items():
+        loc = ("data", "channels", name)
+        for finding in absent_dofs(structure, [channel.label], loc):
+            yield Finding(loc, finding.found, finding.expected, finding.remedy)
+        if channel.label in structure.supports:
+            found = f'"{channel.label}" is held fixed by structure.supports'
+            yield Finding(loc, found, "a DOF that can move", "choose another or free this one")
+        if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
+            found = "accelerometer_mass_g is given here and in [structure]"
+            expected = "the mass taken out of the data or put into the model, not both"
+            yield Finding((*loc, "accelerometer_mass_g"), found, expected, "remove one of the two")
+        if channel.accelerometer_mass_g > 0 and ":r" in channel.label:
+            found = f'found a mass at "{channel.label}", a rotation'
+            yield Finding((*loc, "accelerometer_mass_g"), found, "a mass at a translation", "remove it")
+    if data.accelerometers == "roving" and structure.accelerometer_mass_g > 0:
+        found = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
+        expected = "the mass of a roving sensor at its channels, to be taken out of the data"
+        yield Finding(
+            ("data", "accelerometers"), found, expected, "move the mass to accelerometer_mass_g of the channels"
+        )
+    if isinstance(data, MeasuredFrfSpec):
+        yield from rotation_findings(data, structure.elements)
+        for label in data.rotations:
+            loc = ("data", "rotations", label)
+            for finding in absent_dofs(structure, [label], loc):
+                yield Finding(loc, finding.found, finding.expected, finding.remedy)
 
 
 def prior_findings(joint: JointSpec, priors: PriorsSpec) -> Iterator[Finding]:
@@ -79,19 +115,20 @@ _UNSEEN = {
 def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
     mass = structure.accelerometer_mass_g
-    if isinstance(data, NaturalFrequenciesSpec):
-        if mass > 0:
+    if isinstance(data, _FREQUENCIES):
+        if mass > 0 and isinstance(data, NaturalFrequenciesSpec):
             found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
             yield Finding(("structure", "accelerometer_mass_g"), found, f"0, or {_FRF_ONLY}", "remove it")
         for name in uncertain.given:
-            if name in _UNSEEN:
+            if name in _UNSEEN and (name != "accelerometer_mass" or isinstance(data, NaturalFrequenciesSpec)):
                 yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
         return
     yield from _damping_findings(uncertain, structure)
     if uncertain.mode_frequencies and structure.damping.law != "modal":
         found = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
         yield Finding(("uncertain", "mode_frequencies"), found, 'law = "modal"', "remove it or change the law")
-    translations = [label for label in data.outputs if ":r" not in label]
+    labels = [c.label for c in data.channels.values()] if isinstance(data, MeasuredFrfSpec) else data.outputs
+    translations = [label for label in labels if ":r" not in label]
     if mass > 0 and not translations:
         found = f"found {mass!r}, but data.outputs holds rotations only"
         yield Finding(("structure", "accelerometer_mass_g"), found, "0, or a measured translation", "remove it")
@@ -110,6 +147,8 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Ite
         if prior is None:
             continue
         values: tuple[float, ...] = ()
+        if name == "damping_ratio" and isinstance(damping, ModalDampingSpec) and damping.measured:
+            continue  # ratios above 0 once they are known
         if name == "damping_ratio" and isinstance(damping, ModalDampingSpec):
             values = damping.ratio
         elif name == "loss_factor" and isinstance(damping, LossFactorDampingSpec):
@@ -130,7 +169,13 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Ite
 
 
 def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
-    """Yield a truth about damping ratios where the structure has none."""
+    """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
+    damping = structure.damping
+    if isinstance(damping, ModalDampingSpec) and damping.measured and not isinstance(data, MeasuredSpec):
+        found = f'found "measured" with data of kind = "{data.kind}"'
+        remedy = "state the ratio: ratio = 0.01"
+        expected = 'data of kind = "measured_frf" or "measured_frequencies"'
+        yield Finding(("structure", "damping", "ratio"), found, expected, remedy)
     if isinstance(data, SyntheticFrfSpec) and data.truth.damping_ratio is not None and structure.damping.law != "modal":
         found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
         yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")
@@ -138,7 +183,7 @@ def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding
 
 def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies."""
-    if not isinstance(data, NaturalFrequenciesSpec):
+    if not isinstance(data, _FREQUENCIES):
         return
     if noise.residuals != "complex":
         found = f'found "{noise.residuals}", but natural frequencies have neither magnitude nor phase'
@@ -153,14 +198,34 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield plans without FRF data, and a wider band that is not wider or has no band to widen."""
-    if isinstance(data, NaturalFrequenciesSpec):
+    if isinstance(data, _FREQUENCIES):
         if plan != PlanSpec():
             found = "natural frequencies state neither the noise nor the band of a further FRF"
             yield Finding(("plan",), found, _FRF_ONLY, "remove [plan]")
     elif plan.f_max_hz is not None:
-        if data.f_max_hz is None:
+        if isinstance(data, MeasuredFrfSpec):
+            found = "the lines of a file are those that were measured"
+            yield Finding(("plan", "f_max_hz"), found, 'data of kind = "synthetic_frf"', "remove it")
+        elif data.f_max_hz is None:
             found = "no band to widen, data.frequencies_hz is a list"
             yield Finding(("plan", "f_max_hz"), found, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
         elif plan.f_max_hz <= data.f_max_hz:
             found = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
             yield Finding(("plan", "f_max_hz"), found, f"a number above {data.f_max_hz!r}", "raise or remove it")
+
+
+def virtual_test_findings(test: VirtualTestSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
+    if not isinstance(data, SyntheticFrfSpec):
+        if test != VirtualTestSpec():
+            yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
+        return
+    loc = ("virtual_test", "extra_outputs")
+    yield from absent_dofs(structure, test.extra_outputs, loc)
+    for i, label in enumerate(test.extra_outputs):
+        if label in structure.supports:
+            found = f'"{label}" is held fixed by structure.supports'
+            yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+        elif label in data.outputs:
+            found = f'"{label}" is one of data.outputs, which are measured anyway'
+            yield Finding((*loc, i), found, "a further DOF", "remove it")

@@ -20,6 +20,14 @@ from jointbayes.case_data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, Sy
 from jointbayes.case_errors import Finding, fault_lines
 from jointbayes.case_fields import Spec
 from jointbayes.case_joint import JointSpec, StiffnessSpec
+from jointbayes.case_measured import (
+    ChannelSpec,
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    RecordsSpec,
+    RotationSpec,
+    VarianceSpec,
+)
 from jointbayes.case_noise import DiscrepancySpec, NoiseModelSpec
 from jointbayes.case_priors import (
     DecadesPriorSpec,
@@ -38,6 +46,7 @@ from jointbayes.case_rules import (
     prior_findings,
     truth_findings,
     uncertain_findings,
+    virtual_test_findings,
 )
 from jointbayes.case_settings import (
     CompareSpec,
@@ -59,12 +68,14 @@ from jointbayes.case_structure import (
     StructureSpec,
     TubeSpec,
 )
+from jointbayes.case_virtual_test import VirtualTestSpec
 from jointbayes.errors import CaseError
 from jointbayes.toml_text import parse_toml, read_text
 
 __all__ = [
     "BoxSpec",
     "CaseSpec",
+    "ChannelSpec",
     "CircleSpec",
     "CompareSpec",
     "DampingSpec",
@@ -78,6 +89,8 @@ __all__ = [
     "LogNormalPriorSpec",
     "LogUniformPriorSpec",
     "LossFactorDampingSpec",
+    "MeasuredFrequenciesSpec",
+    "MeasuredFrfSpec",
     "ModalDampingSpec",
     "NaturalFrequenciesSpec",
     "NoiseModelSpec",
@@ -87,7 +100,9 @@ __all__ = [
     "PriorsSpec",
     "RayleighDampingSpec",
     "RectangleSpec",
+    "RecordsSpec",
     "ReferenceSpec",
+    "RotationSpec",
     "SamplingSpec",
     "SectionSpec",
     "StiffnessSpec",
@@ -97,6 +112,8 @@ __all__ = [
     "TubeSpec",
     "UncertainSpec",
     "UniformPriorSpec",
+    "VarianceSpec",
+    "VirtualTestSpec",
     "parse_case",
     "read_case_file",
 ]
@@ -126,6 +143,7 @@ class CaseSpec(Spec):
     sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
     compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
     plan: Annotated[PlanSpec, Field(description="the further measurements to rank")] = PlanSpec()
+    virtual_test: Annotated[VirtualTestSpec, Field(description="how `simulate` measures")] = VirtualTestSpec()
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
 
     @property
@@ -138,7 +156,9 @@ class CaseSpec(Spec):
     @property
     def plan_inputs(self) -> tuple[str, ...]:
         """DOFs that may be excited for a further measurement: those of the plan, or the inputs of FRF data."""
-        return self.plan.inputs or (self.data.inputs if isinstance(self.data, SyntheticFrfSpec) else ())
+        return self.plan.inputs or (
+            self.data.inputs if isinstance(self.data, SyntheticFrfSpec | MeasuredFrfSpec) else ()
+        )
 
     def _findings(self) -> Iterator[Finding]:
         yield from dof_findings(self.structure, self.joint, self.data, self.plan)
@@ -147,6 +167,7 @@ class CaseSpec(Spec):
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.data)
         yield from plan_findings(self.plan, self.data)
+        yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 
 def parse_case(text: str, name: str = "case") -> CaseSpec:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from jointbayes.case_errors import Finding
 from jointbayes.case_fields import Fraction, Labels, Ratios, Spec, count_field, key_field, not_negative, positive
@@ -77,11 +77,24 @@ _LAW = key_field('the damping law, "modal", "loss_factor" or "rayleigh"', "modal
 _RATIO = key_field("the damping ratio, a number from 0 to below 1 (0.01 is 1 %), or a list of them", 0.01)
 
 
+def _or_measured(value: object, ratios: ValidatorFunctionWrapHandler) -> object:
+    """No ratio where they are to be those that the data show."""
+    return () if value == "measured" else ratios(value)
+
+
 class ModalDampingSpec(Spec):
-    """Damping ratios of the modes of structure with joint; the last one holds for all further modes."""
+    """Damping ratios of the modes of structure with joint; the last one holds for all further modes.
+
+    ``ratio = "measured"`` leaves them empty until the data have been read.
+    """
 
     law: Annotated[Literal["modal"], _LAW]
-    ratio: Annotated[Ratios, _RATIO]
+    ratio: Annotated[Ratios, WrapValidator(_or_measured), _RATIO]
+
+    @property
+    def measured(self) -> bool:
+        """Whether the ratios are those that the data show."""
+        return not self.ratio
 
 
 class LossFactorDampingSpec(Spec):

@@ -19,6 +19,19 @@ BAD_INPUT = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 
+#: Formats of `simulate`, each with the endings that choose it.
+_FORMATS: dict[str, tuple[str, ...]] = {
+    "uff58": (".uff", ".unv", ".uf"),
+    "uff58b": (),
+    "mat": (".mat",),
+    "mat73": (),
+    "csv": (".csv",),
+    "tsv": (".tsv", ".txt"),
+    "npz": (".npz",),
+    "hdf5": (".h5", ".hdf5"),
+    "lvm": (".lvm",),
+}
+
 
 class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
@@ -85,6 +98,8 @@ def identify(config: Path) -> None:
         for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
             click.echo(f"{step:>4} {norm:>10.3e} {k[0]:>12.4e} {k[1]:>12.4e} {k[2]:>14.4e}")
         click.echo(f"The paper's iteration {history.reason}.")
+    elif case.provenance is not None and case.provenance.iteration:
+        click.echo(f"The paper's iteration is left out. {case.provenance.iteration}.")
     estimate = find_map(case)
     k11, k12, k22 = estimate.stiffness
     click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
@@ -210,6 +225,55 @@ def plan(
         click.echo(line)
     if out is not None:
         click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+
+
+@main.command()
+@_config
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
+@click.option("--format", "form", type=click.Choice(list(_FORMATS)), help="By default that of the file's ending.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
+def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
+    """Measure the truth of a case in a virtual test and write a measurement file."""
+    import numpy as np
+
+    from jointbayes.case import load_case
+    from jointbayes.errors import CaseError
+    from jointbayes.measurement.formats import write_records
+    from jointbayes.simulation import describe
+    from jointbayes.simulation import simulate as measure
+
+    chosen = form or next((name for name, endings in _FORMATS.items() if out.suffix.lower() in endings), None)
+    if chosen is None:
+        raise CaseError(
+            f"{out}: found no format of the ending {out.suffix!r}; expected one of "
+            f"{', '.join(e for endings in _FORMATS.values() for e in endings)}; choose another or give --format"
+        )
+    case = load_case(config)
+    records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
+    write_records(records, out, chosen)
+    for line in describe(records):
+        click.echo(line)
+    click.echo(f"Measurement: {out} ({chosen})")
+
+
+@main.command("inspect")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")
+@click.option("--mass", type=click.FloatRange(min=0, min_open=True), help="Mass of a structure that hangs free, kg.")
+def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None:
+    """Say what a measurement file holds, and what in it is doubtful."""
+    from jointbayes.inspection import inspect_file
+    from jointbayes.inspection_text import text_of
+
+    found = inspect_file(file, mass)
+    for line in text_of(found):
+        click.echo(line)
+    if figure is not None:
+        from jointbayes.report.inspect_figure import inspect_figure
+
+        traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in found.hits]
+        figure.write_text(inspect_figure(found.frfs, found.modes, traces), encoding="utf-8")
+        click.echo(f"Figure: {figure}")
 
 
 def _sample(case: "Case", seed: int | None) -> "Posterior":

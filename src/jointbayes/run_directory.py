@@ -16,6 +16,7 @@ from jointbayes.case import Case, case_from_text
 from jointbayes.comparison import Comparison
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.storage import stored_test
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.comparison import build_comparison_report
 from jointbayes.workflow import identify
@@ -33,7 +34,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     Parameters
     ----------
     posterior
-        The posterior; its case is rebuilt from the text it carries.
+        The posterior; its case is rebuilt from the text and the data it carries.
     directory
         Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
         the same name is replaced, any other directory is refused.
@@ -52,7 +53,8 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     target = Path(directory)
     require_writable(target)
     record = posterior.record
-    case = case_from_text(record.case_name, record.case_text)
+    test = stored_test(posterior.tree, record.provenance)
+    case = case_from_text(record.case_name, record.case_text, test=test)
     reference = case.spec.reference
     inputs = ReportInputs(
         posterior=posterior,
@@ -64,6 +66,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
         measured_frequencies_hz=case.measured_frequencies_hz,
         freed=case.workshop_problem,
         paper_tables=bool(reference and reference.paper_audit),
+        provenance=case.provenance,
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 

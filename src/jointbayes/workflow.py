@@ -23,7 +23,7 @@ from jointbayes.inference import JointPrior, Problem, ResonanceChart
 from jointbayes.joint import ComplianceChart, CondensedChart, LogStiffness, check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
-from jointbayes.posterior.storage import draws_tree, read_record
+from jointbayes.posterior.storage import draws_tree, read_record, stored_test, with_joint_frf
 from jointbayes.sampling import (
     BoxChart,
     Chains,
@@ -69,7 +69,8 @@ def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
     Raises
     ------
     ModelError
-        If the case's data are natural frequencies, or the first guess is not positive semidefinite.
+        If the case's data are natural frequencies, or files without FRFs at the joint, or the first guess is not
+        positive semidefinite.
 
     References
     ----------
@@ -77,8 +78,12 @@ def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
     response functions, Eqs. (3)-(9).
     """
     if case.joint_frf is None:
+        missing = case.provenance.iteration if case.provenance else ""
         raise ModelError(
-            f"{case.name}: found natural frequencies as data; the paper's iteration expects FRFs; use find_map instead"
+            f"{case.name}: {missing}"
+            if missing
+            else f"{case.name}: found natural frequencies as data; the paper's iteration expects FRFs; use find_map "
+            "instead"
         )
     start = case.initial if initial is None else np.asarray(initial, dtype=float)
     check_positive_semidefinite(start)
@@ -125,6 +130,7 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
     starts: dict[str, Array] = {"first guess": guess}
     if case.compliance_fit is not None:
         starts["compliance fit without a guess"] = case.compliance_fit
+    if case.joint_frf is not None:
         starts["paper's iteration"] = identify(case, guess).stiffness
     rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
     drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
@@ -321,13 +327,18 @@ def _posterior(
         sampler,
         dict(zip(names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
+        case.provenance.as_json() if case.provenance else None,
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
+    if case.provenance and case.joint_frf is not None:
+        tree = with_joint_frf(tree, case.joint_frf)
     return Posterior(problem, tree, estimate, mode_theta, mode_density, record)
 
 
 def load_posterior(path: str | os.PathLike[str]) -> Posterior:
-    """Read a posterior written by `Posterior.save`; its case is rebuilt from the text stored with it.
+    """Read a posterior written by `Posterior.save`; its case is rebuilt from text and data stored with it.
+
+    Measurement files are not read again: they may be gone.
 
     Raises
     ------
@@ -335,7 +346,8 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
         If the file is missing or holds no posterior.
     """
     tree, record = read_record(path)
-    case = case_from_text(record["record"]["case_name"], record["record"]["case_text"])
+    run = record["record"]
+    case = case_from_text(run["case_name"], run["case_text"], test=stored_test(tree, run.get("provenance")))
     return Posterior.restored(case.problem, tree, record)
 
 

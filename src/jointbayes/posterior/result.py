@@ -50,6 +50,8 @@ class RunRecord:
         R̂ over the ensembles by coordinate name.
     versions
         Version of every package that numbers depend on.
+    provenance
+        Where data from measurement files come from, as `Provenance.as_json`; None for other data.
     """
 
     case_name: str
@@ -60,6 +62,7 @@ class RunRecord:
     sampler: Mapping[str, Any]
     r_hat: Mapping[str, float]
     versions: Mapping[str, str]
+    provenance: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,29 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
 from jointbayes.identification import LocalMode, MapEstimate, StartOutcome
 from jointbayes.inference import Problem
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
-from jointbayes.measurement import FrfMeasurement, Measurement
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement.measured import MeasuredTest, Provenance
 from jointbayes.sampling import Draws
 
-__all__ = ["StoredPosterior", "draws_tree", "estimate_from", "estimate_record", "read_record", "write_tree"]
+__all__ = [
+    "StoredPosterior",
+    "draws_tree",
+    "estimate_from",
+    "estimate_record",
+    "read_record",
+    "stored_test",
+    "with_joint_frf",
+    "write_tree",
+]
 
 #: Of the file: raised when a reader of an older file would misread it.
 FILE_VERSION = 1
 _ATTRIBUTE = "jointbayes"
+_JOINT_FRF = "joint_frf"
 
 Array = NDArray[np.float64]
 StoredPosterior = tuple[xr.DataTree, dict[str, Any]]
@@ -65,17 +78,56 @@ def _observed(measurement: Measurement) -> xr.Dataset:
             },
             coords={"mode": mode},
         )
-    frf = measurement.frf
-    dims = ("frequency", "output", "input")
+    observed = _frf_dataset(measurement.frf)
+    observed["frf_variance"] = (_FRF_DIMS, measurement.variance)
+    return observed.assign_attrs(synthetic=int(measurement.synthetic))
+
+
+_FRF_DIMS = ("frequency", "output", "input")
+
+
+def _frf_dataset(frf: FrfSet) -> xr.Dataset:
     return xr.Dataset(
-        {
-            "frf_real": (dims, frf.values.real),
-            "frf_imag": (dims, frf.values.imag),
-            "frf_variance": (dims, measurement.variance),
-        },
+        {"frf_real": (_FRF_DIMS, frf.values.real), "frf_imag": (_FRF_DIMS, frf.values.imag)},
         coords={"frequency": frf.frequency_hz, "output": list(frf.outputs), "input": list(frf.inputs)},
-        attrs={"quantity": frf.quantity, "synthetic": int(measurement.synthetic)},
+        attrs={"quantity": frf.quantity},
     )
+
+
+def _frf_from(dataset: xr.Dataset) -> FrfSet:
+    values = dataset["frf_real"].values + 1j * dataset["frf_imag"].values
+    outputs, inputs = (tuple(str(label) for label in dataset[side].values) for side in ("output", "input"))
+    return FrfSet(dataset["frequency"].values, values, outputs, inputs, dataset.attrs["quantity"])
+
+
+def with_joint_frf(tree: xr.DataTree, joint_frf: FrfSet) -> xr.DataTree:
+    """The groups of a posterior with one more: FRFs at the joint from files, which may be gone later."""
+    groups = {name: node.to_dataset() for name, node in tree.children.items()}
+    return xr.DataTree.from_dict({**groups, _JOINT_FRF: _frf_dataset(joint_frf)})
+
+
+def stored_test(tree: xr.DataTree, provenance: Mapping[str, Any] | None) -> MeasuredTest | None:
+    """Data from measurement files as a posterior keeps them; None where its data came from elsewhere.
+
+    Parameters
+    ----------
+    tree
+        Groups of the posterior.
+    provenance
+        What its run record says of the files.
+    """
+    if provenance is None:
+        return None
+    observed = tree["observed_data"].to_dataset()
+    measurement: Measurement
+    if "natural_frequency" in observed:
+        measurement = FrequencyMeasurement(
+            observed["natural_frequency"].values, observed["natural_frequency_sd"].values
+        )
+    else:
+        measurement = FrfMeasurement(_frf_from(observed), observed["frf_variance"].values)
+    joint_frf = _frf_from(tree[_JOINT_FRF].to_dataset()) if _JOINT_FRF in tree.children else None
+    return MeasuredTest(measurement, joint_frf, Provenance.from_json(provenance))
 
 
 def estimate_record(estimate: MapEstimate) -> dict[str, Any]:

@@ -63,6 +63,7 @@ def summarise(
         "sampler": dict(record.sampler),
         "versions": dict(record.versions),
         "data_sha256": data_sha256(posterior.problem.measurement),
+        "measurement": None if record.provenance is None else dict(record.provenance),
     }
     cleaned: dict[str, Any] = _json_ready(summary)
     return cleaned

@@ -7,12 +7,14 @@ from typing import Any
 
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
+from jointbayes.measurement.measured import Provenance
 from jointbayes.paper import audit
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge, summarise
 from jointbayes.report import paper_sections, sections
 from jointbayes.report.frf_section import fit_section
 from jointbayes.report.knowledge_section import knowledge_section, nuisance_section
-from jointbayes.report.model import Report, Section
+from jointbayes.report.measurement_section import measurement_section, mode_table
+from jointbayes.report.model import Block, Report, Section
 
 __all__ = ["ReportInputs", "build_report"]
 
@@ -39,6 +41,8 @@ class ReportInputs:
         The same problem with more quantities uncertain, to say what freeing them does.
     paper_tables
         Whether to set the paper's tables beside the results and audit them.
+    provenance
+        Where data from measurement files come from, None for other data.
     """
 
     posterior: Posterior
@@ -50,6 +54,7 @@ class ReportInputs:
     measured_frequencies_hz: tuple[float, ...] | None = None
     freed: Problem | None = None
     paper_tables: bool = False
+    provenance: Provenance | None = None
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -75,7 +80,12 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     others = nuisance_section(summary)
     if others is not None:
         parts.insert(3, others)
-    parts.append(sections.starts_section(posterior, inputs.history, inputs.reference))
+    missing = inputs.provenance.iteration if inputs.provenance else ""
+    parts.append(sections.starts_section(posterior, inputs.history, inputs.reference, missing))
+    modes: tuple[Block, ...] = ()
+    if inputs.provenance is not None:
+        modes = mode_table(posterior, inputs.provenance)
+        parts.insert(0, measurement_section(inputs.provenance))
     if inputs.paper_tables:
         parts.append(paper_sections.paper_section(inputs.initial, summary))
         parts.append(paper_sections.audit_section(audit()))
@@ -84,7 +94,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     return Report(
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
-        lead=sections.lead(posterior, inputs.reference, inputs.reference_source, summary),
+        lead=modes + sections.lead(posterior, inputs.reference, inputs.reference_source, summary),
         sections=tuple(parts),
         date=date,
         version=posterior.record.versions["jointbayes"],

@@ -266,8 +266,10 @@ def sampling_section(posterior: Posterior, summary: Summary) -> Section:
     )
 
 
-def starts_section(posterior: Posterior, history: IterationHistory | None, reference: Triple | None) -> Section:
-    """Where the mode came from: the starts, and the paper's iteration."""
+def starts_section(
+    posterior: Posterior, history: IterationHistory | None, reference: Triple | None, missing: str = ""
+) -> Section:
+    """Where the mode came from: the starts, and the paper's iteration or what is `missing` for it."""
     estimate = posterior.estimate
     rows = tuple(
         (
@@ -289,6 +291,8 @@ def starts_section(posterior: Posterior, history: IterationHistory | None, refer
     blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
     if history is not None:
         blocks += _iteration_blocks(history, reference)
+    elif missing:
+        blocks.append(Paragraph(f"**The paper's iteration was left out.** {missing}."))
     return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 

@@ -1,0 +1,135 @@
+"""Taking the mass of accelerometers out of measured FRFs: exact where the file has the FRFs this needs.
+
+References
+----------
+Ashory, M. R. (1999). High quality modal testing methods. PhD thesis, Imperial College London, chapter 3 (mass
+cancellation).
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet, quantity_factor
+
+__all__ = ["without_accelerometers"]
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth
+
+
+def without_accelerometers(
+    frf: FrfSet, variance: Array, masses: Mapping[str, float], *, roving: bool = False
+) -> tuple[FrfSet, Array]:
+    """FRFs of the structure without its accelerometers, and their variance.
+
+    With masses m at sensors S the structure measured has the dynamic stiffness Z − ω²M; taking the masses away leaves
+    H − H_oS (1/(ω²m) + H_SS)⁻¹ H_Si, in receptances H as measured. That is exact, but only as good as the FRFs: it
+    needs a force at each sensor (or by reciprocity a sensor at the force).
+
+    Parameters
+    ----------
+    frf
+        FRFs as measured; outputs and inputs are DOFs.
+    variance
+        σ² = E|δH|², shape as ``frf.values``.
+    masses
+        Mass in kg by DOF, all of them outputs.
+    roving
+        Whether one sensor moved from output to output, so that each FRF has the mass at its own output only; otherwise
+        all sensors were on the structure all the time.
+
+    Returns
+    -------
+    frf : FrfSet
+        Without coherence, which is that of the measured ones.
+    variance : ndarray
+        To first order in independent errors. Those of different FRFs are correlated where the correction is large.
+
+    Raises
+    ------
+    MeasurementError
+        If an FRF that the correction needs was not measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jointbayes.frf import FrfSet, quantity_factor
+    >>> f = np.array([10.0])
+    >>> mass = -1 / (2 * np.pi * f[:, None, None]) ** 2 / 1.002  # a free mass of 1 kg with 2 g on it
+    >>> found, _ = without_accelerometers(FrfSet(f, mass, ("1:y",), ("1:y",)), np.ones((1, 1, 1)), {"1:y": 0.002})
+    >>> bool(np.isclose(found.values, mass * 1.002))
+    True
+    """
+    given = {dof: mass for dof, mass in masses.items() if mass > 0}
+    if not given:
+        return frf, variance
+    receptance = frf.converted("receptance")
+    factor = np.abs(quantity_factor(frf.frequency_hz, frf.quantity))[:, None, None]
+    values, measured_variance = receptance.values, variance / factor**2
+    clean, clean_variance = values.copy(), measured_variance.copy()
+    groups = [((dof,), (dof,)) for dof in given] if roving else [(tuple(given), frf.outputs)]
+    for sensors, outputs in groups:
+        correction = _Correction(receptance, sensors, np.array([given[s] for s in sensors]), outputs)
+        rows = [frf.outputs.index(output) for output in outputs]
+        clean[:, rows] = correction(values)
+        clean_variance[:, rows] = _propagated(correction, values, measured_variance)
+    corrected = replace(receptance, values=clean, coherence=None).converted(frf.quantity)
+    return corrected, clean_variance * factor**2
+
+
+class _Correction:
+    """Receptances of some outputs without masses at sensors, as an analytic function of all that were measured."""
+
+    def __init__(self, frf: FrfSet, sensors: tuple[str, ...], masses: Array, outputs: tuple[str, ...]) -> None:
+        self._rows = [frf.outputs.index(o) for o in outputs]
+        self._sensors = [frf.outputs.index(s) for s in sensors]
+        # index of the response of an output, or of a sensor, to a force at each sensor
+        self._to_output = [[_place(frf, o, s) for s in sensors] for o in outputs]
+        self._to_sensor = [[_place(frf, o, s) for s in sensors] for o in sensors]
+        omega = 2 * np.pi * frf.frequency_hz
+        self._flexibility = np.eye(len(sensors)) / (omega[:, None, None] ** 2 * masses)
+
+    def __call__(self, values: ComplexArray) -> ComplexArray:
+        """Corrected receptances, shape (lines, outputs, inputs)."""
+        inner = self._flexibility + _taken(values, self._to_sensor)
+        load = np.linalg.solve(inner, values[:, self._sensors])
+        corrected: ComplexArray = values[:, self._rows] - _taken(values, self._to_output) @ load
+        return corrected
+
+
+def _taken(values: ComplexArray, places: list[list[tuple[int, int]]]) -> ComplexArray:
+    """Values at places of an array (lines, outputs, inputs), shape (lines, rows of places, columns)."""
+    at = np.array(places)
+    taken: ComplexArray = values[:, at[..., 0], at[..., 1]]
+    return taken
+
+
+def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:
+    """Row and column of an FRF or, where it was not measured, of its reciprocal."""
+    for row, column in ((output, input_), (input_, output)):
+        if row in frf.outputs and column in frf.inputs:
+            return frf.outputs.index(row), frf.inputs.index(column)
+    raise MeasurementError(
+        f"accelerometer mass: found no FRF of {output} over a force at {input_}; expected it, to take the mass at "
+        f"{input_} out of the data; measure it, or put the mass into the model: structure.accelerometer_mass_g"
+    )
+
+
+def _propagated(correction: _Correction, values: ComplexArray, variance: Array) -> Array:
+    """Variance of the corrected receptances to first order, shape (lines, outputs, inputs)."""
+    here = correction(values)
+    step = _STEP * np.abs(values).max(axis=(1, 2))
+    total = np.zeros(here.shape)
+    for o in range(values.shape[1]):
+        for i in range(values.shape[2]):
+            moved = values.copy()
+            moved[:, o, i] += step
+            slope = (correction(moved) - here) / step[:, None, None]
+            total += np.abs(slope) ** 2 * variance[:, o, i, None, None]
+    return total

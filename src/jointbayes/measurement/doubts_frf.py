@@ -1,0 +1,331 @@
+"""What one measured FRF contradicts by itself: its axis, its coherence, its unit, and physics at its resonances."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, signal
+
+from jointbayes.frf import Quantity, quantity_factor
+from jointbayes.measurement.formats.labels import parse_dof
+from jointbayes.measurement.formats.units import frf_unit
+from jointbayes.measurement.records import FrfRecord
+
+__all__ = ["Doubt", "Resonance", "doubts_of_frf", "doubts_of_notes", "noise_of", "pair_of", "resonances_of", "usable"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: A resonance rises above both sides by this factor, and above the noise by that.
+_RISE, _ABOVE_NOISE = 3.0, 10.0
+#: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.
+_SIGNED, _UNSIGNED = 0.5, 0.35
+#: Lines above half power that a resonance needs to be looked at.
+_RESOLVED = 3
+#: No phase error of a measuring chain makes a drive point less passive than this fraction of its magnitude.
+_PHASE_ERROR = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Something in a file that contradicts something else.
+
+    Parameters
+    ----------
+    key
+        Which kind of doubt, such as ``"sign_flip"``.
+    where
+        Channel or place in the file.
+    sentence
+        What was found, and why that cannot be right.
+    remedy
+        What to do.
+    """
+
+    key: str
+    where: str
+    sentence: str
+    remedy: str
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """A peak of an FRF: its frequency, cosine of the phase of mobility there, and lines above half its power."""
+
+    frequency_hz: float
+    cosine: float
+    lines: int
+
+
+def pair_of(record: FrfRecord) -> tuple[str, str, int]:
+    """DOFs of response and reference without their signs, and the product of the signs."""
+    names, sign = [], 1
+    for label in (record.response, record.reference):
+        dof = parse_dof(label)
+        if dof is None:
+            names.append(label.strip())
+            continue
+        sign *= -1 if dof.direction < 0 else 1
+        names.append(f"{dof.entity}:{dof.node}:{abs(dof.direction)}")
+    return names[0], names[1], sign
+
+
+def usable(record: FrfRecord) -> FrfRecord:
+    """Return the record without lines at or below 0 Hz, NaN, zeros and lines out of order."""
+    f = record.frequency_hz
+    good = np.isfinite(f) & (f > 0) & np.isfinite(record.values) & (record.values != 0)
+    good[good] = np.diff(np.maximum.accumulate(f[good]), prepend=0.0) > 0
+    if good.all():
+        return record
+    coherence = record.coherence
+    return replace(
+        record,
+        frequency_hz=f[good],
+        values=record.values[good],
+        coherence=coherence[good] if coherence is not None and coherence.shape == f.shape else None,
+    )
+
+
+def noise_of(values: Complex) -> Array:
+    """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
+    if values.size < 8:
+        return np.full(values.size, np.inf)
+    # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
+    square = np.abs(np.diff(values, 3)) ** 2 / (20 * np.log(2))
+    local = ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
+    noise: Array = np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]]))
+    return noise
+
+
+def resonances_of(frequency_hz: Array, mobility: Complex) -> tuple[Resonance, ...]:
+    """Peaks of |mobility| that stand out from their surroundings and from the noise."""
+    magnitude = np.abs(mobility)
+    tops, _ = signal.find_peaks(np.log(magnitude), prominence=np.log(_RISE))
+    noise = noise_of(mobility)
+    found = []
+    for top in tops:
+        if magnitude[top] < _ABOVE_NOISE * noise[top]:
+            continue
+        low = magnitude < magnitude[top] / np.sqrt(2)
+        before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
+        first = int(before[-1]) + 1 if before.size else 0
+        last = top + int(after[0]) if after.size else magnitude.size
+        total = mobility[first:last].sum()
+        found.append(Resonance(float(frequency_hz[top]), float(total.real / abs(total)), int(last - first)))
+    return tuple(found)
+
+
+def doubts_of_frf(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+    """Key, sentence and remedy of each doubt about one FRF.
+
+    Parameters
+    ----------
+    record
+        As a reader gives it.
+    """
+    yield from _of_lines(record)
+    yield from _of_coherence(record)
+    yield from _of_unit(record)
+    good = usable(record)
+    if good.quantity is None or good.frequency_hz.size < 16:
+        return
+    response, reference, sign = pair_of(good)
+    mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
+    # the phase at a resonance between two lines is anything
+    peaks = tuple(p for p in resonances_of(good.frequency_hz, mobility) if p.lines >= _RESOLVED)
+    if response == reference:
+        yield from _of_drive_point(good.frequency_hz, mobility, peaks, good.quantity)
+    elif len(peaks) >= 2 and max(abs(p.cosine) for p in peaks) < _UNSIGNED:
+        yield _quadrature(peaks, good.quantity)
+
+
+def _of_lines(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+    f = record.frequency_hz
+    broken = ~(np.isfinite(f) & np.isfinite(record.values))
+    if broken.any():
+        yield "not_finite", f"{int(broken.sum())} of {f.size} lines are NaN or infinite", "cut or repair these lines"
+    zero = record.values == 0
+    if zero.any():
+        at = float(f[np.argmax(zero)])
+        yield (
+            "zero_lines",
+            f"the FRF is exactly 0 on {int(zero.sum())} of {f.size} lines, first at {at:g} Hz: nothing was measured",
+            "cut these lines away with f_min_hz and f_max_hz",
+        )
+    f = f[np.isfinite(f)]
+    if f.size and f[0] == 0:
+        yield "zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing", "cut it with f_min_hz"
+        f = f[1:]
+    if f.size < 3:
+        return
+    step = np.diff(f)
+    if (step <= 0).any():
+        line = int(np.argmax(step <= 0))
+        yield (
+            "lines_out_of_order",
+            f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz",
+            "sort the lines, drop doubled ones",
+        )
+        return
+    middle = float(np.median(step))
+    if np.abs(step - middle).max() > 1e-3 * middle + 2e-6 * f[-1]:
+        yield (
+            "uneven_lines",
+            f"lines are {step.min():.4g} to {step.max():.4g} Hz apart; those of a Fourier transform are even",
+            "look for lines that were left out, or for a sweep; noise of a sweep's lines has its own law",
+        )
+        return
+    yield from _of_step(f)
+
+
+def _of_step(f: Array) -> Iterator[tuple[str, str, str]]:
+    step = float((f[-1] - f[0]) / (f.size - 1))
+    rounding = float(np.abs(f - (f[0] + step * np.arange(f.size))).max() / f[-1])
+    tolerance = max(1e-9, 2 * rounding * f[-1] / (step * f.size))
+    if tolerance > 1e-6 or _is_round(step, tolerance):
+        return
+    if _is_round(step / (2 * np.pi), tolerance):
+        yield (
+            "rad_per_s",
+            f"lines are {step:.6g} Hz apart, which is 2π times the round number {step / (2 * np.pi):.6g}: the axis is "
+            "probably in rad/s",
+            "divide the frequencies by 2π, or say rad/s in the header of the column",
+        )
+
+
+def _is_round(value: float, tolerance: float) -> bool:
+    """Whether a number has at most four digits, or is a whole number over 2¹⁴ as in sample rate over block length."""
+    decade = 10.0 ** (np.floor(np.log10(value)) - 3)
+    return any(abs(value / unit - round(value / unit)) * unit < tolerance * value for unit in (decade, 2.0**-14))
+
+
+def _of_coherence(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+    coherence = record.coherence
+    if coherence is None:
+        yield (
+            "coherence_missing",
+            "there is no coherence, so that the file does not say how noisy the FRF is",
+            "export the coherence as well, or state the noise, or give repeated measurements",
+        )
+        return
+    known = coherence[np.isfinite(coherence)]
+    if known.size and (known >= 1 - 1e-9).all():
+        once = ", as it always is with one average" if record.averages == 1 else ""
+        yield (
+            "coherence_one",
+            f"coherence is 1 on all lines{once}: it tells nothing of the noise",
+            "export it again, or state the noise, or give repeated measurements",
+        )
+    if known.size and ((known < -1e-6) | (known > 1 + 1e-6)).any():
+        yield (
+            "coherence_range",
+            f"coherence runs from {known.min():.4g} to {known.max():.4g}, not 0 to 1",
+            "export again",
+        )
+    if record.averages is None:
+        yield (
+            "averages_missing",
+            "there is a coherence, but no number of averages: the variance needs both",
+            "add the number of averages",
+        )
+
+
+def _of_unit(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+    if record.quantity is None:
+        yield (
+            "quantity_missing",
+            "neither unit nor type says whether it is receptance, mobility or accelerance",
+            "state the quantity",
+        )
+    yield from doubts_of_notes(record.notes)
+    if not record.unit.strip():
+        yield (
+            "unit_missing",
+            "no unit stands with the numbers, taken as SI: one FRF alone cannot tell m/s² from g or m from mm",
+            "find out the unit of the sensor, and scale the channel by its gain if it is another",
+        )
+        return
+    said = frf_unit(record.unit)
+    if said is not None and record.quantity is not None and said[1] != record.quantity:
+        yield (
+            "quantity_units",
+            f"the file says {record.quantity}, but its unit {record.unit} is that of {said[1]}",
+            "find out which is right and state the quantity",
+        )
+
+
+def doubts_of_notes(notes: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
+    """Doubts that a reader had already: units that it could not read, or of which the file says two things."""
+    for note in notes:
+        if "not understood" in note:
+            yield "unit_unknown", note, "find out the unit, and scale the channel by its gain"
+        if "says otherwise" in note:
+            yield "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
+
+
+def _of_drive_point(
+    f: Array, mobility: Complex, peaks: tuple[Resonance, ...], quantity: Quantity
+) -> Iterator[tuple[str, str, str]]:
+    cosines = np.array([p.cosine for p in peaks])
+    if cosines.size and (np.abs(cosines) < _UNSIGNED).all():
+        yield _quadrature(peaks, quantity)
+        return
+    if cosines.size and (cosines < -_SIGNED).all():
+        yield _turned(peaks, quantity)
+        return
+    wrong = mobility.real < -(4 * noise_of(mobility) + _PHASE_ERROR * np.abs(mobility))
+    run = ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
+    wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
+    if wrong_peaks or (run.any() and wrong.mean() > 0.03):
+        at = wrong_peaks[0] if wrong_peaks else float(f[np.argmax(run)])
+        yield (
+            "not_passive",
+            f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would give off "
+            "more energy than it takes",
+            "look whether force and response are really at one point and in one direction, and at phase and delay of "
+            "the channels",
+        )
+    for left, right in pairwise(peaks):
+        # the phase turns by π at a resonance and back at an antiresonance: without one the next peak has the other sign
+        if min(abs(left.cosine), abs(right.cosine)) > _SIGNED and left.cosine * right.cosine < 0:
+            yield (
+                "antiresonance_missing",
+                f"there is no antiresonance between {left.frequency_hz:.4g} and {right.frequency_hz:.4g} Hz; a drive "
+                "point has one between each two resonances",
+                "look whether force and response are at one point and in one direction, and whether a label is wrong",
+            )
+            return
+
+
+def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> tuple[str, str, str]:
+    part, sign = {
+        "accelerance": ("imaginary part of the accelerance", "negative"),
+        "mobility": ("real part of the mobility", "negative"),
+        "receptance": ("imaginary part of the receptance", "positive"),
+    }[quantity]
+    other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
+    instead = f", or the FRF is {other} and not {quantity}" if other else ""
+    return (
+        "sign_flip",
+        f"the {part} of the drive point is {sign} at {_at(peaks)}, which no structure can do: force or response has "
+        f"the wrong sign{instead}",
+        'turn the channel in the case file ("-11:y")' + (", or state the quantity" if other else ""),
+    )
+
+
+def _quadrature(peaks: tuple[Resonance, ...], quantity: Quantity) -> tuple[str, str, str]:
+    likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
+    part = "imaginary" if quantity == "mobility" else "real"
+    return (
+        "quantity_phase",
+        f"the FRF is called {quantity}, but is {part} at {_at(peaks)}, as {likely} is",
+        "find out the quantity of the sensor and state it",
+    )
+
+
+def _at(peaks: tuple[Resonance, ...]) -> str:
+    if len(peaks) == 1:
+        return f"its resonance at {peaks[0].frequency_hz:.4g} Hz"
+    return f"its {len(peaks)} resonances (the first at {peaks[0].frequency_hz:.4g} Hz)"

@@ -1,0 +1,183 @@
+"""Records of a file put together: one set of FRFs on one grid, or an error that says what is in the way."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet, Quantity
+from jointbayes.measurement.records import FrfRecord, Record
+
+__all__ = ["assemble"]
+
+#: A coherence stored in single precision may pass 1 by this much.
+_ROUNDING = 1e-6
+
+
+def assemble(
+    records: Iterable[Record],
+    where: str,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    quantity: Quantity | None = None,
+) -> FrfSet:
+    """FRFs of a file as one set: the same lines for all, every output with every input.
+
+    Parameters
+    ----------
+    records
+        What `iter_records` gives; time histories are passed over.
+    where
+        Name of the file, for messages.
+    f_min_hz, f_max_hz
+        Lines outside the band are cut away before anything is checked.
+    quantity
+        What the FRFs are, whatever the file says; None takes the file's word.
+
+    Returns
+    -------
+    FrfSet
+        Outputs and inputs in the order of their first record. Coherence only where each FRF has one; the smallest
+        number of averages, None where an FRF does not tell it.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no FRF, a pair is missing or occurs twice, lines or quantities differ, or a line in the band is at
+        0 Hz, out of order, NaN or exactly zero.
+    """
+    frfs: dict[tuple[str, str], FrfRecord] = {}
+    first: FrfRecord | None = None
+    for record in records:
+        if not isinstance(record, FrfRecord):
+            continue
+        cut = _checked(_in_band(record, where, f_min_hz, f_max_hz), where)
+        if quantity is not None:
+            cut = replace(cut, quantity=quantity)
+        pair = (cut.response, cut.reference)
+        if pair in frfs:
+            raise MeasurementError(
+                f"{where}: {cut.where}: found the FRF of {pair[0]!r} over {pair[1]!r} again, first in "
+                f"{frfs[pair].where}; expected each pair once; split repeated measurements into files"
+            )
+        if first is None:
+            first = cut
+        _same_kind(cut, first, where)
+        frfs[pair] = cut
+    if first is None:
+        raise MeasurementError(f"{where}: found no FRF; expected at least one; time histories must be turned into FRFs")
+    return _grid(frfs, first, where)
+
+
+def _in_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
+    if f_min_hz is None and f_max_hz is None:
+        return record
+    lines = record.frequency_hz
+    low, high = (-np.inf if f_min_hz is None else f_min_hz), (np.inf if f_max_hz is None else f_max_hz)
+    inside = (lines >= low) & (lines <= high)
+    if not inside.any():
+        raise MeasurementError(
+            f"{where}: {record.where}: found no line between {low:g} and {high:g} Hz; expected some, the file has "
+            f"{_span(lines)}; widen the band"
+        )
+    coherence = None if record.coherence is None else record.coherence[inside]
+    return replace(record, frequency_hz=lines[inside], values=record.values[inside], coherence=coherence)
+
+
+def _span(lines: NDArray[np.float64]) -> str:
+    finite = lines[np.isfinite(lines)]
+    return f"{finite.min():g} to {finite.max():g} Hz" if finite.size else "none"
+
+
+def _checked(record: FrfRecord, where: str) -> FrfRecord:
+    lines, values, place = record.frequency_hz, record.values, f"{where}: {record.where}"
+    if lines.size == 0:
+        raise MeasurementError(f"{place}: found no frequency line; expected at least one; export the FRF again")
+    if not np.isfinite(lines).all():
+        line = int(np.argmin(np.isfinite(lines)))
+        raise MeasurementError(
+            f"{place}: found frequency {lines[line]} at line {line + 1}; expected finite frequencies; repair the file"
+        )
+    if (lines <= 0).any():
+        bad = float(lines[lines <= 0][0])
+        raise MeasurementError(
+            f"{place}: found a line at {bad:g} Hz; expected lines above 0 Hz; cut it away with f_min_hz"
+        )
+    backwards = np.flatnonzero(np.diff(lines) <= 0)
+    if backwards.size:
+        line = int(backwards[0])
+        raise MeasurementError(
+            f"{place}: found {lines[line + 1]:g} Hz after {lines[line]:g} Hz (line {line + 2}); expected strictly "
+            "increasing frequencies; sort the lines and drop doubled ones"
+        )
+    for missing, name in ((~np.isfinite(values), "NaN or infinity"), (values == 0, "exactly 0")):
+        if missing.any():
+            line = int(np.argmax(missing))
+            raise MeasurementError(
+                f"{place}: found {name} at {lines[line]:g} Hz, {int(missing.sum())} such lines; expected a measured "
+                "number on each line; cut them away with f_min_hz and f_max_hz or export again"
+            )
+    return record if record.coherence is None else replace(record, coherence=_coherence(record, place))
+
+
+def _coherence(record: FrfRecord, place: str) -> NDArray[np.float64]:
+    coherence = record.coherence
+    assert coherence is not None
+    if coherence.shape != record.frequency_hz.shape:
+        raise MeasurementError(
+            f"{place}: found coherence on {coherence.size} lines; expected {record.frequency_hz.size}; export again"
+        )
+    bad = ~((coherence >= 0) & (coherence <= 1 + _ROUNDING))
+    if bad.any():
+        line = int(np.argmax(bad))
+        raise MeasurementError(
+            f"{place}: found coherence {coherence[line]:g} at {record.frequency_hz[line]:g} Hz; expected 0 to 1; "
+            "correct it or leave the coherence out"
+        )
+    return np.minimum(coherence, 1.0)
+
+
+def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
+    if record.quantity is None:
+        raise MeasurementError(
+            f"{where}: {record.where}: found no word on what the FRF is; expected receptance, mobility or accelerance "
+            "from unit or axis type; state the quantity"
+        )
+    if record.quantity != first.quantity:
+        raise MeasurementError(
+            f"{where}: {record.where}: found {record.quantity} beside {first.quantity} in {first.where}; expected one "
+            "quantity throughout; split the file or state the quantity"
+        )
+    if not np.array_equal(record.frequency_hz, first.frequency_hz):
+        raise MeasurementError(
+            f"{where}: {record.where}: found {record.frequency_hz.size} lines, {_span(record.frequency_hz)}, other "
+            f"than the {first.frequency_hz.size} lines, {_span(first.frequency_hz)}, of {first.where}; expected the "
+            "same lines for all FRFs; split the file"
+        )
+
+
+def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) -> FrfSet:
+    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in frfs)) for side in (0, 1))
+    for output in outputs:
+        for input_ in inputs:
+            if (output, input_) not in frfs:
+                raise MeasurementError(
+                    f"{where}: found no FRF of {output!r} over {input_!r}; expected every output with every input; "
+                    "add it or split the file"
+                )
+    shape = (first.frequency_hz.size, len(outputs), len(inputs))
+    complete = all(record.coherence is not None for record in frfs.values())
+    averages = [record.averages for record in frfs.values()]
+    least = None if None in averages else min(n for n in averages if n is not None)
+    values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
+    while frfs:  # each record is let go once it is in place, so that no file is in memory three times
+        (output, input_), record = frfs.popitem()
+        cell = (slice(None), outputs.index(output), inputs.index(input_))
+        values[cell] = record.values
+        if coherence is not None:
+            coherence[cell] = record.coherence
+    assert first.quantity is not None
+    return FrfSet(first.frequency_hz, values, outputs, inputs, first.quantity, coherence, least)

@@ -1,0 +1,265 @@
+"""Columns of a table of text, with names and units, as FRFs or time histories."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import Quantity
+from jointbayes.measurement.formats.layout import even_rate
+from jointbayes.measurement.formats.units import (
+    frequency_factor,
+    frf_unit,
+    sensor_unit,
+    si_frf_unit,
+    si_sensor_unit,
+)
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+
+__all__ = ["Column", "column_of", "column_records"]
+
+Role = Literal["frequency", "time", "real", "imaginary", "magnitude", "phase", "coherence", "other"]
+#: Words for each role; looked for at the beginning or end of a name.
+_WORDS: tuple[tuple[Role, str], ...] = (
+    ("frequency", r"frequency|frequenz|freq|omega|f|ω"),
+    ("time", r"time|zeit|t"),
+    ("coherence", r"coherence|coh|kohärenz|gamma2|γ²|γ2"),
+    ("real", r"real ?part|real|re"),
+    ("imaginary", r"imaginary ?part|imag\.? ?part|imaginary|imag|im"),
+    ("magnitude", r"magnitude|mag|amplitude|abs|betrag|modulus"),
+    ("phase", r"phase|angle|arg"),
+)
+_QUANTITY_WORDS: tuple[tuple[Quantity, str], ...] = (
+    ("accelerance", r"accelerance|inertance"),
+    ("mobility", r"mobility"),
+    ("receptance", r"receptance|compliance|admittance"),
+)
+_UNIT = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))\s*$")
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Role, channel name and unit of a column."""
+
+    role: Role
+    name: str
+    unit: str
+    quantity: Quantity | None = None
+
+
+def column_of(header: str) -> Column:
+    """Role, name and unit of a column from its header.
+
+    Examples
+    --------
+    >>> column_of("Real 11:y / 11:y [g/N]")
+    Column(role='real', name='11:y / 11:y', unit='g/N', quantity=None)
+    >>> column_of("Frequency (rad/s)").unit
+    'rad/s'
+    """
+    match = _UNIT.match(header)
+    name = header if match is None else match["name"]
+    unit = "" if match is None else (match["square"] if match["square"] is not None else match["round"]).strip()
+    if match is None and (slash := re.fullmatch(r"(\S+)\s*/\s*(Hz|rad/s|s|ms)", header.strip())):
+        name, unit = slash[1], slash[2]
+    quantity: Quantity | None = None
+    for known, words in _QUANTITY_WORDS:
+        shorter = re.sub(rf"\b(?:{words})\b", " ", name, flags=re.IGNORECASE)
+        if shorter != name:
+            quantity, name = known, shorter
+    for role, words in _WORDS:
+        # a word glued to digits or letters is part of a channel's name: "force" is not f
+        for pattern in (rf"^\s*(?:{words})(?![\w:])[\s_.:,-]*", rf"(?<![\w:])[\s_.,-]*(?:{words})\s*$"):
+            rest = re.sub(pattern, "", name, flags=re.IGNORECASE)
+            if rest != name:
+                return Column(role, " ".join(rest.split()), unit, quantity)
+    return Column("other", " ".join(name.split()), unit, quantity)
+
+
+@dataclass(slots=True)
+class _Parts:
+    """Columns (counted from 0) of one FRF."""
+
+    columns: dict[Role, int] = field(default_factory=dict)
+
+
+def column_records(
+    columns: Sequence[Column], values: NDArray[np.float64], comments: Mapping[str, str], notes: tuple[str, ...] = ()
+) -> Iterator[Record]:
+    """FRFs or time histories of a table; the first column must be frequency or time.
+
+    Parameters
+    ----------
+    columns
+        Of the table, one for each column of `values`.
+    values
+        Numbers, shape (rows, columns).
+    comments
+        ``averages``, ``quantity`` and ``sample_rate_hz`` where the file tells them.
+    notes
+        What was done so far.
+
+    Raises
+    ------
+    MeasurementError
+        If columns do not pair up, or a unit of the axis is not known.
+    """
+    if columns[0].role == "time":
+        yield from _time_records(columns, values, comments, notes)
+        return
+    if columns[0].role != "frequency":
+        raise MeasurementError(
+            f"column 1: found {columns[0].name or 'no name'!r}; expected frequency or time; name the column"
+        )
+    axis = columns[0]
+    unit = axis.unit or ("rad/s" if axis.role == "frequency" and "omega" in axis.name.lower() else "")
+    factor = 1.0 if not unit else frequency_factor(unit)
+    if factor is None:
+        raise MeasurementError(f"column 1: found the unit {unit!r}; expected Hz or rad/s; correct the header")
+    if factor != 1:
+        notes = (*notes, f"frequency in {unit} converted to Hz")
+    lines = values[:, 0] * factor
+    frfs = _pair_up(columns)
+    averages = _averages(comments, len(frfs))
+    for (name, parts), n in zip(frfs, averages, strict=True):
+        yield _frf(columns, parts.columns, values, lines, name, n, comments, notes)
+
+
+def _pair_up(columns: Sequence[Column]) -> list[tuple[str, _Parts]]:
+    """FRFs of the table: columns of one name belong together, a role that comes again begins the next FRF."""
+    frfs: list[tuple[str, _Parts]] = []
+    for i, column in enumerate(columns[1:], start=1):
+        if column.role not in ("real", "imaginary", "magnitude", "phase", "coherence"):
+            raise MeasurementError(
+                f"column {i + 1}: found {column.name!r}; expected real, imaginary, magnitude, phase or coherence in "
+                "the name; name the column"
+            )
+        open_ = [parts for name, parts in frfs if name == column.name and column.role not in parts.columns]
+        if not open_:
+            open_ = [_Parts()]
+            frfs.append((column.name, open_[0]))
+        open_[0].columns[column.role] = i
+    for name, parts in frfs:
+        roles = set(parts.columns) - {"coherence"}
+        if roles not in ({"real", "imaginary"}, {"magnitude", "phase"}):
+            first = min(parts.columns.values()) + 1
+            raise MeasurementError(
+                f"column {first}: found {' and '.join(sorted(parts.columns))} of {name!r}; expected real and "
+                "imaginary, or magnitude and phase; complete the columns"
+            )
+    if not frfs:
+        raise MeasurementError("header: found a frequency column only; expected real and imaginary columns; add them")
+    return frfs
+
+
+def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
+    text = comments.get("averages", "")
+    if not text:
+        return [None] * count
+    found = [part.strip() for part in text.split(",")]
+    if any(not part.isdecimal() or not 1 <= len(part) <= 9 or int(part) < 1 for part in found):
+        raise MeasurementError(f"header: found averages {text[:30]!r}; expected whole numbers of 1 or more; correct it")
+    if len(found) not in (1, count):
+        raise MeasurementError(f"header: found {len(found)} numbers of averages; expected 1 or {count}; correct it")
+    return [*map(int, found)] * (count if len(found) == 1 else 1)
+
+
+def _frf(
+    columns: Sequence[Column],
+    parts: Mapping[Role, int],
+    values: NDArray[np.float64],
+    lines: NDArray[np.float64],
+    name: str,
+    averages: int | None,
+    comments: Mapping[str, str],
+    notes: tuple[str, ...],
+) -> FrfRecord:
+    said = list(notes)
+    first = columns[parts["real" if "real" in parts else "magnitude"]]
+    unit = first.unit
+    if "real" in parts:
+        complex_ = np.empty(lines.size, complex)
+        complex_.real, complex_.imag = values[:, parts["real"]], values[:, parts["imaginary"]]
+    else:
+        magnitude, unit = _magnitude(values[:, parts["magnitude"]], unit, said)
+        complex_ = magnitude * np.exp(1j * _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, said))
+    parsed = frf_unit(unit)
+    if parsed is not None and parsed[0] != 1:
+        complex_ *= parsed[0]
+        said.append(f"{unit} converted to {si_frf_unit(parsed[1])}")
+    elif unit and parsed is None:
+        said.append(f"unit {unit!r} not understood, values left as written")
+    word = comments.get("quantity", "").lower()
+    named = next((known for known, words in _QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
+    response, _, reference = (part.strip() for part in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
+    if not response:
+        response, reference = (reference or "output 1"), "input 1"
+        said.append("the header does not name response and reference")
+    numbers = sorted(parts.values())
+    place = f"columns {', '.join(str(i + 1) for i in numbers[:-1])} and {numbers[-1] + 1}"
+    coherence = values[:, parts["coherence"]] if "coherence" in parts else None
+    quantity = first.quantity or named or (parsed[1] if parsed else None)
+    return FrfRecord(
+        response, reference, lines, complex_, quantity, first.unit, coherence, averages, place, tuple(said)
+    )
+
+
+def _magnitude(values: NDArray[np.float64], unit: str, notes: list[str]) -> tuple[NDArray[np.float64], str]:
+    if not re.match(r"dB\b", unit, re.IGNORECASE):
+        return values, unit
+    reference = re.sub(r"^dB\s*(?:,|re\.?|ref\.?)?\s*1?\s*", "", unit, flags=re.IGNORECASE)
+    notes.append(f"decibels taken as 20 log10 of the magnitude over 1 {reference}".rstrip())
+    with np.errstate(over="ignore"):
+        return 10 ** (values / 20), reference
+
+
+def _phase(values: NDArray[np.float64], unit: str, notes: list[str]) -> NDArray[np.float64]:
+    word = unit.strip().lower()
+    if word in ("rad", "radian", "radians"):
+        return values
+    if word in ("deg", "°", "degree", "degrees", "grad"):
+        return np.deg2rad(values)
+    if word:
+        raise MeasurementError(f"header: found the phase in {unit!r}; expected deg or rad; correct the header")
+    # no column of radians reaches beyond a few turns, no column of degrees of a resonance stays within them
+    degrees = bool(np.nanmax(np.abs(values), initial=0.0) > 4 * np.pi)
+    if not degrees:
+        raise MeasurementError("header: found a phase without unit; expected [deg] or [rad]; add it to the header")
+    notes.append("phase without unit taken as degrees, since it passes 4π")
+    return np.deg2rad(values)
+
+
+def _time_records(
+    columns: Sequence[Column], values: NDArray[np.float64], comments: Mapping[str, str], notes: tuple[str, ...]
+) -> Iterator[TimeRecord]:
+    scale = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3}.get(columns[0].unit.lower())
+    if scale is None:
+        raise MeasurementError(f"column 1: found the unit {columns[0].unit!r}; expected s or ms; correct the header")
+    rate = even_rate(values[:, 0] * scale, "column 1")
+    told = comments.get("sample_rate_hz", "")
+    if re.fullmatch(r"[\d.]+(?:e[+-]?\d+)?", told) and abs(float(told) / rate - 1) < 1e-3:
+        rate = float(told)  # exact, where the instants are rounded
+    for i, column in enumerate(columns[1:], start=1):
+        said = list(notes)
+        parsed = sensor_unit(column.unit)
+        factor, quantity = parsed if parsed is not None else (1.0, "unknown")
+        if parsed is None:
+            said.append(f"unit {column.unit!r} not understood, values left as written")
+        elif factor != 1:
+            said.append(f"{column.unit} converted to {si_sensor_unit(quantity)}")
+        hit = re.search(r"\bhit (\d{1,6})$", column.name)
+        name = column.name[: hit.start()].strip() if hit else column.name
+        yield TimeRecord(
+            name or f"column {i + 1}",
+            rate,
+            values[:, i] * factor,
+            quantity,
+            column.unit,
+            int(hit[1]) if hit else None,
+            f"column {i + 1}",
+            tuple(said),
+        )

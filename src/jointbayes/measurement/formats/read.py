@@ -1,0 +1,102 @@
+"""Records of a measurement file, whatever its format."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet, Quantity
+from jointbayes.measurement.formats.assemble import assemble
+from jointbayes.measurement.formats.detect import detect_format
+from jointbayes.measurement.formats.hdf5 import read_hdf5, read_mat73
+from jointbayes.measurement.formats.layout import Arrays, records_of
+from jointbayes.measurement.formats.lvm import read_lvm
+from jointbayes.measurement.formats.matlab import read_matlab
+from jointbayes.measurement.formats.npz import read_npz
+from jointbayes.measurement.formats.table import read_table
+from jointbayes.measurement.formats.uff import read_uff
+from jointbayes.measurement.records import Record
+
+__all__ = ["iter_records", "read_frf"]
+
+
+def iter_records(path: str | Path) -> Iterator[Record]:
+    """FRFs and time histories of a file, one after the other, in SI units and otherwise as the file has them.
+
+    Parameters
+    ----------
+    path
+        UFF, MAT, CSV or TSV, npz, HDF5 or LVM; told apart by content.
+
+    Yields
+    ------
+    FrfRecord or TimeRecord
+        A universal file is streamed: no more than one record is in memory.
+
+    Raises
+    ------
+    MeasurementError
+        One line that names the file, the place in it, and what is expected.
+    """
+    path = Path(path)
+    found = False
+    kind = detect_format(path)
+    try:
+        for record in _READERS[kind](path):
+            found = True
+            yield record
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
+    except OSError as error:
+        raise MeasurementError(
+            f"{path}: found a fault on reading ({error}); expected a readable file; copy it again"
+        ) from None
+    if not found:
+        raise MeasurementError(
+            f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "
+            "see the layout in the documentation of measurement files"
+        )
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    quantity: Quantity | None = None,
+) -> FrfSet:
+    """FRFs of a file as one set; outputs and inputs are the file's channel labels.
+
+    Parameters
+    ----------
+    path
+        File in any of the formats.
+    f_min_hz, f_max_hz
+        Lines outside the band are cut away before anything is checked.
+    quantity
+        What the FRFs are, whatever the file says.
+
+    Raises
+    ------
+    MeasurementError
+        As `iter_records` and `assemble`.
+    """
+    return assemble(iter_records(path), str(path), f_min_hz=f_min_hz, f_max_hz=f_max_hz, quantity=quantity)
+
+
+def _blocks(read: Callable[[Path], Iterator[tuple[str, Arrays]]]) -> Callable[[Path], Iterator[Record]]:
+    def records(path: Path) -> Iterator[Record]:
+        for place, arrays in read(path):
+            yield from records_of(arrays, place)
+
+    return records
+
+
+_READERS: dict[str, Callable[[Path], Iterator[Record]]] = {
+    "uff": read_uff,
+    "table": read_table,
+    "npz": _blocks(read_npz),
+    "mat": _blocks(read_matlab),
+    "mat73": _blocks(read_mat73),
+    "hdf5": _blocks(read_hdf5),
+    "lvm": read_lvm,
+}

@@ -1,0 +1,104 @@
+"""Records written in any of the formats; a file is there completely or not at all."""
+
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats.hdf5 import write_hdf5, write_mat73
+from jointbayes.measurement.formats.layout import arrays_of
+from jointbayes.measurement.formats.lvm import write_lvm
+from jointbayes.measurement.formats.matlab import write_matlab
+from jointbayes.measurement.formats.npz import write_npz
+from jointbayes.measurement.formats.table import write_table
+from jointbayes.measurement.formats.uff_write import write_uff
+from jointbayes.measurement.formats.units import si_frf_unit
+from jointbayes.measurement.records import FrfRecord, Record
+
+__all__ = ["FORMATS", "records_of_frf", "write_frf", "write_records"]
+
+_WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
+    "uff58": lambda records, path: write_uff(records, path, binary=False),
+    "uff58b": lambda records, path: write_uff(records, path, binary=True),
+    "csv": lambda records, path: write_table(records, path, ","),
+    "tsv": lambda records, path: write_table(records, path, "\t"),
+    "npz": lambda records, path: write_npz(arrays_of(records), path),
+    "mat": lambda records, path: write_matlab(arrays_of(records), path),
+    "mat73": lambda records, path: write_mat73(arrays_of(records), path),
+    "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
+    "lvm": write_lvm,
+}
+
+#: Formats that can be written.
+FORMATS = tuple(_WRITERS)
+
+
+def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
+    """Write a set of FRFs; `format` is one of `FORMATS`. Read back, it is the same, to the last bit.
+
+    Raises
+    ------
+    MeasurementError
+        If the format is unknown or cannot hold the records, or the file cannot be written.
+    """
+    write_records(records_of_frf(frf), path, format)
+
+
+def records_of_frf(frf: FrfSet) -> tuple[FrfRecord, ...]:
+    """FRFs of a set one by one, inputs fastest."""
+    return tuple(
+        FrfRecord(
+            output,
+            input_,
+            frf.frequency_hz,
+            frf.values[:, i, j],
+            frf.quantity,
+            si_frf_unit(frf.quantity),
+            None if frf.coherence is None else frf.coherence[:, i, j],
+            frf.averages,
+        )
+        for i, output in enumerate(frf.outputs)
+        for j, input_ in enumerate(frf.inputs)
+    )
+
+
+def write_records(records: Iterable[Record], path: str | Path, format: str) -> None:
+    """Write FRFs or time histories in SI units; `format` is one of `FORMATS`.
+
+    The file is written beside its place under another name and moved there when it is complete.
+
+    Raises
+    ------
+    MeasurementError
+        If the format is unknown or cannot hold the records, or the file cannot be written.
+    """
+    path, records = Path(path), tuple(records)
+    if format not in _WRITERS:
+        raise MeasurementError(f"{path}: found format {format!r}; expected one of {', '.join(FORMATS)}; correct it")
+    if not records:
+        raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise MeasurementError(
+            f"{path}: found that it cannot be written ({error.strerror}); choose another place"
+        ) from None
+    os.close(handle)
+    part = Path(name)
+    try:
+        _WRITERS[format](records, part)
+        # mkstemp makes files for their owner alone; a measurement is as readable as any other new file
+        umask = os.umask(0)
+        os.umask(umask)
+        part.chmod(0o666 & ~umask)
+        part.replace(path)
+    except MeasurementError as error:
+        raise MeasurementError(f"{path}: {error}") from None
+    except OSError as error:
+        raise MeasurementError(
+            f"{path}: found that it cannot be written ({error.strerror}); choose another place"
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,485 @@
+"""Cases whose data are in measurement files: what is read, what becomes of it, and what is said of it."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.case import Case
+from jointbayes.cli import main
+from jointbayes.errors import CaseError, ModelError
+from jointbayes.frf import FrfSet, Ports, Quantity
+from jointbayes.identification import maximise_posterior
+from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import CoherenceNoise
+from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
+from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
+from jointbayes.measurement.virtual_frf import noisy_frf
+from jointbayes.posterior.storage import stored_test
+from jointbayes.sampling import SamplerSettings
+from tests.conftest import TABLE_3, cheap_text, edited
+
+LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
+CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
+COHERENCE = '[data.variance]\nsource = "coherence"\n'
+SMALL = SamplerSettings(walkers=8, max_steps=600, tau_factor=10, r_hat_max=1.1)
+
+
+def truth(*changes: tuple[str, str]) -> Case:
+    return jb.case_from_text("truth", edited(cheap_text(), *changes))
+
+
+def virtual(
+    outputs: tuple[str, ...] = ("5:y", "1:y", "1:rz"),
+    inputs: tuple[str, ...] = ("5:y",),
+    *,
+    quantity: Quantity = "accelerance",
+    averages: int = 50,
+    coherence: float = 0.998,
+    seed: int = 4,
+    changes: tuple[tuple[str, str], ...] = (),
+) -> FrfSet:
+    """Noisy FRFs with coherence of the small beam with the published joint, at DOFs of the model."""
+    case = truth(*changes)
+    lines = np.array(case.spec.data.lines_hz())
+    model = case.problem.receptance_model(Ports(lines, outputs, inputs))
+    exact = FrfSet(lines, model.receptance(joint_matrix(TABLE_3))[0], outputs, inputs).converted("accelerance")
+    noisy = noisy_frf(exact, CoherenceNoise(coherence, averages), averages, np.random.default_rng(seed))
+    return noisy.converted(quantity)
+
+
+def stored(frf: FrfSet, path: Path, kind: str = "npz", labels: dict[str, str] | None = None) -> None:
+    """Write FRFs under the labels of a test rig's channels."""
+    names = {**LABELS, **(labels or {})}
+    records = [
+        replace(record, response=names[record.response], reference=names[record.reference])
+        for record in records_of_frf(frf)
+    ]
+    write_records(records, path, kind)
+
+
+def text(data: str, *changes: tuple[str, str]) -> str:
+    """The small case with other data."""
+    whole = edited(cheap_text(), *changes)
+    start, end = whole.index("[data]"), whole.index("[identification]")
+    return f"{whole[:start]}{data}\n{whole[end:]}"
+
+
+def frf_data(head: str = "", channels: str = CHANNELS, variance: str = COHERENCE, file: str = '"tip.npz"') -> str:
+    return f'[data]\nkind = "measured_frf"\nfile = {file}\n{head}\n[data.channels]\n{channels}\n{variance}\n'
+
+
+def loaded(folder: Path, data: str, *changes: tuple[str, str]) -> Case:
+    path = folder / "case.toml"
+    path.write_text(text(data, *changes), encoding="utf-8")
+    return jb.load_case(path)
+
+
+TIP = frf_data('outputs = ["5:y"]')
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
+    frf = virtual()
+    stored(frf, tmp_path / "tip.npz", kind)  # the ending says nothing
+    case = loaded(tmp_path, TIP)
+    measured = case.problem.measurement
+    assert (measured.frf.outputs, measured.frf.inputs, measured.frf.quantity) == (("5:y",), ("5:y",), "accelerance")
+    np.testing.assert_allclose(measured.frf.values, frf.values[:, :1], rtol=1e-12)
+    np.testing.assert_allclose(measured.variance, coherence_variance(frf)[:, :1], rtol=1e-9)
+    assert measured.synthetic is False
+    assert case.joint_frf.outputs == ("5:y", "1:y", "1:rz")
+    np.testing.assert_allclose(case.joint_frf.values, frf.values, rtol=1e-12)
+
+
+def test_file_to_posterior_finds_the_joint_of_the_virtual_test(tmp_path):
+    stored(virtual(), tmp_path / "tip.npz", "uff58b")
+    posterior = jb.sample(loaded(tmp_path, TIP), seed=1, settings=SMALL)
+    for name, true in zip(("k11", "k12", "k22"), TABLE_3, strict=True):
+        low, high = posterior.interval(name)
+        assert low < true < high
+    assert posterior.identifiability("k22").verdict == "identified"
+    assert posterior.check.explains
+
+
+@pytest.mark.parametrize("variance", [COHERENCE, '[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01'])
+def test_the_posterior_does_not_depend_on_the_quantity_of_the_file(tmp_path, variance):
+    densities, damping = [], []
+    quantities: tuple[Quantity, ...] = ("receptance", "mobility", "accelerance")
+    for quantity in quantities:
+        folder = tmp_path / quantity
+        folder.mkdir()
+        stored(virtual(quantity=quantity), folder / "tip.npz")
+        data = frf_data('outputs = ["5:y"]', variance=variance)
+        case = loaded(folder, data, ("ratio = 0.01", 'ratio = "measured"'))
+        assert case.problem.measurement.frf.quantity == quantity
+        prior = case.problem.prior
+        theta = prior.sample(np.random.default_rng(2), 200)
+        values = case.problem.log_posterior(theta)
+        inside = np.isfinite(values)
+        assert inside.sum() > 20
+        densities.append((values - values[inside][0])[inside])
+        damping.append(case.spec.structure.damping.ratio)
+    for other in densities[1:]:
+        np.testing.assert_allclose(other, densities[0], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(damping[1:], [damping[0]] * 2, rtol=1e-8)
+
+
+def test_draws_from_three_quantities_are_the_same(tmp_path):
+    intervals = []
+    for quantity in ("receptance", "accelerance"):
+        folder = tmp_path / quantity
+        folder.mkdir()
+        stored(virtual(quantity=quantity), folder / "tip.npz")
+        intervals.append(jb.sample(loaded(folder, TIP), seed=1, settings=SMALL).interval("k22"))
+    np.testing.assert_allclose(intervals[0], intervals[1], rtol=1e-6)
+
+
+def test_signs_and_gains_of_channels_reach_the_data_and_are_reported(tmp_path):
+    frf = virtual()
+    stored(frf, tmp_path / "tip.npz", labels={"1:y": "Point:1:Y-"})
+    channels = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = { dof = "1:y", gain = 1.02 }\n"Point:1:RZ+" = "-1:rz"\n'
+    case = loaded(tmp_path, frf_data(channels=channels))
+    expected = frf.values * np.array([1.0, -1.02, -1.0])[:, None]
+    np.testing.assert_allclose(case.problem.measurement.frf.values, expected, rtol=1e-12)
+    assert any("Point:1:Y- points the other way" in note for note in case.provenance.notes)
+
+
+def test_band_and_thinning_choose_the_lines(tmp_path):
+    frf = virtual()
+    stored(frf, tmp_path / "tip.npz")
+    case = loaded(tmp_path, frf_data("f_min_hz = 100.0\nf_max_hz = 1000.0\nthin = 3"))
+    lines = frf.frequency_hz[(frf.frequency_hz >= 100) & (frf.frequency_hz <= 1000)][::3]
+    np.testing.assert_array_equal(case.problem.measurement.frf.frequency_hz, lines)
+    assert "Of 3 lines one was kept." in case.provenance.notes
+
+
+def test_the_quantity_of_the_case_wins_and_the_contradiction_is_said(tmp_path):
+    frf = virtual()
+    stored(frf, tmp_path / "tip.npz")
+    case = loaded(tmp_path, frf_data('quantity = "mobility"'))
+    assert case.problem.measurement.frf.quantity == "mobility"
+    assert any("The file says accelerance" in n and "the case says mobility" in n for n in case.provenance.notes)
+
+
+def test_doubts_about_the_file_are_kept_and_a_sign_put_right_by_the_mapping_is_none(tmp_path):
+    frf = virtual(("5:y",))
+    stored(replace(frf, values=-frf.values), tmp_path / "tip.npz")
+    wrong = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
+    assert any("5:y/5:y" in doubt.where for doubt in wrong.provenance.doubts)
+    records = [replace(r, response="acc", reference="hammer") for r in records_of_frf(frf)]
+    write_records([replace(r, values=-r.values) for r in records], tmp_path / "tip.npz", "npz")
+    right = loaded(tmp_path, frf_data(channels='"acc" = "-5:y"\n"hammer" = "5:y"\n'))
+    assert right.provenance.doubts == ()
+    np.testing.assert_allclose(right.problem.measurement.frf.values, frf.values, rtol=1e-12)
+
+
+def test_a_file_that_does_not_say_its_quantity_needs_one(tmp_path):
+    records = [
+        replace(r, response=LABELS[r.response], reference=LABELS[r.reference], quantity=None, unit="")
+        for r in records_of_frf(virtual())
+    ]
+    write_records(records, tmp_path / "tip.npz", "npz")
+    with pytest.raises(CaseError, match=r'does not say what it is.*write for example quantity = "accelerance"'):
+        loaded(tmp_path, TIP)
+    assert loaded(tmp_path, frf_data('quantity = "accelerance"')).problem.measurement.frf.quantity == "accelerance"
+
+
+def test_repeated_measurements_are_averaged_and_give_the_variance(tmp_path):
+    repeats = [virtual(seed=seed) for seed in range(4)]
+    for i, frf in enumerate(repeats):
+        stored(frf, tmp_path / f"run{i}.npz")
+    files = '["run0.npz", "run1.npz", "run2.npz", "run3.npz"]'
+    case = loaded(tmp_path, frf_data(variance='[data.variance]\nsource = "repeats"\n', file=files))
+    mean, variance = mean_of_repeats(repeats, floor=1e-3)
+    np.testing.assert_allclose(case.problem.measurement.frf.values, mean.values, rtol=1e-12)
+    np.testing.assert_allclose(case.problem.measurement.variance, variance, rtol=1e-9)
+    assert [f.name for f in case.provenance.files] == ["run0.npz", "run1.npz", "run2.npz", "run3.npz"]
+    with pytest.raises(CaseError, match=r'run1.npz.*another FRF of 5:y over 5:y.*source = "repeats"'):
+        loaded(tmp_path, frf_data(file=files))
+
+
+def test_several_files_make_one_set(tmp_path):
+    frf = virtual()
+    stored(frf.select(("5:y",), ("5:y",)), tmp_path / "tip.npz")
+    stored(frf.select(("1:y", "1:rz"), ("5:y",)), tmp_path / "joint.uff", "uff58b")
+    case = loaded(tmp_path, frf_data(file='["tip.npz", "joint.uff"]'))
+    np.testing.assert_allclose(case.problem.measurement.frf.values, frf.values, rtol=1e-12)
+
+
+def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
+    frf = replace(virtual(), averages=1)
+    stored(replace(frf, coherence=np.ones(frf.values.shape)), tmp_path / "tip.npz")
+    with pytest.raises(CaseError, match="found 1 average"):
+        loaded(tmp_path, TIP)
+    stated = '[data.variance]\nsource = "coherence"\nrelative = 0.02\nfloor = 0.01\n'
+    case = loaded(tmp_path, frf_data(variance=stated))
+    magnitude = np.abs(frf.values)
+    expected = 2 * (0.02 * magnitude + 0.01 * np.median(magnitude, axis=0)) ** 2
+    ratio = case.problem.measurement.variance / expected  # that of a modal fit over that of the noisy |H|
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.01)
+    assert ratio.std() < 0.05
+    assert "of one average coherence says nothing" in case.provenance.variance
+
+
+def test_a_coherence_of_nearly_1_is_not_believed_beyond_the_floor(tmp_path):
+    frf = virtual(coherence=1 - 1e-9)
+    stored(frf, tmp_path / "tip.npz")
+    measured = loaded(tmp_path, TIP).problem.measurement
+    np.testing.assert_allclose(measured.variance, 2 * (1e-3 * np.abs(measured.frf.values)) ** 2, rtol=1e-9)
+
+
+def test_a_variance_estimated_from_few_averages_makes_residuals_student_t(tmp_path):
+    stored(virtual(averages=10), tmp_path / "tip.npz")
+    assert loaded(tmp_path, TIP).problem.noise == StudentNoise(2, 18.0)
+    stated = TIP + '\n[noise]\ndistribution = "gaussian"\n'
+    assert isinstance(loaded(tmp_path, stated).problem.noise, GaussianNoise)
+    correlated = TIP + "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
+    assert isinstance(loaded(tmp_path, correlated).problem.noise, CorrelatedNoise)
+    relative = frf_data(variance='[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01\n')
+    assert isinstance(loaded(tmp_path, relative).problem.noise, GaussianNoise)
+    stored(virtual(averages=300), tmp_path / "tip.npz")
+    assert isinstance(loaded(tmp_path, TIP).problem.noise, GaussianNoise)
+
+
+def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_path):
+    stored(virtual(("5:y",)), tmp_path / "tip.npz")
+    case = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
+    assert case.joint_frf is None
+    assert "no FRF of 1:y" in case.provenance.iteration
+    with pytest.raises(ModelError, match="no FRF of 1:y, a DOF of the joint"):
+        jb.identify(case)
+    result = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml")])
+    assert result.exit_code == 0
+    assert "The paper's iteration is left out." in result.output
+
+
+STATIONS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:2:Y+" = "2:y"\n'
+
+
+def test_stations_give_the_rotation_that_the_iteration_needs_and_stay_in_the_likelihood(tmp_path):
+    frf = virtual(("5:y", "1:y", "2:y"))
+    stored(frf, tmp_path / "tip.npz")
+    rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\n'
+    case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
+    assert case.problem.measurement.frf.outputs == ("5:y", "1:y", "2:y")
+    assert case.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
+    spacing = 0.383 / 4
+    derived = (frf.frf("2:y", "5:y") - frf.frf("1:y", "5:y")) / spacing
+    np.testing.assert_allclose(case.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
+    assert jb.identify(case).steps > 0
+
+
+def test_a_rotation_in_the_likelihood_replaces_its_stations(tmp_path):
+    frf = virtual(("5:y", "1:y", "2:y"))
+    stored(frf, tmp_path / "tip.npz")
+    rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\nspacing_mm = 50.0\nin_likelihood = true\n'
+    case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
+    measured = case.problem.measurement
+    assert measured.frf.outputs == ("5:y", "1:rz")
+    variance = coherence_variance(frf)[:, 1:, 0].sum(axis=1) / 0.05**2
+    np.testing.assert_allclose(measured.variance[:, 1, 0], variance, rtol=1e-9)
+    with pytest.raises(CaseError, match="found 1:y, which a rotation in the likelihood replaces"):
+        loaded(tmp_path, frf_data('outputs = ["1:y"]', channels=STATIONS, variance=COHERENCE + rotation))
+
+
+def test_accelerometers_are_taken_out_of_the_data_or_put_into_the_model_with_the_same_result(tmp_path):
+    loading = (("supports = []", "accelerometer_mass_g = 20.0\nsupports = []"),)
+    frf = virtual(("5:y",), changes=loading, coherence=0.9999)
+    stored(frf, tmp_path / "tip.npz")
+    plain, removed = '"Point:5:Y+" = "5:y"\n', '"Point:5:Y+" = { dof = "5:y", accelerometer_mass_g = 20.0 }\n'
+    found = {
+        "model": loaded(tmp_path, frf_data(channels=plain), *loading),
+        "data": loaded(tmp_path, frf_data(channels=removed)),
+        "neither": loaded(tmp_path, frf_data(channels=plain)),
+    }
+    start = {"published": TABLE_3}
+    k22 = {name: maximise_posterior(case.problem.log_posterior, start).stiffness[2] for name, case in found.items()}
+    assert k22["model"] == pytest.approx(TABLE_3[2], rel=0.02)
+    assert k22["data"] == pytest.approx(TABLE_3[2], rel=0.02)
+    assert abs(k22["neither"] / TABLE_3[2] - 1) > 0.03
+    assert any("mass of the accelerometers was taken out" in note for note in found["data"].provenance.notes)
+    with pytest.raises(CaseError, match="the mass taken out of the data or put into the model, not both"):
+        loaded(tmp_path, frf_data(channels=removed), *loading)
+
+
+FREQUENCIES = (
+    '[data]\nkind = "measured_frequencies"\nfile = "tip.npz"\n\n[data.channels]\n"Point:5:Y+" = "5:y"\n' + COHERENCE
+)
+
+
+def test_natural_frequencies_are_found_in_a_file_and_feed_the_frequency_likelihood(tmp_path):
+    stored(virtual(("5:y",)), tmp_path / "tip.npz")
+    case = loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nsd_relative = 0.001\n\n[data.ch"))
+    measured = case.problem.measurement
+    true = truth().problem.natural_frequencies_hz(TABLE_3, 3)[0]
+    assert np.abs((measured.frequency_hz - true) / measured.sd_hz).max() < 3
+    assert measured.sd_hz[2] >= 0.001 * measured.frequency_hz[2]
+    assert case.joint_frf is None
+    assert jb.find_map(case).stiffness[2] == pytest.approx(TABLE_3[2], rel=0.5)
+
+
+def test_a_missed_first_mode_is_noticed(tmp_path):
+    stored(virtual(("5:y",)), tmp_path / "tip.npz")
+    with pytest.raises(CaseError, match=r"found mode 1 at 75\d.*so that a lower mode was missed; lower f_min_hz"):
+        loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nf_min_hz = 300.0\n\n[data.ch"))
+    with pytest.raises(CaseError, match=r"found 3 modes; expected at least 4"):
+        loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nmodes = 4\n\n[data.ch"))
+
+
+def test_damping_ratios_come_from_the_data_and_stay_uncertain(tmp_path):
+    stored(virtual(("5:y",)), tmp_path / "tip.npz")
+    channels = '"Point:5:Y+" = "5:y"\n'
+    case = loaded(tmp_path, frf_data(channels=channels), ("ratio = 0.01", 'ratio = "measured"'))
+    ratios = case.spec.structure.damping.ratio
+    assert ratios == tuple(mode.damping_ratio for mode in case.provenance.modes)
+    assert np.allclose(ratios, 0.01, rtol=0.05)
+    ranges = {n.name: np.exp(n.range) for n in case.problem.prior.nuisances}
+    assert list(ranges) == ["damping_ratio_1", "damping_ratio_2", "damping_ratio_3"]
+    for low, high in ranges.values():
+        assert (low, high) == pytest.approx((1 / 3, 3))
+    stated = ("[data]", "[uncertain.damping_ratio]\nsd_percent = 5.0\n[data]")
+    own = jb.case_from_text(
+        "own",
+        edited(text(frf_data(channels=channels), ("ratio = 0.01", 'ratio = "measured"')), stated),
+        directory=tmp_path,
+    )
+    assert own.spec.uncertain.damping_ratio.sd_percent == 5.0
+
+
+def test_the_file_of_the_repository_is_what_its_virtual_test_writes(configs, tmp_path):
+    made, kept = tmp_path / "made.uff", configs / "data" / "virtual_test.uff"
+    command = ["simulate", str(configs / "virtual_test.toml"), "--out", str(made), "--format", "uff58b"]
+    assert CliRunner().invoke(main, command).exit_code == 0
+    first, second = read_frf(made), read_frf(kept)
+    assert (first.outputs, first.inputs, first.averages) == (second.outputs, second.inputs, second.averages)
+    np.testing.assert_allclose(first.values, second.values, rtol=1e-6)  # from one machine to another
+
+
+def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(configs):
+    start = {"published": TABLE_3}
+    stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
+    assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
+    assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
+    assert stations.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
+    found = maximise_posterior(stations.problem.log_posterior, start).stiffness
+    np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
+    biased = maximise_posterior(rotation.problem.log_posterior, start).stiffness
+    assert np.abs(biased / TABLE_3 - 1).max() > 0.1
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> tuple[jb.Posterior, Path]:
+    folder = tmp_path_factory.mktemp("run")
+    stored(virtual(), folder / "tip.npz")
+    posterior = jb.sample(loaded(folder, TIP), seed=1, settings=SMALL)
+    posterior.save(folder / "posterior.nc")
+    jb.write_report(posterior, folder / "before")
+    shutil.move(folder / "tip.npz", folder / "gone.npz")
+    return posterior, folder
+
+
+def test_draws_are_loaded_and_reported_without_the_file(run, monkeypatch):
+    posterior, folder = run
+    monkeypatch.chdir("/")
+    again = jb.load_posterior(folder / "posterior.nc")
+    first, second = posterior.problem.measurement, again.problem.measurement
+    np.testing.assert_array_equal(first.frf.values, second.frf.values)
+    np.testing.assert_array_equal(first.variance, second.variance)
+    test = stored_test(again.tree, again.record.provenance)
+    assert test.provenance == stored_test(posterior.tree, posterior.record.provenance).provenance
+    jb.write_report(again, folder / "after")
+    for name in ("summary.json", "report.html", "case.toml"):
+        assert (folder / "before" / name).read_bytes() == (folder / "after" / name).read_bytes()
+
+
+def test_summary_and_report_name_the_file_and_its_fingerprint(run):
+    import hashlib
+    import json
+
+    folder = run[1]
+    summary = json.loads((folder / "before" / "summary.json").read_text(encoding="utf-8"))["measurement"]
+    digest = hashlib.sha256((folder / "gone.npz").read_bytes()).hexdigest()
+    assert summary["files"] == [{"name": "tip.npz", "size": (folder / "gone.npz").stat().st_size, "sha256": digest}]
+    html = (folder / "before" / "report.html").read_text(encoding="utf-8")
+    assert digest in html
+    assert html.index("Measured natural frequencies and damping") < html.index("Stiffness of the joint")
+    assert "synthetic data" not in html
+
+
+def test_arviz_takes_the_posterior_of_a_file(run):
+    assert "k22" in run[0].to_arviz().posterior
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (frf_data(file='"tpi.npz"'), r'data.file: tpi.npz: found no such file; .*did you mean "tip.npz"\?'),
+        (frf_data(channels=CHANNELS + '"Point:4:Y+" = "4:y"\n'), r'found no channel "Point:4:Y\+".*did you mean'),
+        (frf_data('inputs = ["1:y"]'), r"data.inputs: found 1:y; expected one of 5:y of tip.npz"),
+    ],
+)
+def test_files_that_do_not_hold_what_the_case_says_are_refused_in_one_line(tmp_path, data, message):
+    stored(virtual(), tmp_path / "tip.npz")
+    with pytest.raises(CaseError, match=message) as found:
+        loaded(tmp_path, data)
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "key", "words"),
+    [
+        (frf_data(channels='"Point:5:Y+" = "9:y"\n'), 'data.channels."Point:5:Y+"', "there is no node 9"),
+        (frf_data(channels='"Point:5:Y+" = "5y"\n'), 'data.channels."Point:5:Y+".dof', 'found "5y"'),
+        (frf_data(channels='"Point:5:Y+" = { dof = "5:y", gian = 1.0 }\n'), "gian", 'did you mean "gain"'),
+        (frf_data(channels='"Point:5:Y+" = { dof = "5:y", gain = -1.0 }\n'), "gain", "a number greater than 0"),
+        (frf_data(channels='"Point:5:Y+" = 5\n'), 'data.channels."Point:5:Y+"', "found 5"),
+        (frf_data(channels=""), "data.channels", "found no channel"),
+        (frf_data(variance='[data.variance]\nsource = "relative"\nfloor = 0.1\n'), "data.variance.relative", "missing"),
+        (frf_data(variance='[data.variance]\nsource = "guess"\n'), "data.variance.source", 'the text "guess"'),
+        (frf_data('outputs = ["3:y"]'), "data.outputs", "which no channel stands for"),
+        (frf_data("f_min_hz = 100.0\nf_max_hz = 50.0"), "data.f_max_hz", "not above f_min_hz"),
+        (
+            frf_data(variance=COHERENCE + '[data.rotations."1:rz"]\nstations = ["1:y", "2:y", "3:y"]\n'),
+            'data.rotations."1:rz".stations',
+            "found 3 stations",
+        ),
+        (
+            frf_data(variance=COHERENCE + '[data.rotations."1:y"]\nstations = ["1:y", "2:y"]\n'),
+            'data.rotations."1:y"',
+            'found "1:y"; expected a rotation',
+        ),
+    ],
+)
+def test_faults_of_the_data_table_are_named_by_key(data, key, words):
+    with pytest.raises(CaseError) as found:
+        jb.case_from_text("case", text(data))
+    (line,) = str(found.value).splitlines()
+    assert key in line
+    assert words in line
+
+
+def test_a_roving_sensor_cannot_be_in_the_model():
+    heavy = ("supports = []", "accelerometer_mass_g = 2.0\nsupports = []")
+    with pytest.raises(CaseError, match=r'data.accelerometers: found "roving" with a mass in \[structure\]'):
+        jb.case_from_text("case", text(frf_data('accelerometers = "roving"'), heavy))
+
+
+def test_measured_damping_needs_a_file():
+    with pytest.raises(
+        CaseError, match=r'structure.damping.ratio: found "measured" with data of kind = "synthetic_frf"'
+    ):
+        jb.case_from_text("case", edited(cheap_text(), ("ratio = 0.01", 'ratio = "measured"')))
+
+
+def test_records_of_time_are_no_frfs(tmp_path):
+    from jointbayes.measurement.records import TimeRecord
+
+    write_records([TimeRecord("Point:5:Y+", 1000.0, np.ones(16), "force", "N")], tmp_path / "tip.npz", "npz")
+    with pytest.raises(CaseError, match="found no FRF"):
+        loaded(tmp_path, TIP)

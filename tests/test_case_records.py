@@ -1,0 +1,93 @@
+"""Cases on the time histories of a hammer or a shaker: from raw records to the data of the likelihood."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.case import Case
+from jointbayes.errors import CaseError
+from jointbayes.identification import maximise_posterior
+from jointbayes.measurement.formats import write_records
+from jointbayes.simulation import simulate
+from tests.conftest import TABLE_3, cheap_text, edited
+
+VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'
+
+
+def virtual_records(path: Path, table: str, kind: str = "npz") -> None:
+    """Measure the small beam with the published joint, as accelerance, and keep the records."""
+    quantity = ('quantity = "receptance"', 'quantity = "accelerance"')
+    band = ("f_max_hz = 2500.0", "f_max_hz = 1000.0")
+    case = jb.case_from_text("virtual", edited(cheap_text(), quantity, band) + f"\n[virtual_test]\n{table}\n")
+    write_records(simulate(case, None, np.random.default_rng(5)), path, kind)
+
+
+def loaded(folder: Path, records: str) -> Case:
+    whole = cheap_text()
+    start, end = whole.index("[data]"), whole.index("[identification]")
+    data = (
+        '[data]\nkind = "measured_frf"\nfile = "hits.npz"\nf_min_hz = 20.0\nf_max_hz = 1000.0\n\n'
+        f'[data.channels]\n"Point:5:Y+" = "5:y"\n\n{records}\n{VARIANCE}\n'
+    )
+    path = folder / "case.toml"
+    path.write_text(f"{whole[:start]}{data}\n{whole[end:]}", encoding="utf-8")
+    return jb.load_case(path)
+
+
+def k22_of(case: Case) -> tuple[float, float]:
+    """Mode of ln k22 relative to the truth, and its Laplace standard deviation."""
+    estimate = maximise_posterior(case.problem.log_posterior, {"published": TABLE_3})
+    return float(np.log(estimate.stiffness[2] / TABLE_3[2])), float(np.sqrt(estimate.covariance[2, 2]))
+
+
+def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
+    table = 'method = "impact"\nwrites = "time"\naverages = 6\ndouble_hits = 1\noverloads = 1'
+    virtual_records(tmp_path / "hits.npz", table, "uff58b")
+    case = loaded(tmp_path, '[data.records]\nmethod = "impact"\nforce_window_s = 0.004')
+    assert case.problem.measurement.frf.averages == 6
+    assert any("from 6 of 8 hits" in note for note in case.provenance.notes)
+    assert any("Left out of the hits on Point:5:Y+" in n and "double" in n for n in case.provenance.notes)
+    off, sd = k22_of(case)
+    assert abs(off) < 4 * sd
+    assert sd < 0.05
+
+
+def test_the_damping_of_an_exponential_window_is_taken_out(tmp_path):
+    table = 'method = "impact"\nwrites = "time"\naverages = 6'
+    virtual_records(tmp_path / "hits.npz", table)
+    windowed = loaded(tmp_path, '[data.records]\nmethod = "impact"\nexponential_end = 0.02')
+    plain = loaded(tmp_path, '[data.records]\nmethod = "impact"')
+    assert any("damping of the exponential window" in note for note in windowed.provenance.notes)
+    damping = [[mode.damping_ratio for mode in case.provenance.modes] for case in (windowed, plain)]
+    np.testing.assert_allclose(damping[0], damping[1], rtol=0.03)
+    np.testing.assert_allclose(damping[0], 0.01, rtol=0.05)
+
+
+def test_shaker_records_become_frfs(tmp_path):
+    virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 40\nblock_s = 4.0')
+    case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
+    assert np.diff(case.problem.measurement.frf.frequency_hz) == pytest.approx(0.5)  # Hann: of two lines one
+    assert case.problem.measurement.frf.averages == pytest.approx(40, abs=1)
+    modes = case.provenance.modes
+    assert [round(m.frequency_hz) for m in modes] == [122, 754]
+
+
+def test_records_without_their_table_are_named(tmp_path):
+    virtual_records(tmp_path / "hits.npz", 'method = "impact"\nwrites = "time"\naverages = 2')
+    with pytest.raises(CaseError, match=r"hits.npz: found no FRF; .*add a table \[data.records\]"):
+        loaded(tmp_path, "")
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('method = "shaker"', "data.records.block_s: missing"),
+        ('method = "impact"\noverlap = 0.7', 'data.records.overlap: found 0.7, which method = "impact" does not use'),
+        ('method = "shaker"\nblock_s = 1.0\nexponential_end = 0.1', "data.records.exponential_end: found 0.1"),
+    ],
+)
+def test_keys_of_the_other_method_are_refused(tmp_path, table, words):
+    with pytest.raises(CaseError, match=words):
+        loaded(tmp_path, f"[data.records]\n{table}")

@@ -1,0 +1,49 @@
+"""The variance that a case states for FRFs of files leaves what is fitted with it unbiased."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jointbayes import case_schema as schema
+from jointbayes.case_variance import variance_of
+from jointbayes.frf import FrfSet, Ports
+from jointbayes.joint import joint_matrix
+from tests.conftest import TABLE_3, cheap_text
+
+LAW = schema.VarianceSpec(source="relative", relative=0.05, floor=0.02)
+
+
+def exact_frf() -> FrfSet:
+    from jointbayes.case import case_from_text
+
+    case = case_from_text("truth", cheap_text())
+    lines = np.arange(20.0, 2500.0, 4.0)
+    values = case.problem.receptance_model(Ports(lines, ("5:y",), ("5:y",))).receptance(joint_matrix(TABLE_3))[0]
+    return FrfSet(lines, values, ("5:y",), ("5:y",)).converted("accelerance")
+
+
+def test_a_stated_relative_noise_does_not_favour_lines_that_the_noise_made_small():
+    exact, rng, z = exact_frf(), np.random.default_rng(2), []
+    magnitude = np.abs(exact.values)
+    true = 2 * (0.05 * magnitude + 0.02 * np.median(magnitude, axis=0)) ** 2
+    for _ in range(4):
+        real, imag = rng.standard_normal((2, *exact.values.shape))
+        frf = replace(exact, values=exact.values + np.sqrt(true / 2) * (real + 1j * imag))
+        _, variance, words, dof = variance_of([frf], LAW, "tip.npz")
+        assert "modal fit" in words
+        assert dof is None
+        np.testing.assert_allclose(np.median(variance / true), 1.0, atol=0.02)
+        weight = magnitude**2 / variance
+        gain = (np.conj(exact.values) * frf.values / variance).real.sum() / weight.sum()
+        z.append((gain - 1) * np.sqrt(2 * weight.sum()))
+    assert abs(np.sum(z)) / 2 < 3  # with the measured |H| as it is, about −4
+
+
+def test_frfs_without_modes_keep_the_magnitude_they_were_measured_with():
+    lines = np.linspace(10.0, 20.0, 40)
+    noise = np.random.default_rng(1).standard_normal((2, 40, 1, 1))
+    frf = FrfSet(lines, noise[0] + 1j * noise[1], ("5:y",), ("5:y",), "accelerance")
+    _, variance, words, _ = variance_of([frf], LAW, "tip.npz")
+    assert "modal fit" not in words
+    magnitude = np.abs(frf.values)
+    np.testing.assert_allclose(variance, 2 * (0.05 * magnitude + 0.02 * np.median(magnitude)) ** 2, rtol=1e-12)

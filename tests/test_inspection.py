@@ -1,0 +1,171 @@
+"""`jointbayes inspect`: what it says of a file, its figure, its exit status, and that it streams."""
+
+import tracemalloc
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from jointbayes import inspection
+from jointbayes.cli import main
+from jointbayes.inspection import inspect_file, inspect_records
+from jointbayes.inspection_text import text_of
+from jointbayes.measurement.formats import write_records
+from jointbayes.measurement.records import TimeRecord
+from jointbayes.report.inspect_figure import inspect_figure
+from tests.test_doubts import DAMPING, FREQUENCY, LINES, hammer, records, times
+
+COARSE = LINES[1::2]  # 1 Hz apart
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    path = tmp_path_factory.mktemp("inspect") / "tip.uff"
+    write_records(records(np.random.default_rng(1), lines=COARSE), path, "uff58b")
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(clean):
+    return inspect_file(clean)
+
+
+@pytest.fixture(scope="module")
+def hits(tmp_path_factory):
+    """Five hits, the third a double one, and the velocity of one mode at 200 Hz with 2 % damping."""
+    path = tmp_path_factory.mktemp("inspect") / "hits.npz"
+    rng = np.random.default_rng(2)
+    found = []
+    for number in range(1, 6):
+        force = hammer(rng, second=0.4 if number == 3 else 0.0, hit=number)
+        t = np.arange(force.values.size) / force.sample_rate_hz
+        omega, zeta = 2 * np.pi * 200.0, 0.02
+        damped = omega * np.sqrt(1 - zeta**2)
+        response = np.exp(-zeta * omega * t) * (np.cos(damped * t) - zeta * omega / damped * np.sin(damped * t))
+        velocity = np.convolve(force.values, response)[: t.size] / force.sample_rate_hz
+        velocity += 1e-4 * np.abs(velocity).max() * rng.standard_normal(t.size)
+        found += [force, TimeRecord("laser", force.sample_rate_hz, velocity, "velocity", "m/s", number)]
+    write_records(found, path, "npz")
+    return path
+
+
+def test_a_file_is_described(found):
+    assert found.form == "uff"
+    assert list(found.channels) == ["Point:1:Z+", "Point:2:Z+"]
+    assert found.channels["Point:2:Z+"].as_response == found.channels["Point:2:Z+"].as_force == 2
+    ((kind, count),) = found.kinds.items()
+    assert (count, kind) == (4, "FRF: accelerance, unit (m/s^2)/N; 1595 lines, 5.5 to 1599.5 Hz every 1 Hz")
+    assert found.averages == (10,)
+    assert 0 < found.coherence[0] < found.coherence[1] < 1
+    assert found.doubts == ()
+
+
+def test_resonances_are_found_with_their_damping(found):
+    assert [m.frequency_hz for m in found.modes] == pytest.approx(FREQUENCY, rel=1e-3)
+    assert [m.damping_ratio for m in found.modes] == pytest.approx(DAMPING, rel=0.1)
+    errors = [(m.frequency_hz - f) / m.frequency_sd_hz for m, f in zip(found.modes, FREQUENCY, strict=True)]
+    assert np.abs(errors).max() < 4
+
+
+def test_the_command_prints_it_all_and_draws_a_figure(clean, tmp_path):
+    figure = tmp_path / "look.svg"
+    result = CliRunner().invoke(main, ["inspect", str(clean), "--figure", str(figure)])
+    assert result.exit_code == 0, result.output
+    for part in ("4 × FRF: accelerance", "averages: 10", "node 2, direction Z+", "Resonances of", "No doubts."):
+        assert part in result.output
+    assert f"Figure: {figure}" in result.output
+    root = ElementTree.parse(figure).getroot()
+    assert root.tag.endswith("svg")
+    assert len([e for e in root.iter() if e.get("id", "").startswith("axes_")]) == 3  # magnitude, phase, coherence
+
+
+def test_doubts_are_printed_with_place_and_remedy(clean, tmp_path):
+    path = tmp_path / "turned.uff"
+    turned = records(np.random.default_rng(1), lines=COARSE)
+    write_records([times(turned[0], -1), *turned[1:]], path, "uff58b")
+    result = CliRunner().invoke(main, ["inspect", str(path)])
+    assert result.exit_code == 0
+    (line,) = [part for part in result.output.splitlines() if "[sign_flip]" in part]
+    assert line.startswith("  1. data set ")
+    assert "(Point:1:Z+/Point:1:Z+): the imaginary part of the accelerance" in line
+    assert "What to do: turn the channel" in line
+
+
+def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
+    found = inspect_file(hits)
+    assert [t.hit.number for t in found.hits] == [1, 2, 3, 4, 5]
+    assert [t.hit.kept for t in found.hits] == [True, True, False, True, True]
+    text = "\n".join(text_of(found))
+    assert "Point:1:Z+ hit 3: " in text
+    assert "LEFT OUT: double hit, again after 2" in text
+    assert {d.key for d in found.doubts} == {"double_hit"}
+    (mode,) = found.modes
+    assert mode.frequency_hz == pytest.approx(200.0, abs=max(4 * mode.frequency_sd_hz, 0.02))
+    assert mode.damping_ratio == pytest.approx(0.02, abs=max(4 * mode.damping_sd, 2e-4))
+    curves = [(t.channel, t.hit.reason, t.time_s, t.force_n) for t in found.hits]
+    drawn = ElementTree.fromstring(inspect_figure(found.frfs, found.modes, curves))
+    panels = [e for e in drawn.iter() if e.get("id", "").startswith("axes_")]
+    assert len(panels) == 3 + 5
+
+
+def test_the_trace_of_a_double_hit_shows_both():
+    third = inspect_records([hammer(np.random.default_rng(3), second=0.4)]).hits[0]
+    late = third.force_n[third.time_s > 0.01]
+    assert late.max() > 0.2 * third.force_n.max()
+
+
+def test_the_mass_is_held_against_the_mass_line(tmp_path):
+    path = tmp_path / "free.npz"
+    free = records(np.random.default_rng(6), rigid_kg=4.0, floor=0.0)
+    write_records([times(r, 1 / 9.80665) for r in free], path, "npz")
+    for options, expected in (([], False), (["--mass", "4.0"], True)):
+        result = CliRunner().invoke(main, ["inspect", str(path), *options])
+        assert ("[g_against_ms2]" in result.output) is expected
+
+
+def test_why_there_are_no_resonances_is_said():
+    quiet = [replace(r, quantity=None, unit="") for r in records(np.random.default_rng(3))]
+    assert inspect_records(quiet).modes_note == "no FRF of a known quantity"
+    noise = np.random.default_rng(4).standard_normal((2, LINES.size))
+    flat = replace(quiet[0], quantity="mobility", values=noise[0] + 1j * noise[1], coherence=None)
+    assert inspect_records([flat]).modes_note == "none stands out of the noise"
+    assert "Resonances: none stands out of the noise" in list(text_of(inspect_records([flat])))
+    shaken = TimeRecord("1:z", 2048.0, np.random.default_rng(5).standard_normal(4096), "force", "N")
+    assert "not one hit each" in inspect_records([shaken]).modes_note
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [(b"", "empty"), (b"not a measurement\n" * 3, "expected"), (None, "No such file")],
+    ids=["empty", "text", "missing"],
+)
+def test_what_is_no_measurement_is_one_line_and_exit_2(content, part, tmp_path):
+    path = tmp_path / "broken.uff"
+    if content is not None:
+        path.write_bytes(content)
+    result = CliRunner().invoke(main, ["inspect", str(path)])
+    assert result.exit_code == 2
+    assert result.output.count("\n") == 1
+    assert str(path) in result.output
+
+
+def test_many_frfs_are_streamed(monkeypatch):
+    monkeypatch.setattr(inspection, "_MOST_LINES", 0)  # the fit is not what is measured
+    lines = np.arange(10, 6410) * 0.25
+    one = records(np.random.default_rng(7), lines=lines)[1]
+
+    def many(count):
+        for node in range(count):
+            # values of their own, as read from a file
+            yield replace(one, response=f"Point:{node + 2}:Z+", values=one.values * (1 + 0.01 * node))
+
+    peak = {}
+    for count in (20, 70):
+        tracemalloc.start()
+        inspect_records(many(count))
+        peak[count] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    # an FRF with its axis and coherence is 200 kB; what is kept of each is a fiftieth of that
+    assert (peak[70] - peak[20]) / 50 < 8_000

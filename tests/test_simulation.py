@@ -1,0 +1,310 @@
+"""Virtual tests: records that hold the truth of a case, with the noise that is stated."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose, assert_array_equal
+
+from jointbayes.case import Case, case_from_text
+from jointbayes.case_virtual_test import VirtualTestSpec
+from jointbayes.cli import main
+from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import CoherenceNoise, RelativeNoise
+from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
+from jointbayes.measurement.hits import HitSettings, find_hits
+from jointbayes.measurement.impact import ImpactSettings, frfs_of_hits
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.thinning import lines_apart
+from jointbayes.measurement.variance import coherence_variance
+from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
+from jointbayes.simulation import Truth, describe, simulate
+from tests.conftest import TABLE_3, cheap_frequencies_text, cheap_text, edited
+
+NOISE = "relative = 0.01 \nfloor = 0.002"
+
+
+def virtual_case(*changes: tuple[str, str], table: str = "") -> Case:
+    return case_from_text("virtual", edited(cheap_text(), *changes) + f"\n[virtual_test]\n{table}\n")
+
+
+def as_set(records: list[Record]) -> FrfSet:
+    """The set of records that make one row of outputs."""
+    assert all(isinstance(record, FrfRecord) for record in records)
+    values = np.stack([record.values for record in records], axis=1)[:, :, None]
+    coherence = np.stack([record.coherence for record in records], axis=1)[:, :, None]
+    first = records[0]
+    labels = tuple(record.response for record in records)
+    return FrfSet(first.frequency_hz, values, labels, (first.reference,), first.quantity, coherence, first.averages)
+
+
+@pytest.mark.parametrize(("quantity", "unit"), [("receptance", "m/N"), ("accelerance", "(m/s^2)/N")])
+def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
+    case = virtual_case(
+        ('quantity = "receptance"', f'quantity = "{quantity}"'),
+        ("relative = 0.01", "relative = 1e-9"),
+        ("floor = 0.002", "floor = 1e-12"),
+        ("k11 = 5.05e9", "gain = 1.5\nk11 = 5.05e9"),
+        table='extra_outputs = ["3:y", "1:rz"]',
+    )
+    records = simulate(case, None, np.random.default_rng(1))
+    assert [(r.response, r.reference) for r in records] == [
+        (response, "Point:5:Y+") for response in ("Point:5:Y+", "Point:3:Y+", "Point:1:RZ+")
+    ]
+    lines = np.array(case.spec.data.lines_hz())
+    ports = Ports(lines, ("5:y", "3:y", "1:rz"), ("5:y",))
+    exact = DirectSolve(case.problem.structure, case.problem.joint, ports).receptance(joint_matrix(TABLE_3))[0]
+    factor = (2j * np.pi * lines) ** (2 * (quantity == "accelerance"))
+    for i, record in enumerate(records):
+        assert_array_equal(record.frequency_hz, lines)
+        assert (record.quantity, record.unit, record.averages) == (quantity, unit, 10)
+        assert_allclose(record.values, 1.5 * exact[:, i, 0] * factor, rtol=1e-7)
+
+
+def test_accelerometers_load_the_virtual_structure():
+    damping = ('law = "modal"', 'law = "loss_factor"'), ("ratio = 0.01", "loss_factor = 0.01")
+    heavy = virtual_case(*damping, ("k11 = 5.05e9", "accelerometer_mass_g = 50.0\nk11 = 5.05e9"))
+    lines = np.array(heavy.spec.data.lines_hz())
+    loaded, bare = (Truth(case).frf(lines, ("5:y",)).values[:, 0, 0] for case in (heavy, virtual_case(*damping)))
+    # exact mass loading at a drive point: 1/H' = 1/H − ω² m
+    assert_allclose(1 / loaded, 1 / bare - (2 * np.pi * lines) ** 2 * 0.05, rtol=1e-6)
+
+
+@pytest.mark.parametrize("averages", [2, 5, 50])
+def test_noise_and_coherence_are_those_of_h1_from_the_averages_themselves(averages):
+    rng = np.random.default_rng(averages)
+    lines, law = 20_000, RelativeNoise(0.2, 0.0)
+    true = FrfSet(1.0 + np.arange(lines), np.full((lines, 1, 1), 2 - 1j), ("1:y",), ("1:y",))
+    short = noisy_frf(true, law, averages, rng)
+    sd = np.sqrt(averages * law.variance(true.values)[0, 0, 0] / 2)
+    y = 2 - 1j + sd * (rng.standard_normal((averages, lines)) + 1j * rng.standard_normal((averages, lines)))
+    coherence = np.abs(y.sum(0)) ** 2 / (averages * (np.abs(y) ** 2).sum(0))
+    for quantile in (0.05, 0.5, 0.95):
+        assert np.quantile(short.coherence, quantile) == pytest.approx(np.quantile(coherence, quantile), rel=0.02)
+    assert np.mean(np.abs(short.values - (2 - 1j)) ** 2) == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
+    assert coherence_variance(short, 0.0).mean() == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
+
+
+def test_one_average_has_no_coherence_and_none_is_refused():
+    true = FrfSet([1.0, 2.0], np.ones((2, 1, 1)), ("1:y",), ("1:y",))
+    single = noisy_frf(true, RelativeNoise(0.1, 0.0), 1, np.random.default_rng(1))
+    assert (single.coherence, single.averages) == (None, 1)
+    assert frf_records(single)[0].coherence is None
+    with pytest.raises(MeasurementError, match="0 averages"):
+        noisy_frf(true, RelativeNoise(0.1, 0.0), 0, np.random.default_rng(1))
+
+
+def test_averages_are_those_of_the_test_then_of_the_noise():
+    by_coherence = ("relative = 0.01", "coherence = 0.9\naverages = 7")
+    for case, averages in ((virtual_case(by_coherence), 7), (virtual_case(by_coherence, table="averages = 4"), 4)):
+        assert simulate(case, None, np.random.default_rng(1))[0].averages == averages
+    case = virtual_case(by_coherence, ("floor = 0.002", "floor = 0"))
+    coherence = as_set(simulate(case, None, np.random.default_rng(1))).coherence
+    assert coherence.mean() == pytest.approx(0.9, abs=0.02)
+
+
+def test_the_same_seed_gives_the_same_test():
+    case = virtual_case()
+    first, again, other = (simulate(case, None, np.random.default_rng(seed))[0].values for seed in (1, 1, 2))
+    assert first.tobytes() == again.tobytes()
+    assert (first != other).all()
+
+
+def test_a_case_without_a_truth_cannot_be_simulated():
+    case = case_from_text("natural", cheap_frequencies_text())
+    with pytest.raises(CaseError, match='natural: found data of kind = "natural_frequencies"'):
+        simulate(case, None, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("overlap = 0.25", 'virtual_test.overlap: found 0.25, which method = "frf" does not use'),
+        ('method = "shaker"\ndouble_hits = 1', 'virtual_test.double_hits: found 1, which method = "shaker"'),
+        ('extra_outputs = ["9:y"]', "there is no node 9"),
+        ('extra_outputs = ["5:y"]', "measured anyway"),
+        ("averages = 0", "virtual_test.averages"),
+        ('method = "impact"\nexponential_end = 0', "virtual_test.exponential_end"),
+    ],
+)
+def test_faults_of_the_table_are_named(table, message):
+    with pytest.raises(CaseError, match="virtual") as caught:
+        virtual_case(table=table)
+    assert message in str(caught.value)
+
+
+def test_settings_override_those_of_the_case():
+    settings = VirtualTestSpec(averages=3)
+    assert simulate(virtual_case(), settings, np.random.default_rng(1))[0].averages == 3
+
+
+def test_coherence_noise_of_the_case_is_used_as_stated():
+    true = FrfSet([1.0, 2.0], np.ones((2, 1, 1)), ("1:y",), ("1:y",))
+    rng = np.random.default_rng(5)
+    values = np.array([noisy_frf(true, CoherenceNoise(0.8, 10), 10, rng).values[:, 0, 0] for _ in range(4000)])
+    assert np.mean(np.abs(values - 1) ** 2) == pytest.approx(0.2 / 8, rel=0.06)
+
+
+# time histories
+
+
+@pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+@pytest.mark.parametrize("method", ["impact", "shaker"])
+def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise(method, quantity):
+    case = virtual_case(
+        ('quantity = "receptance"', f'quantity = "{quantity}"'),
+        table=f'method = "{method}"\naverages = 12\nextra_outputs = ["3:y"]',
+    )
+    found = as_set(simulate(case, None, np.random.default_rng(4)))
+    assert found.outputs == ("Point:5:Y+", "Point:3:Y+")
+    lines = np.array(case.spec.data.lines_hz())
+    assert_allclose(found.frequency_hz, lines, rtol=1e-9)
+    true = Truth(case).frf(lines, ("5:y", "3:y")).values
+    z = np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)
+    # Student-t with 2(n − 1) = 22 degrees of freedom: mean 22/20
+    assert z.mean() == pytest.approx(1.1, abs=0.25)
+
+
+@pytest.mark.parametrize(
+    ("law", "key"), [("loss_factor", "loss_factor = 0.02"), ("rayleigh", "alpha_per_s = 20.0\nbeta_s = 1e-6")]
+)
+def test_other_laws_of_damping_are_tested_as_well(law, key):
+    damping = ('law = "modal"', f'law = "{law}"'), ("ratio = 0.01", key)
+    case = virtual_case(*damping, ('"receptance"', '"accelerance"'), table='method = "impact"')
+    found = as_set(simulate(case, None, np.random.default_rng(4)))
+    true = Truth(case).frf(found.frequency_hz, ("5:y",)).values
+    z = np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)
+    assert z.mean() == pytest.approx(1.125, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_damping_of_an_exponential_window_is_taken_out_of_simulated_frfs(seed):
+    case = virtual_case(
+        ('"receptance"', '"accelerance"'), table='method = "impact"\nblock_s = 0.6\nexponential_end = 0.01'
+    )
+    (record,) = simulate(case, None, np.random.default_rng(seed))
+    found, true = as_set([record]), Truth(case).frf(record.frequency_hz, ("5:y",)).values
+    # the three modes in the band and no more, although the noise of neighbouring lines is alike
+    assert record.notes[1].endswith("taken out by the 3 modes that were found")
+    rate = -np.log(0.01) / 0.6
+    assert rate > 2 * np.pi * 121 * 0.01  # the window damps the first mode more than the structure does
+    peak = np.abs(true[:, 0, 0]).argmax()
+    assert abs(found.values[peak, 0, 0] / true[peak, 0, 0] - 1) < 0.005
+    assert (np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)).mean() < 1.6
+
+
+def test_the_decay_rate_is_that_of_the_slowest_mode():
+    assert Truth(virtual_case()).decay_rate == pytest.approx(0.01 * 2 * np.pi * 121.5, rel=0.01)
+    damping = ('law = "modal"', 'law = "rayleigh"'), ("ratio = 0.01", "alpha_per_s = 20.0\nbeta_s = 0.0")
+    assert Truth(virtual_case(*damping)).decay_rate == pytest.approx(10.0)
+
+
+def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
+    table = 'method = "impact"\nwrites = "time"\naverages = 2\ndouble_hits = 1\noverloads = 1\nextra_outputs = ["3:y"]'
+    records = simulate(virtual_case(table=table), None, np.random.default_rng(1))
+    assert all(isinstance(record, TimeRecord) for record in records)
+    assert [(r.hit, r.channel, r.quantity, r.unit) for r in records[:3]] == [
+        (1, "Point:5:Y+", "force", "N"),
+        (1, "Point:5:Y+", "displacement", "m"),
+        (1, "Point:3:Y+", "displacement", "m"),
+    ]
+    assert [record.hit for record in records] == [1] * 3 + [2] * 3 + [3] * 3 + [4] * 3
+    hits = find_hits([r for r in records if r.quantity == "force"], HitSettings())
+    assert sorted(hit.reason.split(",")[0] for hit in hits) == ["", "", "double hit", "force overloaded"]
+    assert describe(records) == ["12 time histories of 1.4 s at 20000 samples per second, 4 hits or runs"]
+
+
+def test_blocks_are_as_long_and_as_finely_sampled_as_stated():
+    table = 'method = "impact"\nwrites = "time"\naverages = 1\nblock_s = 0.5\nsample_rate_hz = 8000.0'
+    record = simulate(virtual_case(table=table), None, np.random.default_rng(1))[0]
+    assert (record.values.size, record.sample_rate_hz) == (4000, 8000.0)
+
+
+def test_what_cannot_be_tested_is_refused():
+    slow = virtual_case(table='method = "impact"\nsample_rate_hz = 5000.0')
+    with pytest.raises(MeasurementError, match="5000 samples per second for lines up to 2500 Hz"):
+        simulate(slow, None, np.random.default_rng(1))
+    undamped = virtual_case(
+        ("ratio = 0.01", "ratio = 0.0"), ("f_min_hz = 20.0", "f_min_hz = 21.3"), table='method = "impact"'
+    )
+    with pytest.raises(MeasurementError, match="without damping"):
+        simulate(undamped, None, np.random.default_rng(1))
+
+
+# command line
+
+
+def command(tmp_path: Path, table: str, *options: str):
+    file = tmp_path / "case.toml"
+    file.write_text(cheap_text() + f"\n[virtual_test]\n{table}\n", encoding="utf-8")
+    return CliRunner().invoke(main, ["simulate", str(file), *options])
+
+
+def read(path: Path) -> list[Record]:
+    return list(iter_records(path))
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_simulate_writes_every_format(tmp_path, form):
+    out = tmp_path / "tip.dat"
+    result = command(tmp_path, 'extra_outputs = ["3:y"]', "--out", str(out), "--format", form, "--seed", "7")
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines() == [
+        "2 FRFs (receptance) of 249 lines, 20 to 2500 Hz, averages: 10",
+        f"Measurement: {out} ({form})",
+    ]
+    expected = simulate(virtual_case(table='extra_outputs = ["3:y"]'), None, np.random.default_rng(7))
+    for found, record in zip(read(out), expected, strict=True):
+        assert (found.response, found.reference, found.averages) == (record.response, record.reference, 10)
+        assert_allclose(found.values, record.values, rtol=1e-5)
+        assert_allclose(found.coherence, record.coherence, rtol=1e-5)
+
+
+def test_the_ending_chooses_the_format_and_the_table_the_seed(tmp_path):
+    values = {}
+    for name, options in (("a.npz", ()), ("b.npz", ("--seed", "3")), ("c.csv", ())):
+        out = tmp_path / name
+        result = command(tmp_path, "seed = 3" if name != "c.csv" else "seed = 4", "--out", str(out), *options)
+        assert result.exit_code == 0, result.output
+        assert detect_format(out) == ("table" if name == "c.csv" else "npz")
+        values[name] = read(out)[0].values
+    assert_array_equal(values["a.npz"], values["b.npz"])
+    assert (values["a.npz"] != values["c.csv"]).all()
+
+
+def test_a_file_of_hits_gives_back_the_frfs_of_the_test(tmp_path):
+    table = 'method = "impact"\naverages = 3\ndouble_hits = 1\n'
+    direct, out = virtual_case(table=table), tmp_path / "hits.uff"
+    assert command(tmp_path, table + 'writes = "time"', "--out", str(out)).exit_code == 0
+    settings = ImpactSettings(force_window_s=2 / 2500, f_min_hz=20, f_max_hz=2500)
+    (found,) = frfs_of_hits(read(out), settings)
+    (record,) = simulate(direct, None, np.random.default_rng(1))
+    assert found.averages == record.averages == 3
+    kept = lines_apart(found.frequency_hz, 10.0)
+    assert_allclose(found.values[kept], record.values, rtol=1e-4)
+
+
+def test_simulate_offers_the_formats_that_can_be_written():
+    (option,) = (option for option in main.commands["simulate"].params if option.name == "form")
+    assert sorted(option.type.choices) == sorted(FORMATS)
+
+
+@pytest.mark.parametrize(
+    ("table", "out", "message"),
+    [
+        ("", "tip.docx", "found no format of the ending '.docx'"),
+        ("", "tip", "found no format of the ending ''"),
+        ("averages = 0", "tip.uff", "virtual_test.averages"),
+        ('method = "impact"\nsample_rate_hz = 1.0', "tip.uff", "1 samples per second"),
+        ("", "absent/tip.uff", "absent"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said_in_one_line(tmp_path, table, out, message):
+    result = command(tmp_path, table, "--out", str(tmp_path / out))
+    assert result.exit_code == 2
+    assert message in result.output
+    assert len(result.output.splitlines()) == 1
+    assert not (tmp_path / out).exists()

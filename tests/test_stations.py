@@ -1,0 +1,125 @@
+"""Rotations from stations: each measurement counts once, and the joint's own motion can be assembled."""
+
+import numpy as np
+import pytest
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.frf.rotation import transform_frf
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
+from tests.conftest import CLAMP, rod
+
+LINES = np.linspace(30.0, 800.0, 40)
+SPACING = 0.383 / 40
+FIRST = Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order", True)
+CENTRE = Rotation("2:rz", ("1:y", "2:y", "3:y"), SPACING, "second order, centre", True)
+
+
+def measured(outputs=("41:y", "1:y", "2:y", "3:y"), inputs=("41:y",), elements=40) -> FrfSet:
+    model = DirectSolve(rod(elements=elements), CLAMP, Ports(LINES, outputs, inputs))
+    soft = joint_matrix(np.array([2e7, 3e4, 1e5]))
+    return FrfSet(LINES, model.receptance(soft)[0], outputs, inputs)
+
+
+def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others():
+    frf = measured()
+    found, variance = with_rotations(frf, np.ones(frf.values.shape), [FIRST])
+    assert found.outputs == ("41:y", "3:y", "1:rz")
+    np.testing.assert_allclose(found.frf("1:rz", "41:y"), (frf.frf("2:y", "41:y") - frf.frf("1:y", "41:y")) / SPACING)
+    np.testing.assert_allclose(variance[0, :, 0], [1, 1, 2 / SPACING**2])
+
+
+def test_a_station_of_no_weight_stays():
+    frf = measured()
+    found, variance = with_rotations(frf, np.ones(frf.values.shape), [CENTRE])
+    assert found.outputs == ("41:y", "2:y", "2:rz")
+    np.testing.assert_allclose(variance[0, :, 0], [1, 1, 1 / (2 * SPACING**2)])
+
+
+@pytest.mark.parametrize("rotation", [FIRST, CENTRE])
+def test_the_variance_is_the_diagonal_of_the_covariance_and_nothing_off_it_is_lost(rotation):
+    frf = measured()
+    rng = np.random.default_rng(1)
+    variance = rng.uniform(0.5, 2.0, frf.values.shape)
+    found, reduced = with_rotations(frf, variance, [rotation])
+    both = np.array([np.eye(4)[frf.outputs.index(o)] for o in found.outputs[:-1]])
+    weights = np.zeros(4)
+    weights[[frf.outputs.index(s) for s in rotation.stations]] = rotation.transform.matrix[0]
+    whole = np.vstack([both, weights])
+    covariance = whole @ (variance[:, :, 0, None] * np.eye(4)) @ whole.T
+    np.testing.assert_allclose(covariance, reduced[:, :, 0, None] * np.eye(len(whole)), rtol=1e-12)
+    chosen = frf.select(rotation.stations, frf.inputs)
+    rows = [frf.outputs.index(s) for s in rotation.stations]
+    _, of_library = transform_frf(chosen, variance[:, rows, 0, None] * np.eye(len(rows)), outputs=rotation.transform)
+    np.testing.assert_allclose(of_library[:, 0, 0].real, reduced[:, -1, 0], rtol=1e-12)
+
+
+def test_two_rotations_from_one_station_are_refused():
+    frf = measured()
+    other = Rotation("2:rz", ("2:y", "3:y"), SPACING, "first order", True)
+    with pytest.raises(MeasurementError, match="found station 2:y in 1:rz as well"):
+        with_rotations(frf, np.ones(frf.values.shape), [FIRST, other])
+
+
+def test_rotations_that_are_not_data_leave_the_data_alone():
+    frf = measured()
+    variance = np.ones(frf.values.shape)
+    kept = Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order")
+    assert with_rotations(frf, variance, [kept]) == (frf, variance)
+
+
+def test_frfs_at_the_joint_are_measured_translations_and_rotations_from_stations():
+    frf = measured(("41:y", "1:y", "2:y", "3:y"))
+    end = Rotation("1:rz", ("1:y", "2:y", "3:y"), SPACING, "second order, end")
+    found = at_joint(frf, [end], ("41:y",), CLAMP.dofs)
+    assert found.outputs == ("41:y", "1:y", "1:rz")
+    true = measured(("41:y", "1:y", "1:rz"))
+    np.testing.assert_array_equal(found.values[:, :2], true.values[:, :2])
+    np.testing.assert_array_equal(found.values[:, 2], end.of(frf).values[:, 0])
+
+
+def errors_of(scheme, count, *, at_free_end):
+    """Relative errors of a derived rotation for stations 9.6 mm apart and half as far."""
+    errors = []
+    for elements in (40, 80):
+        nodes = [elements + 1 - i if at_free_end else 1 + i for i in range(count)]
+        force = ("1:y" if at_free_end else f"{elements + 1}:y",)
+        spacing = (-1 if at_free_end else 1) * 0.383 / elements
+        rotation = Rotation(f"{nodes[0]}:rz", tuple(f"{node}:y" for node in nodes), spacing, scheme)
+        true = measured((rotation.dof,), force, elements).values
+        found = rotation.of(measured(rotation.stations, force, elements)).values
+        errors.append(np.linalg.norm(found - true) / np.linalg.norm(true))
+    return errors
+
+
+@pytest.mark.parametrize(("scheme", "count", "least"), [("first order", 2, 1.7), ("second order, end", 3, 3.5)])
+def test_stations_closer_together_come_nearer_to_the_rotation_of_a_free_end(scheme, count, least):
+    far, near = errors_of(scheme, count, at_free_end=True)
+    assert near < 0.005
+    assert far / near > least
+
+
+def test_at_a_joint_that_carries_shear_the_shear_angle_remains_however_close_the_stations():
+    far, near = errors_of("second order, end", 3, at_free_end=False)
+    assert 0.01 < near < 0.05
+    assert far / near < 1.5
+
+
+@pytest.mark.parametrize(
+    ("outputs", "rotations", "message"),
+    [
+        (("41:y", "1:y"), [], r'no FRF of 1:rz, a DOF of the joint.*\[data.rotations."1:rz"\]'),
+        (("41:y", "2:y"), [], "no FRF of 1:y, a DOF of the joint.*measure it"),
+        (("41:y", "1:y"), [FIRST], "no FRF of station 2:y"),
+    ],
+)
+def test_what_the_iteration_lacks_is_named(outputs, rotations, message):
+    with pytest.raises(MeasurementError, match=message):
+        at_joint(measured(outputs), rotations, ("41:y",), CLAMP.dofs)
+
+
+def test_a_rotation_measured_and_derived_is_refused():
+    frf = measured(("41:y", "1:y", "2:y", "1:rz"))
+    with pytest.raises(MeasurementError, match="found it among the measured DOFs"):
+        with_rotations(frf, np.ones(frf.values.shape), [FIRST])

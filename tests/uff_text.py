@@ -1,0 +1,49 @@
+"""Universal files made by hand, field by field, as the tests of the reader need them."""
+
+import numpy as np
+
+AXES = {"frequency": 18, "time": 17, "acceleration": 12, "velocity": 11, "displacement": 8, "force": 13, "none": 0}
+
+
+def header_164(length=1.0, force=1.0, code=1, name="SI"):
+    row = "".join(f"{x:25.17E}".replace("E", "D") for x in (length, force, 1.0))
+    return f"    -1\n   164\n{code:10d}{name:<20}{2:10d}\n{row}\n{273.15:25.17E}\n    -1\n".replace("E", "D")
+
+
+def function_58(
+    ordinate,
+    abscissa=None,
+    *,
+    first=1.0,
+    step=0.5,
+    function=4,
+    response=("NONE", 12, 3),
+    reference=("NONE", 11, 2),
+    single=False,
+    kinds=("frequency", "acceleration", "force"),
+    units=("Hz", "m/s^2", "N"),
+    ids=("NONE",) * 5,
+    count=None,
+):
+    """Text of one data set 58, as the format describes it, columns and all."""
+    ordinate = np.asarray(ordinate)
+    complex_ = np.iscomplexobj(ordinate)
+    ordinate_type = {(False, True): 2, (False, False): 4, (True, True): 5, (True, False): 6}[complex_, single]
+    lines = ["    -1", f"{58:6d}", *ids]
+    ends = " ".join(f"{e:<10}{n:10d}{d:4d}" for e, n, d in (response, reference))
+    lines.append(f"{function:5d}{0:10d}{0:5d}{0:10d} {ends}")
+    even = abscissa is None
+    lines.append(
+        f"{ordinate_type:10d}{count or ordinate.size:10d}{int(even):10d}"
+        f"{first if even else 0:13.5E}{step if even else 0:13.5E}{0:13.5E}"
+    )
+    for kind, unit in zip((*kinds, "none"), (*units, "NONE"), strict=True):
+        lines.append(f"{AXES[kind]:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}")
+    numbers = ordinate.astype(complex).view(float).reshape(-1, 2)[:, : 2 if complex_ else 1]
+    columns = numbers if even else np.column_stack([abscissa, numbers])
+    wide = f"{{:{13}.5E}}" if single else f"{{:{20}.12E}}"
+    forms = [wide] * columns.shape[1] if even else ["{:13.5E}", *[wide] * (columns.shape[1] - 1)]
+    cells = [form.format(x) for row in columns for form, x in zip(forms, row, strict=True)]
+    per_line = 6 if single else (3 if not even and complex_ else 4)
+    lines += ["".join(cells[i : i + per_line]) for i in range(0, len(cells), per_line)]
+    return "\n".join([*lines, "    -1"]) + "\n"
