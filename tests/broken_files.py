@@ -59,7 +59,7 @@ def field(text, line, first, last, new):
 
 
 def broken_uff(directory):
-    whole, binary, one = sound(directory, "uff58"), sound(directory, "uff58b"), uff()
+    whole, one = sound(directory, "uff58"), uff()
     lines = LINES.copy()
     doubled, backwards = lines.copy(), lines.copy()
     doubled[5], backwards[7] = lines[4], 2.5
@@ -69,7 +69,6 @@ def broken_uff(directory):
     time = function_58(
         vector.real, [0, 1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12], function=1, kinds=("time", "force", "none")
     )
-    second = binary.index(b"    58b", binary.index(b"    58b") + 9)
     return {
         "uff cut within values": (one[:-120], r"data set 1, line \d+: found the end of the file"),
         "uff cut within the header": (one[:300], r"data set 1, line \d+: found \d+ lines of header; expected 11"),
@@ -115,6 +114,13 @@ def broken_uff(directory):
         "uff complex time": (uff(function=1), "found complex values of a time history"),
         "uff in UTF-16": (one.decode().encode("utf-16"), "found text in UTF-16"),
         "uff without its first line": (one[7:], "expected a table|expected one for each|expected \\d+ as in"),
+    }  # fmt: skip
+
+
+def broken_58b(directory):
+    whole, binary = sound(directory, "uff58"), sound(directory, "uff58b")
+    second = binary.index(b"    58b", binary.index(b"    58b") + 9)
+    return {
         "58b cut within values": (binary[: second - 100], r"data set 3, line \d+: found no delimiter -1 after the 192"),
         "58b byte order unknown": (changed(binary, b"b     1", b"b     7"), "found byte order 7 and floating-point"),
         "58b numbers of a VAX": (changed(binary, b"b     1     2", b"b     1     1"), "floating-point format 1"),
@@ -335,4 +341,4 @@ def strangers(directory):
     }  # fmt: skip
 
 
-MAKERS = (broken_uff, broken_tables, broken_npz, broken_mat, broken_hdf5, broken_lvm, strangers)
+MAKERS = (broken_uff, broken_58b, broken_tables, broken_npz, broken_mat, broken_hdf5, broken_lvm, strangers)

@@ -44,6 +44,16 @@ def test_blanks_between_columns(tmp_path, decimal):
     np.testing.assert_array_equal(record.values, H)
 
 
+@pytest.mark.parametrize("kind", [("Real", "Imag"), ("Magnitude", "Phase")])
+def test_infinite_and_huge_numbers_stay_without_a_warning(tmp_path, kind):
+    header = ("Frequency [Hz]", f"{kind[0]} A / B [g/N]", f"{kind[1]} A / B" + (" [deg]" if kind[1] == "Phase" else ""))
+    columns = (LINES, np.array([np.inf, 1e308, np.nan, 1.0]), np.array([1.0, 2.0, 3.0, np.inf]))
+    (record,) = records(tmp_path / "a", table(columns, header))
+    assert not np.isfinite(record.values).any()
+    if kind[0] == "Real":
+        np.testing.assert_allclose(record.values.imag[:3], [9.80665, 2 * 9.80665, 3 * 9.80665])
+
+
 @pytest.mark.parametrize("unit", ["deg", "°", "rad"])
 def test_magnitude_and_phase(tmp_path, unit):
     phase = np.angle(H) if unit == "rad" else np.angle(H, deg=True)

@@ -153,6 +153,16 @@ def test_data_set_164_counts_where_the_axes_have_no_unit(tmp_path):
     np.testing.assert_allclose(only(tmp_path / "c", inch + force).values, H.real * 4.4482216152605, rtol=1e-9)
 
 
+def test_infinite_numbers_and_steps_stay_without_a_warning(tmp_path):
+    values = np.array([complex(np.inf, 1), complex(1, np.nan), 1e308])
+    record = only(tmp_path / "a", function_58(values, units=("Hz", "g", "N"), step=1e308))
+    np.testing.assert_array_equal(record.values.real, [np.inf, 9.80665, np.inf])
+    np.testing.assert_array_equal(record.values.imag, [9.80665, np.nan, 0.0])
+    time = function_58(values.imag, function=1, kinds=("time", "force", "none"), step=1e308)
+    with pytest.raises(MeasurementError, match="not evenly spaced"):
+        only(tmp_path / "b", time)
+
+
 def test_frequency_in_rad_per_s_becomes_hertz(tmp_path):
     record = only(tmp_path / "a", function_58(H, units=("rad/s", "m/s^2", "N")))
     np.testing.assert_allclose(record.frequency_hz, (1 + 0.5 * np.arange(23)) / (2 * np.pi), rtol=1e-14)

@@ -14,6 +14,7 @@ from jointbayes.measurement.formats.layout import even_rate
 from jointbayes.measurement.formats.units import (
     frequency_factor,
     frf_unit,
+    scaled,
     sensor_unit,
     si_frf_unit,
     si_sensor_unit,
@@ -186,10 +187,12 @@ def _frf(
         complex_.real, complex_.imag = values[:, parts["real"]], values[:, parts["imaginary"]]
     else:
         magnitude, unit = _magnitude(values[:, parts["magnitude"]], unit, said)
-        complex_ = magnitude * np.exp(1j * _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, said))
+        phase = _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, said)
+        with np.errstate(invalid="ignore"):
+            complex_ = magnitude * np.exp(1j * phase)
     parsed = frf_unit(unit)
     if parsed is not None and parsed[0] != 1:
-        complex_ *= parsed[0]
+        complex_ = scaled(complex_, parsed[0])
         said.append(f"{unit} converted to {si_frf_unit(parsed[1])}")
     elif unit and parsed is None:
         said.append(f"unit {unit!r} not understood, values left as written")
@@ -226,7 +229,7 @@ def _phase(values: NDArray[np.float64], unit: str, notes: list[str]) -> NDArray[
     if word:
         raise MeasurementError(f"header: found the phase in {unit!r}; expected deg or rad; correct the header")
     # no column of radians reaches beyond a few turns, no column of degrees of a resonance stays within them
-    degrees = bool(np.nanmax(np.abs(values), initial=0.0) > 4 * np.pi)
+    degrees = bool(np.max(np.abs(values[np.isfinite(values)]), initial=0.0) > 4 * np.pi)
     if not degrees:
         raise MeasurementError("header: found a phase without unit; expected [deg] or [rad]; add it to the header")
     notes.append("phase without unit taken as degrees, since it passes 4π")
@@ -256,7 +259,7 @@ def _time_records(
         yield TimeRecord(
             name or f"column {i + 1}",
             rate,
-            values[:, i] * factor,
+            scaled(values[:, i], factor),
             quantity,
             column.unit,
             int(hit[1]) if hit else None,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.units import frf_unit, sensor_unit, si_frf_unit, si_sensor_unit
+from jointbayes.measurement.formats.units import frf_unit, scaled, sensor_unit, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import FrfRecord, Record, SensorQuantity, TimeRecord
 
 __all__ = ["Arrays", "arrays_of", "records_of"]
@@ -152,7 +152,7 @@ def _frf_records(block: _Block) -> Iterator[FrfRecord]:
                 output,
                 input_,
                 lines,
-                np.multiply(values[:, i, j], factor) if factor != 1 else values[:, i, j],
+                scaled(values[:, i, j], factor),
                 quantity,
                 unit,
                 None if coherence is None else coherence[:, i, j],
@@ -289,8 +289,10 @@ def even_rate(time: NDArray[np.float64], where: str) -> float:
         If there are fewer than two, or they are not evenly spaced to 1 % of a step.
     """
     if time.size >= 2 and np.isfinite(time).all():
-        step = (time[-1] - time[0]) / (time.size - 1)
-        if step > 0 and np.abs(np.diff(time) / step - 1).max() < 0.01:
+        with np.errstate(all="ignore"):
+            step = (time[-1] - time[0]) / (time.size - 1)
+            uneven = np.abs(np.diff(time) / step - 1).max()
+        if 1e-15 < step < 1e15 and uneven < 0.01:
             return float(1 / step)
     raise MeasurementError(
         f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"
@@ -313,7 +315,7 @@ def _time_record(
     elif factor != 1:
         notes = (f"{unit} converted to {si_sensor_unit(quantity)}",)
     claimed = cast(SensorQuantity, word) if word else quantity
-    values = samples * factor if factor != 1 else samples
+    values = scaled(samples, factor)
     return TimeRecord(channel, rate, values, claimed, unit, hit, f"{block.where('samples')}, {channel!r}", notes)
 
 

@@ -20,7 +20,7 @@ from jointbayes.measurement.formats.uff_header import FunctionHeader
 from jointbayes.measurement.formats.uff_scan import DataSet, line_of, scan
 from jointbayes.measurement.formats.uff_units import FileUnits, frf_meaning, sensor_meaning, units_of
 from jointbayes.measurement.formats.uff_values import Function, LineError, decode
-from jointbayes.measurement.formats.units import frequency_factor
+from jointbayes.measurement.formats.units import frequency_factor, scaled
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 
 __all__ = ["CORRECTIONS", "read_uff"]
@@ -173,7 +173,7 @@ def _frf_record(
                 f"in data set {one.number} ({lines.size} lines); expected the same lines; export again"
             )
     response, reference = _labels(header)
-    values = found.ordinate * factor if factor != 1 else found.ordinate
+    values = scaled(found.ordinate, factor)
     return FrfRecord(
         response,
         reference,
@@ -227,7 +227,7 @@ def _time_record(
         rate = float(exact[1])  # its inverse, the step, is rounded
     quantity, factor, unit, notes = sensor_meaning(header, units)
     hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
-    values = found.ordinate.real * factor if factor != 1 else found.ordinate.real
+    values = scaled(found.ordinate.real, factor)
     return TimeRecord(
         _labels(header)[0],
         rate,

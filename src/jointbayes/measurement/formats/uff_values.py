@@ -52,7 +52,8 @@ def decode(header: FunctionHeader, body: bytes) -> Function:
     numbers = _binary(header, body) if header.byte_order else _text(header, body)
     numbers = numbers.reshape(header.count, header.per_value)
     if header.even:
-        abscissa = np.asarray(header.minimum + np.arange(header.count) * header.increment, dtype=np.float64)
+        with np.errstate(over="ignore"):
+            abscissa = np.asarray(header.minimum + np.arange(header.count) * header.increment, dtype=np.float64)
     else:
         abscissa, numbers = numbers[:, 0].copy(), numbers[:, 1:]
     if not header.is_complex:

@@ -2,12 +2,24 @@
 
 import re
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.frf import Quantity
 from jointbayes.measurement.records import SensorQuantity
 
-__all__ = ["G_STANDARD", "Unit", "frequency_factor", "frf_unit", "sensor_unit", "si_frf_unit", "si_sensor_unit"]
+__all__ = [
+    "G_STANDARD",
+    "Unit",
+    "frequency_factor",
+    "frf_unit",
+    "scaled",
+    "sensor_unit",
+    "si_frf_unit",
+    "si_sensor_unit",
+]
 
 #: Standard acceleration of gravity, m/s² (exact).
 G_STANDARD = 9.80665
@@ -169,6 +181,15 @@ def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | 
     if unit is None or unit.powers[1] != -1 or unit.powers[0] not in (0, -1, -2) or unit.powers[2] not in (0, 1, 2):
         return None
     return unit.factor, get_args(Quantity)[2 - unit.powers[2]]
+
+
+def scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:
+    """Real or complex values times a factor, each part by itself: an infinite one leaves the other as it was."""
+    if factor == 1:
+        return values
+    parts = np.ascontiguousarray(values)
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray((parts.view(np.float64) * factor).view(parts.dtype))
 
 
 def frequency_factor(label: str) -> float | None:
