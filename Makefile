@@ -42,8 +42,12 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 	$(BIN)/python -m benchmarks.uncertain
 	$(BIN)/python -m benchmarks.noise
 
-science: $(VENV)/.stamp-test  ## the long calibration of the posterior against known truths
+science: $(VENV)/.stamp-test  ## the long studies against known truths: hours
 	$(BIN)/python -m benchmarks.calibration
+	$(BIN)/python -m benchmarks.wrong_model
+	$(BIN)/python -m benchmarks.planning
+	$(BIN)/python -m benchmarks.coherence
+	$(BIN)/python -m benchmarks.files
 
 clean:  ## remove environments, caches and builds; reports/ stays
 	rm -rf .venv .venv-* site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis

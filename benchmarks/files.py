@@ -3,8 +3,8 @@
 A joint is drawn from the prior and measured in a virtual impact test (`jointbayes simulate`): hammer pulses, noise on
 both channels, averages, H1 and coherence. The FRFs are written in every format, read back by a case of kind
 "measured_frf" with the variance from coherence, and analysed as `jointbayes run` does. Counted for each format: how
-often the 95 % interval of each stiffness holds the truth. Formats that give the same data to the last bit have one posterior,
-which is computed once; the table says how many different ones there were.
+often the 95 % interval of each stiffness holds the truth. Formats that give the same data to the last bit have one
+posterior, which is computed once; the table says how many different ones there were.
 """
 
 import argparse

@@ -15,11 +15,17 @@ if TYPE_CHECKING:
     from jointbayes.frf import FrfSet, Ports
     from jointbayes.identification import IterationHistory, MapEstimate
     from jointbayes.inference import Problem
+    from jointbayes.inspection import Inspection, inspect_file
+    from jointbayes.measurement.doubts import Doubt, find_doubts
+    from jointbayes.measurement.formats import iter_records, read_frf, write_frf, write_records
+    from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
+    from jointbayes.measurement.records import FrfRecord, TimeRecord
     from jointbayes.plan_directory import write_plan
     from jointbayes.planning import Plan, plan
     from jointbayes.posterior import Knowledge, Posterior, PredictiveCheck, gather_knowledge, summarise
     from jointbayes.run_directory import write_report
     from jointbayes.sampling import SamplerSettings
+    from jointbayes.simulation import simulate
     from jointbayes.workflow import find_map, identify, load_posterior, sample
 
 _HOMES = {
@@ -31,11 +37,17 @@ _HOMES = {
     "jointbayes.frf": ("FrfSet", "Ports"),
     "jointbayes.identification": ("IterationHistory", "MapEstimate"),
     "jointbayes.inference": ("Problem",),
+    "jointbayes.inspection": ("Inspection", "inspect_file"),
+    "jointbayes.measurement.doubts": ("Doubt", "find_doubts"),
+    "jointbayes.measurement.formats": ("iter_records", "read_frf", "write_frf", "write_records"),
+    "jointbayes.measurement.modal_fit": ("MeasuredMode", "identify_modes"),
+    "jointbayes.measurement.records": ("FrfRecord", "TimeRecord"),
     "jointbayes.plan_directory": ("write_plan",),
     "jointbayes.planning": ("Plan", "plan"),
     "jointbayes.posterior": ("Knowledge", "Posterior", "PredictiveCheck", "gather_knowledge", "summarise"),
     "jointbayes.run_directory": ("write_report",),
     "jointbayes.sampling": ("SamplerSettings",),
+    "jointbayes.simulation": ("simulate",),
     "jointbayes.workflow": ("find_map", "identify", "load_posterior", "sample"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -57,18 +69,32 @@ __all__ = [
     "summarise",
     "write_plan",
     "write_report",
+    # measurement files
+    "find_doubts",
+    "identify_modes",
+    "inspect_file",
+    "iter_records",
+    "read_frf",
+    "simulate",
+    "write_frf",
+    "write_records",
     # results and parts
     "Comparison",
+    "Doubt",
+    "FrfRecord",
     "FrfSet",
+    "Inspection",
     "IterationHistory",
     "Knowledge",
     "MapEstimate",
+    "MeasuredMode",
     "Plan",
     "Ports",
     "Posterior",
     "PredictiveCheck",
     "Problem",
     "SamplerSettings",
+    "TimeRecord",
     # errors
     "CaseError",
     "JointBayesError",

@@ -24,7 +24,6 @@ from jointbayes.measurement.measured import MeasuredFile, MeasuredTest, NotedDou
 from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
-from jointbayes.measurement.windows import without_added_damping
 from jointbayes.parametrisation import RIGID
 from jointbayes.structure import BeamRecipe
 
@@ -153,15 +152,6 @@ def _records(base: Path, names: Sequence[str]) -> Iterator[Record]:
             yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
 
 
-def _undamped(frf: FrfSet, variance: Array | None, added: float) -> FrfSet:
-    """FRFs without the decay rate that an exponential window added to every mode."""
-    modes = identify_modes(*as_accelerance(frf, variance))
-    frequency, ratio = (
-        np.array(values) for values in zip(*((m.frequency_hz, m.damping_ratio) for m in modes), strict=True)
-    )
-    return without_added_damping(frf, frequency, ratio, added)
-
-
 def _channels(data: MeasuredSpec) -> dict[str, Channel]:
     return {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()}
 
@@ -187,10 +177,6 @@ def _assembled(
         notes.append(f"Of {thin} lines one was kept{why}.")
     sets = [_thinned(frf, thin) for frf in sets]
     frf, variance, words, dof = variance_of(sets, stated, where)
-    if made.added_decay_rate > 0:
-        frf = _undamped(frf, variance, made.added_decay_rate)
-        rate = f"{made.added_decay_rate:.4g} 1/s"
-        notes.append(f"The damping of the exponential window, {rate}, was taken out by the fitted modes.")
     masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
     if masses:
         roving = data.accelerometers == "roving"

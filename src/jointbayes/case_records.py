@@ -8,7 +8,7 @@ from scipy import signal
 from jointbayes.case_measured import MeasuredSpec, RecordsSpec
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.hits import HitSettings
-from jointbayes.measurement.impact import ImpactResult, ImpactSettings, impact_frfs
+from jointbayes.measurement.impact import ImpactSettings, corrected_frfs, impact_frfs
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.spectra import ShakerSettings, by_force, shaker_frf
 from jointbayes.measurement.thinning import independent_step, line_correlation
@@ -27,8 +27,6 @@ class FrfsOfRecords:
     ----------
     frfs
         One for each response and force.
-    added_decay_rate
-        What an exponential window added to the decay of every mode, 1/s.
     step
         Every how many lines are independent, with the windows that were used.
     notes
@@ -36,7 +34,6 @@ class FrfsOfRecords:
     """
 
     frfs: tuple[FrfRecord, ...]
-    added_decay_rate: float = 0.0
     step: int = 1
     notes: tuple[str, ...] = ()
 
@@ -79,22 +76,16 @@ def _impact(tests: _Tests, data: MeasuredSpec, spec: RecordsSpec) -> FrfsOfRecor
         data.f_min_hz,
         data.f_max_hz,
     )
-    results: list[ImpactResult] = []
+    frfs: list[FrfRecord] = []
     notes: list[str] = []
     for forces, responses in tests:
         found = impact_frfs(forces, responses, settings)
-        results += found
+        frfs += corrected_frfs(found)
         lost = [f"hit {hit.number} ({hit.reason})" for hit in found[0].hits if not hit.kept]
         if lost:
             notes.append(f"Left out of the hits on {forces[0].channel}: {', '.join(lost)}.")
-    rates = {result.added_decay_rate for result in results}
-    if len(rates) > 1:
-        raise MeasurementError(
-            "impact: found blocks of different lengths, to which the exponential window adds different damping; "
-            "expected one length; give block_s to cut them alike"
-        )
     step = independent_step(line_correlation(exponential_window(_SAMPLES, spec.exponential_end), random=False))
-    return FrfsOfRecords(tuple(result.frf for result in results), max(rates, default=0.0), step, tuple(notes))
+    return FrfsOfRecords(tuple(frfs), step, tuple(notes))
 
 
 def _shaker(tests: _Tests, data: MeasuredSpec, spec: RecordsSpec) -> FrfsOfRecords:
