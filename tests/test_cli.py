@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -456,3 +457,13 @@ def test_a_wrong_call_is_bad_input(arguments):
     result = cli(*arguments)
     assert result.exit_code == 2
     assert result.stderr.startswith("Usage: ")
+
+
+@pytest.mark.parametrize(("stated", "then"), [(None, "1"), ("4", "4")])
+def test_commands_keep_small_linear_algebra_to_one_thread_unless_told_otherwise(monkeypatch, stated, then):
+    if stated is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    else:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", stated)
+    CliRunner().invoke(main, ["identify", "no such case.toml"])
+    assert os.environ["OPENBLAS_NUM_THREADS"] == then

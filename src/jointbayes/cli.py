@@ -1,5 +1,6 @@
 """The command line: parse, call, print. Heavy imports wait until a command needs them."""
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,6 +62,10 @@ def main() -> None:
 
     Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged, 130 interrupted.
     """
+    # The linear algebra is small: on several threads it takes up to ten times as long, most of it spent on waiting.
+    # Read when NumPy is loaded, which no command has done yet; whoever sets them knows better.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 @main.command()
