@@ -1,5 +1,8 @@
 """The compiled kernels: exact against the direct solve, honest about singular joints, bounded in memory, fast."""
 
+import os
+import subprocess
+import sys
 import time
 import tracemalloc
 from dataclasses import replace
@@ -16,7 +19,7 @@ from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
 from jointbayes.joint import Joint, LogStiffness, joint_matrix
 from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, rod
 
 pytestmark = pytest.mark.science
 
@@ -253,3 +256,21 @@ def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
             run()
             fastest[name] = min(fastest.get(name, np.inf), time.perf_counter() - began)
     assert fastest["numpy"] > 5 * fastest["kernel"]
+
+
+def test_the_process_that_compiles_has_the_same_last_bits_as_those_that_load_what_was_kept(tmp_path):
+    script = (
+        "import hashlib, sys, numpy as np, jointbayes as jb\n"
+        "for name in ('clamped_beam', 'clamped_beam_loss_factor', 'clamped_beam_frequencies'):\n"
+        "    posterior = jb.load_case(f'{sys.argv[1]}/{name}.toml').problem.log_posterior\n"
+        "    values = posterior(posterior.prior.sample(np.random.default_rng(0), 100))\n"
+        "    print(hashlib.sha256(values.tobytes()).hexdigest())\n"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", script, str(CONFIGS)]
+    compiled, loaded = (
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout for _ in range(2)
+    )
+    assert any(tmp_path.rglob("*.nbc")), "nothing was kept"
+    assert compiled == loaded
+    assert len(compiled.splitlines()) == 3

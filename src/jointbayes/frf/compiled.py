@@ -32,8 +32,13 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
-    """A part of compiled functions, compiled and kept with each of them."""
-    return cast("Callable[P, R]", numba.njit(nogil=True, fastmath=_FAST | {"reassoc"}, error_model="numpy")(function))
+    """A part of compiled functions, written into each of them.
+
+    As a function of its own it would be there twice, optimised by itself and within its caller: the first process would
+    run the one and all later ones, which load what was kept, the other, with other last bits.
+    """
+    fast = _FAST | {"reassoc"}
+    return cast("Callable[P, R]", numba.njit(nogil=True, inline="always", fastmath=fast, error_model="numpy")(function))
 
 
 def in_order(function: Callable[P, R]) -> Callable[P, R]:
