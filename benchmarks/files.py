@@ -25,7 +25,7 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_records
 from jointbayes.simulation import simulate
 
-__all__ = ["Outcome", "analyse", "measured_text", "table", "test_text"]
+__all__ = ["Outcome", "analyse", "measured_text", "table", "truth_text"]
 
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=4000)
 AVERAGES = 10
@@ -60,7 +60,7 @@ class Outcome:
     converged: bool
 
 
-def test_text(stiffness: np.ndarray) -> str:
+def truth_text(stiffness: np.ndarray) -> str:
     """Case whose truth is a joint (k11, k12, k22), shape (3,)."""
     text = case_of("joint").text.replace('quantity = "receptance"', 'quantity = "accelerance"', 1)
     k11, k12, k22 = stiffness
@@ -78,7 +78,7 @@ def analyse(index: int) -> Outcome:
     """Draw a joint, measure it, write and read all formats, analyse."""
     rng = np.random.default_rng([20261121, index])
     truth = case_of("joint").problem.prior.stiffness(case_of("joint").problem.prior.sample(rng, 1))[0]
-    text = test_text(np.array([float(k) for k in truth]).tolist())
+    text = truth_text(np.array([float(k) for k in truth]).tolist())
     records = simulate(jb.case_from_text("virtual test", text), None, rng)
     seed = int(rng.integers(2**32))
     known: dict[str, tuple[bool, bool, bool]] = {}
