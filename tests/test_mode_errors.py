@@ -9,6 +9,7 @@ from benchmarks.wrong_model import in_band
 import jointbayes as jb
 from jointbayes.case import case_from_text
 from jointbayes.identification import maximise_posterior, screened_draws
+from jointbayes.identification.climb import newton_climb
 from jointbayes.identification.mode_scan import with_modes_on_data
 from jointbayes.joint import CondensedChart
 from jointbayes.sampling import BoxChart, ComposedChart, Identity, Proposal, StudentT
@@ -162,3 +163,16 @@ def test_the_simultaneous_band_holds_as_often_as_it_says():
     turn = np.array([[1.0, 0.0, 0.0], [0.9, 0.4, 0.0], [0.2, 0.3, 0.8]])
     held = [in_band(rng.normal(size=(1000, 3)) @ turn.T, turn @ rng.normal(size=3)) for _ in range(600)]
     assert 0.92 < np.mean(held) < 0.98
+
+
+def test_a_step_of_a_climb_does_not_leave_all_finite_stiffnesses():
+    asked = []
+
+    def far_away(theta):
+        asked.append(np.abs(theta).max())
+        return -np.log1p((theta[:, 0] - 1e4) ** 2)
+
+    newton_climb(far_away, np.array([0.0]), np.array([[1e6]]))
+    start, differences, first_step = asked[:3]
+    assert (start, differences) == (0.0, pytest.approx(100.0))
+    assert first_step == pytest.approx(50.0)  # Newton's own is 3200

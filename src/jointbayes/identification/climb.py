@@ -17,6 +17,7 @@ _STEPS = 30
 _LEAST = 1e-12  # of a direction that has no width at all
 _GAIN = 1e-7  # in log density: a climb that gains less has arrived
 _FLATTEST = 1 / 16  # no step makes a direction more than four times wider
+_FARTHEST = 50.0  # in any coordinate, most of them logarithms: what lies beyond has no finite stiffness
 _LENGTHS = 2.0 ** -np.arange(10)
 
 
@@ -46,6 +47,7 @@ def newton_climb(log_density: LogDensity, start: Array, covariance: Array) -> tu
         curvature, vectors = np.linalg.eigh(-hessian)
         turned = axes @ vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
         step = turned @ (turned.T @ np.linalg.solve(axes.T, gradient))
+        step *= min(1.0, _FARTHEST / np.abs(step).max(initial=_FARTHEST))
         trials = place + _LENGTHS[:, None] * step
         found = log_density(trials)
         best = int(np.argmax(found))
