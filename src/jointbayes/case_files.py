@@ -175,7 +175,7 @@ def _assembled(
     if thin > 1:
         why = "" if data.thin else ", since with the window that was used neighbouring lines depend on each other"
         notes.append(f"Of {thin} lines one was kept{why}.")
-    sets = [_thinned(frf, thin) for frf in sets]
+    sets = [frf.at_lines(slice(None, None, thin)) for frf in sets]
     frf, variance, words, dof = variance_of(sets, stated, where)
     masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
     if masses:
@@ -203,8 +203,7 @@ def _doubts(records: Iterable[FrfRecord], data: MeasuredSpec) -> tuple[NotedDoub
 def _cut(record: FrfRecord, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
     f = record.frequency_hz
     inside = (f >= (f_min_hz or -np.inf)) & (f <= (f_max_hz or np.inf))
-    coherence = None if record.coherence is None else record.coherence[inside]
-    return replace(record, frequency_hz=f[inside], values=record.values[inside], coherence=coherence)
+    return record.at_lines(inside)
 
 
 def _turned(use: ChannelUse) -> str:
@@ -250,11 +249,6 @@ def _repeats(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list
                 "repetitions of each; leave the surplus out"
             )
     return [[group[k] for group in by_pair.values()] for k in range(most)]
-
-
-def _thinned(frf: FrfSet, step: int) -> FrfSet:
-    coherence = None if frf.coherence is None else frf.coherence[::step]
-    return replace(frf, frequency_hz=frf.frequency_hz[::step], values=frf.values[::step], coherence=coherence)
 
 
 def _modes(read: _Read, *, required: bool) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """Virtual tests: measure the truth that a case states, and return what a measurement file would hold."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -201,8 +201,7 @@ def _at_step(record: FrfRecord, truth: Truth) -> FrfRecord:
     if truth.data.f_step_hz is None:
         return record
     kept = lines_apart(record.frequency_hz, truth.data.f_step_hz)
-    coherence = None if record.coherence is None else record.coherence[kept]
-    return replace(record, frequency_hz=record.frequency_hz[kept], values=record.values[kept], coherence=coherence)
+    return record.at_lines(kept)
 
 
 def describe(records: list[Record]) -> list[str]:

@@ -12,6 +12,8 @@ from jointbayes.errors import MeasurementError
 __all__ = ["FrfSet", "Quantity", "quantity_factor"]
 
 Quantity = Literal["receptance", "mobility", "accelerance"]
+#: Some of the lines of an FRF: a mask or indices over them, or a slice.
+Lines = NDArray[np.bool_] | NDArray[np.intp] | slice
 _POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
@@ -135,8 +137,12 @@ class FrfSet:
                 f"FRF set: found no line between {f_min_hz:g} and {f_max_hz:g} Hz; expected a band within "
                 f"{self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz; widen the band"
             )
-        coherence = None if self.coherence is None else self.coherence[inside]
-        return replace(self, frequency_hz=self.frequency_hz[inside], values=self.values[inside], coherence=coherence)
+        return self.at_lines(inside)
+
+    def at_lines(self, which: "Lines") -> "FrfSet":
+        """Return some of the lines: a mask or indices over lines, or a slice."""
+        coherence = None if self.coherence is None else self.coherence[which]
+        return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
 
     def converted(self, quantity: Quantity) -> "FrfSet":
         """Return the same FRFs as receptance, mobility jωH or accelerance −ω²H."""

@@ -1,13 +1,13 @@
 """What a measurement file holds, as it says it: FRFs, time histories, spectra, each with its place in the file."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.frf import Quantity
-from jointbayes.frf.frf_set import read_only
+from jointbayes.frf.frf_set import Lines, read_only
 
 __all__ = ["FrfRecord", "Record", "SensorQuantity", "TimeRecord"]
 
@@ -57,6 +57,11 @@ class FrfRecord:
         object.__setattr__(self, "values", read_only(self.values, np.complex128))
         if self.coherence is not None:
             object.__setattr__(self, "coherence", read_only(self.coherence))
+
+    def at_lines(self, which: Lines) -> "FrfRecord":
+        """Return some of the lines: a mask or indices over lines, or a slice."""
+        coherence = None if self.coherence is None else self.coherence[which]
+        return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

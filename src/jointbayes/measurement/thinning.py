@@ -1,7 +1,6 @@
 """How far windows and overlap make averages and frequency lines depend on each other, and which lines to keep."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,5 +131,4 @@ def thinned(frf: FrfSet, spacing_hz: float) -> FrfSet:
     if not spacing_hz > 0:
         raise MeasurementError(f"thinning: found a spacing of {spacing_hz:g} Hz; expected one above 0; correct it")
     kept = lines_apart(frf.frequency_hz, spacing_hz)
-    coherence = None if frf.coherence is None else frf.coherence[kept]
-    return replace(frf, frequency_hz=frf.frequency_hz[kept], values=frf.values[kept], coherence=coherence)
+    return frf.at_lines(kept)

@@ -83,8 +83,7 @@ def _in_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: fl
             f"{where}: {record.where}: found no line between {low:g} and {high:g} Hz; expected some, the file has "
             f"{_span(lines)}; widen the band"
         )
-    coherence = None if record.coherence is None else record.coherence[inside]
-    return replace(record, frequency_hz=lines[inside], values=record.values[inside], coherence=coherence)
+    return record.at_lines(inside)
 
 
 def _span(lines: NDArray[np.float64]) -> str:
