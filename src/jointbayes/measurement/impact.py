@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
+from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.hits import Hit, HitSettings, find_hits, reject_overloads
 from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.spectra import Estimator, by_force, estimate_frf, kept_lines, paired
 from jointbayes.measurement.thinning import independent_step, line_correlation
-from jointbayes.measurement.virtual_frf import FRF_UNIT
 from jointbayes.measurement.windows import added_decay_rate, exponential_window, force_window, without_added_damping
 
 __all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "frfs_of_hits", "impact_frf", "impact_frfs"]
@@ -148,7 +148,7 @@ def _estimate(
         frequency,
         values,
         quantity,
-        FRF_UNIT[quantity],
+        si_frf_unit(quantity),
         coherence if len(kept) > 1 else None,
         len(kept),
         y.where,

@@ -10,9 +10,9 @@ from scipy import signal
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
+from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.thinning import effective_averages
-from jointbayes.measurement.virtual_frf import FRF_UNIT
 
 __all__ = [
     "Estimator",
@@ -201,7 +201,7 @@ def shaker_frf(
         frequency,
         values,
         quantity,
-        FRF_UNIT[quantity],
+        si_frf_unit(quantity),
         coherence if averages > 1 else None,
         averages,
         moved.where,

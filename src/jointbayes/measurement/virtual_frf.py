@@ -4,14 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet, Quantity
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.synthetic import NoiseLaw
 
-__all__ = ["FRF_UNIT", "channel_label", "frf_records", "noisy_frf"]
-
-#: Units of FRFs per newton, as files write them.
-FRF_UNIT: dict[Quantity, str] = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s^2)/N"}
+__all__ = ["channel_label", "frf_records", "noisy_frf"]
 
 
 def channel_label(dof: str) -> str:
@@ -88,7 +86,7 @@ def frf_records(frf: FrfSet, notes: tuple[str, ...] = ()) -> list[FrfRecord]:
             frf.frequency_hz,
             frf.values[:, i, j],
             frf.quantity,
-            FRF_UNIT[frf.quantity],
+            si_frf_unit(frf.quantity),
             None if coherence is None else coherence[:, i, j],
             frf.averages,
             "virtual test",

@@ -42,7 +42,7 @@ _STYLE: Any = {
 }
 
 
-def _svg(
+def svg(
     draw: Callable[[Canvas], None], width: float, height: float, layout: Literal["constrained"] | None = "constrained"
 ) -> str:
     with rc_context(_STYLE):
@@ -81,7 +81,7 @@ def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) 
         axes.set_ylabel(y_label)
         axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
-    return _svg(draw, 7.2, 3.4 if log else 2.4)
+    return svg(draw, 7.2, 3.4 if log else 2.4)
 
 
 def squares_by_line(frequency_hz: Array, square: Array) -> str:
@@ -100,7 +100,7 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
         axes.set_xlabel("Frequency (Hz)")
         axes.set_ylabel("squared residual")
 
-    return _svg(draw, 7.2, 2.4)
+    return svg(draw, 7.2, 2.4)
 
 
 def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
@@ -116,7 +116,7 @@ def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
             axes.set_xlabel("ρ" if name == "rho" else f"log₁₀ {name}")
         panels[0].set_ylabel("ln likelihood ratio")
 
-    return _svg(draw, 7.4, 2.4)
+    return svg(draw, 7.4, 2.4)
 
 
 def residual_norm(norm: Array) -> str:
@@ -128,7 +128,7 @@ def residual_norm(norm: Array) -> str:
         axes.set_xlabel("Iteration step")
         axes.set_ylabel("‖ε‖ / ‖Hˣ‖")
 
-    return _svg(draw, 6.2, 2.6)
+    return svg(draw, 6.2, 2.6)
 
 
 def histories(names: Sequence[str], units: Sequence[str], history: Array, published: Array | None) -> str:
@@ -145,7 +145,7 @@ def histories(names: Sequence[str], units: Sequence[str], history: Array, publis
         if published is not None:
             panels[-1].legend(loc="lower right")
 
-    return _svg(draw, 7.4, 2.5)
+    return svg(draw, 7.4, 2.5)
 
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
@@ -177,7 +177,7 @@ def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published
                 if published is not None:
                     _mark(axes[i, j], j, i, published, _GREEN, "--", "s")
 
-    return _svg(draw, 6.2, 6.2, layout=None)
+    return svg(draw, 6.2, 6.2, layout=None)
 
 
 def _range(values: Array, reference: float | None) -> tuple[float, float]:
@@ -219,7 +219,7 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> st
         panels[-1].set_xlabel("Kept draw")
         panels[0].legend(ncols=4, loc="upper right")
 
-    return _svg(draw, 7.2, 4.6)
+    return svg(draw, 7.2, 4.6)
 
 
 def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
@@ -238,7 +238,7 @@ def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
         axes.set_ylabel("Autocorrelation")
         axes.legend()
 
-    return _svg(draw, 6.2, 2.6)
+    return svg(draw, 6.2, 2.6)
 
 
 def _autocorrelation(chains: Array, lags: int) -> Array:
@@ -273,7 +273,7 @@ def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) ->
         axes.set_ylabel("Deviation from measured (%)")
         axes.legend()
 
-    return _svg(draw, 6.2, 3.0)
+    return svg(draw, 6.2, 3.0)
 
 
 def evidences(labels: Sequence[str], log_z: Array, error: Array, reach: float) -> str:
@@ -301,4 +301,4 @@ def evidences(labels: Sequence[str], log_z: Array, error: Array, reach: float) -
         axes.set_ylim(log_z.size - 0.5, -0.5)
         axes.set_xlabel("ln Z; dashed: 2 ln B against the best")
 
-    return _svg(draw, 7.2, 1.0 + 0.3 * len(labels))
+    return svg(draw, 7.2, 1.0 + 0.3 * len(labels))

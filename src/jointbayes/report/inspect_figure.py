@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.measurement.modal_fit import MeasuredMode
 from jointbayes.measurement.records import FrfRecord
-from jointbayes.report.figures import _svg
+from jointbayes.report.figures import svg
 from jointbayes.report.model import SERIES_COLOURS
 
 __all__ = ["HitCurve", "inspect_figure"]
@@ -52,7 +52,7 @@ def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hit
         if rows:
             _draw_hits(panels[-1, 0], drawn, rows)
 
-    return _svg(draw, 7.4, max(sum(heights) + 1.5 * rows, 1.0))
+    return svg(draw, 7.4, max(sum(heights) + 1.5 * rows, 1.0))
 
 
 def _draw_frfs(part: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], heights: list[float]) -> None:  # noqa: ANN401

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.report.figures import _svg
+from jointbayes.report.figures import svg
 from jointbayes.report.format import number
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Paragraph, Report, Section, Table
 
@@ -130,4 +130,4 @@ def plan_bars(entries: Sequence[Entry], parameter: str) -> str:
         axes.set_xlabel(f"Standard deviation of ln {parameter}")
         axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
-    return _svg(draw, 6.2, 1.2 + 0.3 * len(entries))
+    return svg(draw, 6.2, 1.2 + 0.3 * len(entries))
