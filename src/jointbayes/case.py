@@ -93,7 +93,7 @@ class Case:
         measured = self.problem.measurement
         if isinstance(measured, FrequencyMeasurement):
             return None
-        return compliance_start(self.problem.structure, self.problem.joint, measured)
+        return compliance_start(self.problem.structures, self.problem.joint, measured)
 
     @cached_property
     def workshop_problem(self) -> Problem:
@@ -176,7 +176,7 @@ def _build(
             measurement, joint_frf = measurement_of(recipe, joint, spec.data)
         prior = prior_of(spec, recipe, measurement)
         problem = Problem(
-            recipe.structure(),
+            recipe.structure(mesh=recipe.mesh(top_hz=measurement.top_hz)),
             joint,
             measurement,
             prior,

@@ -1,8 +1,9 @@
 """The further measurements that a case could be given, from its `[plan]` table."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from jointbayes.frf import Ports
 from jointbayes.inference import CorrelatedNoise
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
-from jointbayes.structure import BeamFamily, BeamRecipe, FreeModes, Structure
+from jointbayes.structure import BeamFamily, BeamRecipe, Discretisation, FreeModes, Structure
 
 __all__ = ["HeavierFamily", "candidates_of"]
 
@@ -123,14 +124,14 @@ class _Maker:
         if grams is None or not translations:
             return
         heavier, data, problem = _heavier(self._recipe, grams * _G), self._data, self._case.problem
-        uncertain = () if problem.family is None else problem.family.names
+        uncertain = problem.structures.names
         ranges = {n.name: n.range for n in problem.prior.nuisances if n.name in uncertain}
         yield Candidate(
             f"+{grams:g} g",
             "mass",
             f"a mass of {grams:g} g at {' and '.join(translations)}",
             heavier.structure(),
-            None if problem.family is None else HeavierFamily(self._recipe, grams * _G, ranges),
+            HeavierFamily.of(self._recipe, grams * _G, ranges),
             Ports(self._lines, data.outputs, data.inputs),
             data.quantity,
             self._law,
@@ -166,35 +167,64 @@ class HeavierFamily:
 
     Parameters
     ----------
-    recipe
-        The beam without that mass.
-    mass
-        Mass added at each measured translation, kg.
-    ranges
-        Smallest and largest logarithm of the factor by uncertain quantity, as for `BeamFamily`; the factor of
-        ``accelerometer_mass`` is that on the accelerometer alone.
+    beams
+        The beams with that mass, their factor of ``accelerometer_mass`` that on accelerometer and added mass together.
+    own, added
+        Mass of each accelerometer, and mass added at each measured translation, kg.
     """
 
-    def __init__(self, recipe: BeamRecipe, mass: float, ranges: Mapping[str, tuple[float, float]]) -> None:
-        self._own, self._mass = recipe.accelerometer_mass, mass
-        self.names = tuple(ranges)
+    def __init__(self, beams: BeamFamily, own: float, added: float) -> None:
+        self._family, self._own, self._added = beams, own, added
+        self.names = beams.names
         self._at = self.names.index("accelerometer_mass") if "accelerometer_mass" in self.names else None
-        turned = dict(ranges)
-        if self._at is not None:
-            low, high = np.log(self._total(np.exp(turned["accelerometer_mass"])))
-            turned["accelerometer_mass"] = float(low), float(high)
-        self._family = BeamFamily(_heavier(recipe, mass), turned)
-        self.nominal: Structure = self._family.nominal
 
-    def _total(self, factor: Array) -> Array:
-        """Factor on accelerometer and added mass together, from that on the accelerometer alone."""
-        return (self._own * factor + self._mass) / (self._own + self._mass)
+    @classmethod
+    def of(cls, recipe: BeamRecipe, added: float, ranges: Mapping[str, tuple[float, float]]) -> Self:
+        """From the beam without that mass.
+
+        Parameters
+        ----------
+        recipe
+            The beam without that mass.
+        added
+            Mass added at each measured translation, kg.
+        ranges
+            Smallest and largest logarithm of the factor by uncertain quantity, as for `BeamFamily`; the factor of
+            ``accelerometer_mass`` is that on the accelerometer alone.
+        """
+        own, turned = recipe.accelerometer_mass, dict(ranges)
+        if "accelerometer_mass" in turned:
+            low, high = np.log(_total(np.exp(turned["accelerometer_mass"]), own, added))
+            turned["accelerometer_mass"] = float(low), float(high)
+        return cls(BeamFamily(_heavier(recipe, added), turned), own, added)
+
+    @property
+    def nominal(self) -> Structure:
+        """Beam at all factors 1."""
+        return self._family.nominal
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """Elements."""
+        return self._family.discretisation
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same beams, exact at these DOFs up to this frequency."""
+        return type(self)(self._family.at(dofs, top_hz), self._own, self._added)
+
+    def reference(self) -> Self:
+        """The same beams, far more exact and far slower."""
+        return type(self)(self._family.reference(), self._own, self._added)
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz."""
+        return self._family.reach_hz(count)
 
     def _turned(self, factors: Array) -> Array:
         if self._at is None or factors.shape[-1] == 0:
             return factors
         turned = np.array(factors, dtype=float)
-        turned[..., self._at] = self._total(turned[..., self._at])
+        turned[..., self._at] = _total(turned[..., self._at], self._own, self._added)
         return turned
 
     def structure(self, factors: Array) -> Structure:
@@ -203,8 +233,7 @@ class HeavierFamily:
 
     def free_modes(self, motions: Array) -> FreeModes:
         """Modes without the joint as functions of the factors."""
-        modes = self._family.free_modes(motions)
-        return lambda factors: modes(self._turned(factors))
+        return _TurnedModes(self._family.free_modes(motions), self)
 
     def damping_ratios(self, factors: Array) -> Array:
         """Damping ratio of every mode, shape (n, m)."""
@@ -217,3 +246,18 @@ class HeavierFamily:
     def frequency_factors(self, factors: Array) -> Array:
         """True over predicted natural frequency of the first modes, shape (n, c)."""
         return self._family.frequency_factors(self._turned(factors))
+
+
+class _TurnedModes:
+    """Free modes at the factors that a heavier family hands on."""
+
+    def __init__(self, modes: FreeModes, family: HeavierFamily) -> None:
+        self._modes, self._family = modes, family
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        return self._modes(self._family._turned(factors))
+
+
+def _total(factor: Array, own: float, added: float) -> Array:
+    """Factor on accelerometer and added mass together, from that on the accelerometer alone."""
+    return (own * factor + added) / (own + added)

@@ -25,7 +25,7 @@ from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
 from jointbayes.parametrisation import RIGID
-from jointbayes.structure import BeamRecipe
+from jointbayes.structure import BeamFamily, BeamRecipe
 
 __all__ = ["read_test", "require_lowest", "with_estimated_variance", "with_measured_damping"]
 
@@ -297,9 +297,9 @@ def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, mode
     ratios = isinstance(damping, schema.ModalDampingSpec) and damping.measured
     if not modes or not (ratios or isinstance(spec.data, schema.MeasuredFrequenciesSpec)):
         return
-    structure = recipe.structure()
-    count = min(len(modes), structure.n_dofs - len(joint.dofs))
-    rigid = NaturalFrequencies(structure, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    family = BeamFamily(recipe, {})
+    count = min(len(modes), family.nominal.n_dofs - len(joint.dofs))
+    rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:
             raise MeasurementError(

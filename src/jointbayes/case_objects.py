@@ -58,6 +58,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
+_MOST_MODES = 30  # whose frequencies may be uncertain one by one
 
 
 def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None) -> BeamRecipe:
@@ -76,6 +77,7 @@ def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple
         supports=spec.supports,
         accelerometer_mass=spec.accelerometer_mass_g * _G,
         accelerometer_dofs=loaded,
+        element=spec.element,
     )
 
 
@@ -177,10 +179,10 @@ def _modes_in_band(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measu
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
     if isinstance(measurement, FrequencyMeasurement):
         return measurement.frequency_hz.size
-    structure = recipe.structure()
     joint = Joint(spec.joint.dofs, spec.joint.against)
-    count = min(structure.n_dofs - len(joint.dofs), 30)
-    rigid = NaturalFrequencies(structure, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    family = BeamFamily(recipe, {})
+    count = min(family.nominal.n_dofs - len(joint.dofs), _MOST_MODES)
+    rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 
 
@@ -220,14 +222,14 @@ def noise_model(spec: schema.NoiseModelSpec, measurement: Measurement) -> NoiseM
     return ScaledNoise(parts) if sampled else GaussianNoise(parts)
 
 
-def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily | None:
-    """Structures that the prior thinks possible; None where the structure is exactly known."""
+def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:
+    """Structures that the prior thinks possible."""
     ranges = {
         n.name: n.range
         for n in prior.nuisances
         if n.name in STRUCTURE_QUANTITIES or n.name.startswith(("damping_ratio_", "mode_frequency_"))
     }
-    return BeamFamily(recipe, ranges) if ranges else None
+    return BeamFamily(recipe, ranges)
 
 
 def measurement_of(
@@ -242,7 +244,7 @@ def measurement_of(
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
     rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
     measured = synthesise_frf(
-        true_beam(recipe, spec.truth).structure(),
+        BeamFamily(true_beam(recipe, spec.truth), {}),
         joint,
         joint_matrix(stiffness_of(spec.truth)),
         ports,

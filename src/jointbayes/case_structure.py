@@ -122,6 +122,10 @@ DampingSpec = Annotated[
 ]
 _POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 _SHEAR = key_field('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")
+_ELEMENT = key_field(
+    '"converged" (elements so fine that no mesh shows) or "paper" (its two-node elements, one for each span)',
+    "converged",
+)
 _MASS = not_negative("the mass in g added at each measured translation", 2.0)
 
 
@@ -130,7 +134,8 @@ class StructureSpec(Spec):
 
     kind: Annotated[Literal["beam"], key_field('the kind of structure, "beam"', "beam")]
     length_mm: Annotated[float, positive("the length of the beam in mm", 383.0)]
-    elements: Annotated[int, count_field("the number of elements", 10, 1, 2000)]
+    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 2000)]
+    element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     dofs_per_node: Annotated[Literal[2, 5], key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
     youngs_modulus_gpa: Annotated[float, positive("Young's modulus in GPa", 210.0)]
     poissons_ratio: Annotated[float, _POISSON]

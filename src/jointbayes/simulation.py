@@ -21,7 +21,7 @@ from jointbayes.measurement.spectra import ShakerSettings, by_force, shaker_frf
 from jointbayes.measurement.thinning import effective_averages, lines_apart
 from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
 from jointbayes.measurement.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
-from jointbayes.structure import LossFactor, ModalDamping, Structure
+from jointbayes.structure import BeamFamily, LossFactor, ModalDamping, Structure
 
 __all__ = ["Truth", "describe", "simulate"]
 
@@ -57,7 +57,11 @@ class Truth:
     @cached_property
     def structure(self) -> Structure:
         """The true structure without its joint, accelerometers in place."""
-        return true_beam(beam_recipe(self.case.spec.structure, self.data), self.data.truth).structure()
+        return self._beams.nominal
+
+    @cached_property
+    def _beams(self) -> BeamFamily:
+        return BeamFamily(true_beam(beam_recipe(self.case.spec.structure, self.data), self.data.truth), {})
 
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
@@ -82,7 +86,8 @@ class Truth:
     def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
-        receptance = receptance_model(self.structure, self.case.problem.joint, ports).receptance(self.stiffness)[0]
+        model = receptance_model(self._beams.reference(), self.case.problem.joint, ports)
+        receptance = model.receptance(self.stiffness)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
 

@@ -90,7 +90,7 @@ def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
     assert isinstance(case.problem.measurement, FrfMeasurement)
     settings = case.spec.identification
     return sensitivity_iteration(
-        case.problem.structure,
+        case.problem.structures,
         case.problem.joint,
         case.joint_frf,
         case.problem.measurement.frf.outputs,

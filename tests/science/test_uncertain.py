@@ -195,4 +195,4 @@ def test_the_structure_of_the_data_may_differ_from_the_one_analysed():
     other = case_from_text("other", text).problem.measurement
     ports = Ports(other.frf.frequency_hz, other.frf.outputs, other.frf.inputs)
     exact = synthesise_frf(truth.structure(), JOINT, joint_matrix(TRUTH), ports, RelativeNoise(0.03, 0.01), gain=1.1)
-    assert_allclose(other.variance, exact.variance, rtol=1e-9)
+    assert_allclose(other.variance, exact.variance, rtol=1e-6)  # on other meshes

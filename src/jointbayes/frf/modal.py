@@ -35,11 +35,12 @@ class NaturalFrequencies:
     """
 
     def __init__(self, structure: Structure | StructureFamily, joint: Joint, count: int) -> None:
-        self._family = as_family(structure)
+        family = as_family(structure)
+        self._family = family.at(joint.dofs + joint.against, family.reach_hz(count))
         n = self._family.nominal.n_dofs
         if not 1 <= count <= n:
             raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
-        self._modes, self._count = JoinedModes(structure, joint, np.empty((n, 0))), count
+        self._modes, self._count = JoinedModes(self._family, joint, np.empty((n, 0))), count
 
     def frequency_hz(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Frequencies, shape (batch, count), Hz.
@@ -117,7 +118,8 @@ class AssembledModes:
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
         off = self._family.frequency_factors(known)
         eigenvalues[:, : off.shape[1]] *= off**2
-        return eigenvalues, np.ascontiguousarray(shapes), self._family.damping_ratios(known)
+        ratios = self._family.damping_ratios(known)[:, : eigenvalues.shape[1]]
+        return eigenvalues, np.ascontiguousarray(shapes), np.ascontiguousarray(ratios)
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
@@ -161,7 +163,7 @@ class AssembledModes:
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, lam.size)
-        ratio = self._family.damping_ratios(known)[0]
+        ratio = self._family.damping_ratios(known)[0, : lam.size]
         summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, lam.size))
         summed = np.moveaxis(summed.reshape(-1, pairs, self._omega.size), 1, 2)
         each = summed.reshape(-1, self._omega.size, *constants.shape[:2])

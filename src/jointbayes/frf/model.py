@@ -44,9 +44,10 @@ def receptance_model(structure: Structure | StructureFamily, joint: Joint, ports
     ModelError
         If a DOF does not exist.
     """
-    family = as_family(structure)
+    dofs = dict.fromkeys((*joint.dofs, *joint.against, *ports.outputs, *ports.inputs))
+    family = as_family(structure).at(dofs, float(np.max(ports.frequency_hz)))
     if isinstance(family.nominal.damping, ModalDamping):
         return AssembledModes(family, joint, ports)
     if family.names:
         return UncertainCoupling(family, joint, ports)
-    return LowRankCoupling(family.nominal, joint, ports)
+    return LowRankCoupling(family, joint, ports)

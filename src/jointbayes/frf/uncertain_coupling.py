@@ -1,47 +1,22 @@
 """Low-rank coupling where the structure without the joint is itself uncertain.
 
-Its receptance A is then another one for every draw. It is summed over the free modes, in which a loss factor and
-Rayleigh's damping are diagonal, A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)), and coupled as ever.
+Its receptance A is then another one for every draw, summed over the free modes and coupled as ever.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf.compiled import compiled
+from jointbayes.frf.coupling import free_receptance
 from jointbayes.frf.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, as_batch, as_factors, split_along
 from jointbayes.frf.sweep import SweepCoupling
 from jointbayes.joint import Joint
-from jointbayes.structure import Rayleigh, StructureFamily
+from jointbayes.structure import StructureFamily
 
 __all__ = ["UncertainCoupling"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-
-@compiled
-def _free_receptance(
-    lam: Array, rows: Array, loss: float, alpha: float, beta: float, omega: Array, out: ComplexArray
-) -> None:
-    """Σ φ_a φ_b/(λ(1 + jη) − ω² + jω(α + βλ)) into `out` (lines, k, k), of modes (m,) and motions (k, m)."""
-    k, m = rows.shape
-    re, im = np.empty(m), np.empty(m)
-    for line in range(len(omega)):
-        w = omega[line]
-        for s in range(m):
-            a, b = lam[s] - w * w, lam[s] * loss + w * (alpha + beta * lam[s])
-            d = 1.0 / (a * a + b * b)
-            re[s], im[s] = a * d, -b * d
-        for p in range(k):
-            for q in range(p + 1):
-                x, y = 0.0, 0.0
-                for s in range(m):
-                    c = rows[p, s] * rows[q, s]
-                    x += c * re[s]
-                    y += c * im[s]
-                out[line, p, q] = complex(x, y)
-                out[line, q, p] = out[line, p, q]
 
 
 class UncertainCoupling:
@@ -82,12 +57,7 @@ class UncertainCoupling:
 
     def _coupled(self, factors: Array) -> PairCoupling | SweepCoupling:
         """Coupling of the structure at factors (q,)."""
-        (lam,), (rows,) = self._modes(factors[None])
-        law = self._family.nominal.damping
-        alpha, beta = (law.alpha, law.beta) if isinstance(law, Rayleigh) else (0.0, 0.0)
-        free = np.empty((self._omega.size, len(rows), len(rows)), dtype=complex)
-        (loss,) = self._family.loss_factors(factors[None])
-        _free_receptance(lam, rows, float(loss), alpha, beta, self._omega, free)
+        free = free_receptance(self._family, self._modes, factors, self._omega)
         form = PairCoupling if self._pair else SweepCoupling
         return form(free, self._along, self._n_out)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jointbayes.frf import LowRankCoupling, Ports, quantity_factor
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.structure import LossFactor, ModalDamping, Structure
+from jointbayes.structure import LossFactor, ModalDamping, Structure, StructureFamily, as_family
 
 __all__ = ["compliance_start"]
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _PASSES = 10
 
 
-def compliance_start(structure: Structure, joint: Joint, measurement: FrfMeasurement) -> Array:
+def compliance_start(structure: Structure | StructureFamily, joint: Joint, measurement: FrfMeasurement) -> Array:
     """Estimate (k11, k12, k22) from FRFs alone, positive definite, as a start for a proper fit.
 
     Parameters
@@ -44,10 +44,12 @@ def compliance_start(structure: Structure, joint: Joint, measurement: FrfMeasure
     ----------
     Sanathanan & Koerner (1963), DOI 10.1109/TAC.1963.1105517
     """
+    frf = measurement.frf.converted("receptance")
+    dofs = (*joint.dofs, *joint.against, *frf.outputs, *frf.inputs)
+    structure = as_family(structure).at(dofs, float(frf.frequency_hz[-1])).nominal
     law = structure.damping
     if isinstance(law, ModalDamping):
         structure = replace(structure, damping=LossFactor(2 * law.ratios[0]))
-    frf = measurement.frf.converted("receptance")
     factor = quantity_factor(frf.frequency_hz, measurement.frf.quantity)[:, None, None]
     sigma = np.sqrt(measurement.variance) / np.abs(factor)
     free = _FreeReceptance(structure, joint, frf.frequency_hz, frf.outputs, frf.inputs)

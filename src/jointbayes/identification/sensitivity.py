@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.joint import STIFFNESS_PATTERN, Joint, is_positive_semidefinite, joint_matrix
-from jointbayes.structure import Structure
+from jointbayes.structure import Structure, StructureFamily
 
 __all__ = ["IterationHistory", "SensitivityKind", "sensitivity_iteration"]
 
@@ -62,7 +62,7 @@ class IterationHistory:
 
 
 def sensitivity_iteration(
-    structure: Structure,
+    structure: Structure | StructureFamily,
     joint: Joint,
     measured: FrfSet,
     outputs: tuple[str, ...],
@@ -78,7 +78,7 @@ def sensitivity_iteration(
     Parameters
     ----------
     structure, joint
-        Structure without the joint, and where the joint acts (two DOFs).
+        Structure without the joint, or a family of them at its nominal one, and where the joint acts (two DOFs).
     measured
         Measured receptances H^x. Outputs: `outputs` and every DOF of the joint, rotation included; inputs: the
         excitations v.
@@ -122,7 +122,9 @@ def sensitivity_iteration(
 class _System:
     """Measured FRFs, and the model that predicts them and those between the outputs and the joint."""
 
-    def __init__(self, structure: Structure, joint: Joint, measured: FrfSet, outputs: tuple[str, ...]) -> None:
+    def __init__(
+        self, structure: Structure | StructureFamily, joint: Joint, measured: FrfSet, outputs: tuple[str, ...]
+    ) -> None:
         self.measured, self._outputs = measured, outputs
         self._near, self._far = joint.dofs, joint.against
         at_joint = joint.dofs + joint.against

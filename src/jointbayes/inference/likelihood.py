@@ -78,7 +78,7 @@ class FrfLikelihood:
             )
         # receptance and its measured counterpart carry the same factor (jω)ⁿ: residual/σ does not depend on it
         factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-        self._model = model
+        self._model, self._factor = model, factor
         variance = measurement.variance / np.abs(factor) ** 2
         self._residual = residual_of(kind, frf.values / factor, variance)
         # where a sum of squares says it all, it is summed without any array over lines
@@ -126,6 +126,11 @@ class FrfLikelihood:
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
         return self._residual.z(self._predicted(matrices, known))
+
+    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+        """FRFs in the measured quantity, gain included, shape (batch, lines, outputs, inputs)."""
+        matrices = np.asarray(stiffness, dtype=float)
+        return self._predicted(matrices, as_factors(factors, len(matrices))) * self._factor
 
     def hyper(self, factors: ArrayLike) -> Array:
         """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
@@ -254,9 +259,13 @@ class FrequencyLikelihood:
 
     def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Residuals over their standard deviation, shape (batch, n)."""
+        return (self.predicted(stiffness, factors) - self._measured) / self._sd
+
+    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Natural frequencies, shape (batch, n), Hz."""
         matrices = np.asarray(stiffness, dtype=float)
         structural = self._structural(as_factors(factors, len(matrices)))
-        return (self._model.frequency_hz(matrices, structural) - self._measured) / self._sd
+        return self._model.frequency_hz(matrices, structural)
 
     def _structural(self, factors: Array) -> Array:
         return factors[:, : factors.shape[1] - self.hyper_count]

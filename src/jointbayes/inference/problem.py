@@ -13,8 +13,8 @@ from jointbayes.inference.noise import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import Joint, Parametrisation, joint_matrix
-from jointbayes.measurement import Measurement
-from jointbayes.structure import Structure, StructureFamily, is_mode_frequency
+from jointbayes.measurement import FrfMeasurement, Measurement
+from jointbayes.structure import Discretisation, Structure, StructureFamily, as_family, is_mode_frequency
 
 __all__ = ["Problem"]
 
@@ -34,7 +34,8 @@ class Problem:
     prior
         Prior over all that is uncertain; carries the parametrisation of the joint.
     family
-        Structures without the joint, where quantities of it are uncertain; None where it is exactly known.
+        Structures without the joint, where its quantities are uncertain or its elements are chosen for the band; None
+        where it is given by its matrices.
     noise
         How residuals of FRFs are distributed; None is Gaussian noise of the measurement's variance.
     residual_kind
@@ -59,7 +60,7 @@ class Problem:
             If the measurement names a DOF that the structure does not have.
         """
         likelihood = likelihood_of(
-            self.structure if self.family is None else self.family,
+            self.structures,
             self.joint,
             self.measurement,
             gain="gain" in self.prior.names,
@@ -67,6 +68,20 @@ class Problem:
             kind=self.residual_kind,
         )
         return LogPosterior(self.prior, likelihood)
+
+    @property
+    def structures(self) -> StructureFamily:
+        """The structures without the joint that forward models are made of."""
+        return as_family(self.structure if self.family is None else self.family)
+
+    @property
+    def discretisation(self) -> Discretisation | None:
+        """Elements of the forward model of the data; None where the structure is given by its matrices."""
+        joint, measured = self.joint.dofs + self.joint.against, self.measurement
+        if isinstance(measured, FrfMeasurement):
+            dofs = (*joint, *measured.frf.outputs, *measured.frf.inputs)
+            return self.structures.at(dofs, measured.top_hz).discretisation
+        return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size)).discretisation
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,11 +101,11 @@ class Problem:
         ModelError
             If a DOF does not exist.
         """
-        return receptance_model(self.structure if self.family is None else self.family, self.joint, ports)
+        return receptance_model(self.structures, self.joint, ports)
 
     def structural(self, factors: ArrayLike) -> NDArray[np.float64]:
         """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
-        count = 0 if self.family is None else len(self.family.names)
+        count = len(self.structures.names)
         return np.asarray(factors, dtype=float)[..., :count]
 
     def natural_frequencies_hz(
@@ -101,11 +116,11 @@ class Problem:
         At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural
         frequencies themselves are given by ``mode_frequency_1`` and so on.
         """
-        if factors is None or self.family is None:
-            return NaturalFrequencies(self.structure, self.joint, count).frequency_hz(joint_matrix(stiffness))
-        model = NaturalFrequencies(self.family, self.joint, count)
+        model = NaturalFrequencies(self.structures, self.joint, count)
+        if factors is None:
+            return model.frequency_hz(joint_matrix(stiffness))
         structural = self.structural(factors)
         if of_model:
-            named = np.array([is_mode_frequency(name) for name in self.family.names])
+            named = np.array([is_mode_frequency(name) for name in self.structures.names], dtype=bool)
             structural = np.where(named, 1.0, structural)
         return model.frequency_hz(joint_matrix(stiffness), structural)

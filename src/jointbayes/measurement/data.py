@@ -44,6 +44,11 @@ class FrfMeasurement:
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
             raise MeasurementError("noise: found a variance that is not above zero at some line; raise the noise floor")
 
+    @property
+    def top_hz(self) -> float:
+        """Highest frequency, Hz."""
+        return float(self.frf.frequency_hz[-1])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyMeasurement:
@@ -70,6 +75,11 @@ class FrequencyMeasurement:
             )
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
             raise MeasurementError("natural frequencies: expected standard deviations above 0 Hz; correct them")
+
+    @property
+    def top_hz(self) -> float:
+        """Highest frequency, Hz."""
+        return float(self.frequency_hz[-1])
 
 
 Measurement = FrfMeasurement | FrequencyMeasurement

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, quantity_factor
+from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.joint import Joint
 from jointbayes.measurement.data import FrfMeasurement
-from jointbayes.structure import Structure
+from jointbayes.structure import Structure, StructureFamily
 
 __all__ = ["CoherenceNoise", "NoiseLaw", "RelativeNoise", "synthesise_frf"]
 
@@ -95,7 +95,7 @@ NoiseLaw = RelativeNoise | CoherenceNoise
 
 
 def synthesise_frf(
-    structure: Structure,
+    structure: Structure | StructureFamily,
     joint: Joint,
     stiffness: NDArray[np.float64],
     ports: Ports,
@@ -110,7 +110,8 @@ def synthesise_frf(
     Parameters
     ----------
     structure, joint
-        Structure without the joint, and where the joint acts.
+        Structure without the joint, or a family of them whose nominal one is taken, with elements much richer than
+        those of an analysis; and where the joint acts.
     stiffness
         True K^J, shape (r, r).
     ports
@@ -129,7 +130,12 @@ def synthesise_frf(
     FrfMeasurement
         Marked as synthetic.
     """
-    true = DirectSolve(structure, joint, ports).receptance(stiffness)[0]
+    model: DirectSolve | ReceptanceModel
+    if isinstance(structure, Structure):
+        model = DirectSolve(structure, joint, ports)
+    else:
+        model = receptance_model(structure.reference(), joint, ports)
+    true = model.receptance(stiffness)[0]
     true = gain * true * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
     variance = noise.variance(true)
     values = true

@@ -21,6 +21,7 @@ from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measure
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.mesh import MeshCheck, check_mesh
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
 
@@ -201,6 +202,12 @@ class Posterior:
             return check_frequencies(np.asarray(z.real))
         rng = np.random.default_rng([self.record.seed, 2])
         return check_frfs(likelihood.noise, z, likelihood.hyper(factors), rng)
+
+    @cached_property
+    def mesh(self) -> MeshCheck | None:
+        """What the elements of the model do to the result; None where the structure is given by its matrices."""
+        estimate = self.estimate
+        return check_mesh(self.problem, estimate.theta, estimate.covariance, self.stiffness, self.record.seed)
 
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).

@@ -2,9 +2,11 @@
 
 from jointbayes.structure.assembled import Modes, Structure, mode_shift
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
+from jointbayes.structure.beam_family import BeamFamily
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
-from jointbayes.structure.family import BeamFamily, FixedFamily, FreeModes, StructureFamily, as_family
-from jointbayes.structure.recipe import STRUCTURE_QUANTITIES, BeamRecipe, is_mode_frequency
+from jointbayes.structure.family import Discretisation, FixedFamily, FreeModes, StructureFamily, as_family
+from jointbayes.structure.mesh import BeamMesh
+from jointbayes.structure.recipe import STRUCTURE_QUANTITIES, BeamRecipe, ElementKind, is_mode_frequency
 from jointbayes.structure.section import Section
 
 __all__ = [
@@ -14,6 +16,8 @@ __all__ = [
     "mode_shift",
     # beams
     "BeamMaterial",
+    "BeamMesh",
+    "ElementKind",
     "Section",
     "beam",
     "bending_element",
@@ -21,6 +25,7 @@ __all__ = [
     "STRUCTURE_QUANTITIES",
     "BeamFamily",
     "BeamRecipe",
+    "Discretisation",
     "FixedFamily",
     "FreeModes",
     "StructureFamily",

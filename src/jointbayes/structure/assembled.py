@@ -14,7 +14,7 @@ __all__ = ["Modes", "Structure", "mode_shift"]
 
 
 #: An eigenvalue so far below the shift is that of a rigid-body mode: what is left is rounding of the stiffness matrix.
-_RIGID = 1e-13
+_RIGID = 1e-10
 
 
 @dataclass(frozen=True, slots=True)

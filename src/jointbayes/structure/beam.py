@@ -20,9 +20,10 @@ from jointbayes.structure.assembled import Structure
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.section import Section
 
-__all__ = ["BeamMaterial", "beam", "bending_element"]
+__all__ = ["DIRECTIONS", "BeamMaterial", "beam", "bending_element"]
 
-_DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
+#: Directions of the DOFs of a node, by their number.
+DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,7 @@ def beam(
     >>> rod.fixed(["1:y", "1:rz"]).modes().frequency_hz[:2].round(2).tolist()
     [123.41, 762.62]
     """
-    if not (length > 0 and elements >= 1 and dofs_per_node in _DIRECTIONS):
+    if not (length > 0 and elements >= 1 and dofs_per_node in DIRECTIONS):
         raise ModelError(
             f"beam: found length {length:g} m, {elements} elements, {dofs_per_node} DOFs per node; "
             "expected length > 0, at least 1 element, 2 or 5 DOFs per node; correct the beam"
@@ -166,7 +167,7 @@ def beam(
         rows = slice(e * dofs_per_node, (e + 2) * dofs_per_node)
         stiffness[rows, rows] += element_stiffness
         mass[rows, rows] += element_mass
-    dofs = tuple(f"{node}:{d}" for node in range(1, elements + 2) for d in _DIRECTIONS[dofs_per_node])
+    dofs = tuple(f"{node}:{d}" for node in range(1, elements + 2) for d in DIRECTIONS[dofs_per_node])
     return Structure(stiffness, mass, damping, dofs)
 
 

@@ -1,6 +1,6 @@
 """A beam as a recipe: everything its matrices are made from, each quantity open to a factor."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,9 +10,16 @@ from jointbayes.errors import ModelError
 from jointbayes.structure.assembled import Structure
 from jointbayes.structure.beam import BeamMaterial, beam
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.mesh import BeamMesh, BeamShape, mesh_through, meshed_beam
 from jointbayes.structure.section import Section
 
-__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "is_damping_ratio", "is_mode_frequency"]
+__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "ElementKind", "is_damping_ratio", "is_mode_frequency"]
+
+#: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
+ElementKind = Literal["converged", "paper"]
+
+_HALF_WAVES = 10.0  # along the beam: what a mesh without a stated frequency is made for
+_RICHER = 4  # polynomial orders that a reference has more
 
 #: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on.
 STRUCTURE_QUANTITIES = (
@@ -47,7 +54,9 @@ class BeamRecipe:
         Length, m.
     section, material, damping
         Cross-section, material and damping law.
-    elements, dofs_per_node, shear_coefficient
+    elements
+        Equal spans between the numbered points 1 to elements + 1; with the paper's element also the finite elements.
+    dofs_per_node, shear_coefficient
         As for `beam`; None takes Cowper's κ.
     supports
         DOFs held fixed.
@@ -55,6 +64,10 @@ class BeamRecipe:
         Mass of each accelerometer, kg.
     accelerometer_dofs
         Where one sits: its mass moves in all translations of the node of each of these DOFs that is a translation.
+    element
+        How it is discretised.
+    richer
+        Whether elements are four orders richer than it takes: a reference for others. No matter to the paper's element.
     """
 
     length: float
@@ -67,8 +80,45 @@ class BeamRecipe:
     supports: tuple[str, ...] = ()
     accelerometer_mass: float = 0.0
     accelerometer_dofs: tuple[str, ...] = ()
+    element: ElementKind = "converged"
+    richer: bool = False
 
-    def structure(self, factors: Mapping[str, float] | None = None) -> Structure:
+    @property
+    def shape(self) -> BeamShape:
+        """Length, section and material."""
+        return BeamShape(self.length, self.section, self.material, self.shear_coefficient)
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> BeamMesh | None:
+        """Elements that are exact up to a frequency and end where something acts or is observed.
+
+        Parameters
+        ----------
+        dofs
+            Labels of such DOFs, beside supports and accelerometers; None takes all points.
+        top_hz
+            Highest frequency, Hz; None that of ten half waves along the beam.
+
+        Returns
+        -------
+        BeamMesh, or None for the paper's element
+
+        Raises
+        ------
+        ModelError
+            If the frequency is too high for the beam.
+        """
+        if self.element == "paper":
+            return None
+        if dofs is None:
+            numbers = set(range(1, self.elements + 2))
+        else:
+            labels = (*dofs, *self.supports, *self.accelerometer_dofs)
+            numbers = {int(label.split(":")[0]) for label in labels} & set(range(1, self.elements + 2))
+        top = self.shape.bending_frequency_hz(_HALF_WAVES) if top_hz is None else top_hz
+        extra = _RICHER if self.richer else 0
+        return mesh_through(self.shape, self.elements + 1, numbers, top, self.dofs_per_node, extra)
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: BeamMesh | None = None) -> Structure:
         """Assemble the beam with its quantities multiplied by factors, 1 where none is given.
 
         Parameters
@@ -77,6 +127,8 @@ class BeamRecipe:
             By name, see `STRUCTURE_QUANTITIES`. ``section_size`` multiplies every dimension of the section,
             ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode. Errors of natural frequencies,
             ``mode_frequency_1`` and so on, are those of the assembled structure, and change nothing here.
+        mesh
+            Elements, as `mesh` gives them; None takes those through all points.
 
         Raises
         ------
@@ -96,15 +148,21 @@ class BeamRecipe:
         )
         shear = given.get("shear_coefficient", 1.0)
         section = self.section.scaled(given.get("section_size", 1.0), shear)
-        free = beam(
-            self.length * given.get("length", 1.0),
-            section,
-            material,
-            _damping(self.damping, given),
-            elements=self.elements,
-            dofs_per_node=self.dofs_per_node,
-            shear_coefficient=None if self.shear_coefficient is None else self.shear_coefficient * shear,
-        )
+        kappa = None if self.shear_coefficient is None else self.shear_coefficient * shear
+        length, damping = self.length * given.get("length", 1.0), _damping(self.damping, given)
+        mesh = mesh or self.mesh()
+        if mesh is None:
+            free = beam(
+                length,
+                section,
+                material,
+                damping,
+                elements=self.elements,
+                dofs_per_node=self.dofs_per_node,
+                shear_coefficient=kappa,
+            )
+        else:
+            free = meshed_beam(BeamShape(length, section, material, kappa), damping, mesh, self.dofs_per_node)
         loaded = self._loaded(free, self.accelerometer_mass * given.get("accelerometer_mass", 1.0))
         return loaded.fixed(self.supports) if self.supports else loaded
 
