@@ -61,7 +61,8 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
     for i, record in enumerate(records):
         assert_array_equal(record.frequency_hz, lines)
         assert (record.quantity, record.unit, record.averages) == (quantity, unit, 10)
-        assert_allclose(record.values, 1.5 * exact[:, i, 0] * factor, rtol=1e-7)
+        expected = 1.5 * exact[:, i, 0] * factor  # from another mesh
+        assert_allclose(record.values, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
 def test_accelerometers_load_the_virtual_structure():

@@ -77,8 +77,12 @@ class BeamFamily:
         self._axes = _ShapeAxes(recipe, self._ranges)
         # a beam at the end of its range may have its modes lower by so much, and its waves be shorter
         self._top_hz = None if top_hz is None else top_hz * self._widest
-        #: How the beam is discretised; None for the paper's element.
-        self.mesh: BeamMesh | None = recipe.mesh(dofs, self._top_hz)
+        self._dofs = None if dofs is None else tuple(dofs)
+
+    @cached_property
+    def mesh(self) -> BeamMesh | None:
+        """How the beam is discretised; None for the paper's element."""
+        return self.recipe.mesh(self._dofs, self._top_hz)
 
     @cached_property
     def nominal(self) -> Structure:
