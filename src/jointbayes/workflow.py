@@ -14,7 +14,8 @@ from jointbayes.errors import ModelError, SamplingError
 from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
-    maximise_posterior,
+    ModeSearch,
+    frequency_starts,
     refine,
     screened_draws,
     sensitivity_iteration,
@@ -132,13 +133,19 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
         starts["compliance fit without a guess"] = case.compliance_fit
     if case.joint_frf is not None:
         starts["paper's iteration"] = identify(case, guess).stiffness
-    rng = np.random.default_rng([case.spec.sampling.seed if seed is None else seed, 1])
+    seed_ = case.spec.sampling.seed if seed is None else seed
+    rng = np.random.default_rng([seed_, 1])
     drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     if "rho" in problem.parametrisation.names:
         starts |= limiting_joints(problem.prior)
-    screened = screened_draws(problem.log_posterior, rng, _SCREENED, _KEPT)
-    return maximise_posterior(problem.log_posterior, starts, list(screened))
+    search = ModeSearch(problem.log_posterior)
+    matched = frequency_starts(problem, np.random.default_rng([seed_, 2]))
+    search.climb_stiffnesses(starts)
+    search.climb({f"natural frequencies {i}": t for i, t in enumerate(matched, 1)})
+    screened = screened_draws(problem.log_posterior, rng, 500 if len(matched) else _SCREENED, _KEPT)
+    search.climb({f"screened draw {i}": t for i, t in enumerate(screened, 1)})
+    return search.estimate()
 
 
 def limiting_joints(prior: JointPrior) -> dict[str, Array]:

@@ -1,7 +1,16 @@
 """Point estimates of a joint: the paper's iteration, a start without a guess, the posterior mode."""
 
 from jointbayes.identification.equation_error import compliance_start
-from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome, maximise_posterior, refine
+from jointbayes.identification.frequency_starts import frequency_starts
+from jointbayes.identification.map_estimate import (
+    LocalMode,
+    MapEstimate,
+    ModeSearch,
+    StartOutcome,
+    maximise_posterior,
+    refine,
+)
+from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.screening import screened_draws
 from jointbayes.identification.sensitivity import IterationHistory, SensitivityKind, sensitivity_iteration
 
@@ -9,11 +18,14 @@ __all__ = [
     "IterationHistory",
     "LocalMode",
     "MapEstimate",
+    "ModeSearch",
     "SensitivityKind",
     "StartOutcome",
     "compliance_start",
+    "frequency_starts",
     "maximise_posterior",
     "refine",
+    "resonances_hz",
     "screened_draws",
     "sensitivity_iteration",
 ]

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import LowRankCoupling, Ports, quantity_factor
+from jointbayes.frf import Ports, quantity_factor
+from jointbayes.frf.uncertain_coupling import UncertainCoupling
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping, Structure, StructureFamily, as_family
@@ -82,7 +83,8 @@ class _FreeReceptance:
         # the joint's DOFs stand first among outputs and inputs; a relative joint is a difference of two blocks
         sides = joint.dofs + joint.against
         ports = Ports(frequency_hz, _unique(sides + outputs), _unique(sides + inputs))
-        free = LowRankCoupling(structure, joint, ports).receptance(np.zeros((2, 2)))[0]
+        # summed over free modes: a dense solution of every line would cost more than the whole search
+        free = UncertainCoupling(as_family(structure), joint, ports).receptance(np.zeros((2, 2)))[0]
         relative = np.eye(2) if not joint.against else np.hstack([np.eye(2), -np.eye(2)])
         n = len(sides)
         rows = [ports.outputs.index(label) for label in outputs]

@@ -9,10 +9,12 @@ from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.identification.climb import newton_climb
+from jointbayes.identification.climb_all import climb_all
 from jointbayes.identification.mode_scan import with_modes_on_data
+from jointbayes.identification.squares import PosteriorSquares
 from jointbayes.inference import LogPosterior
 
-__all__ = ["LocalMode", "MapEstimate", "StartOutcome", "maximise_posterior", "refine"]
+__all__ = ["LocalMode", "MapEstimate", "ModeSearch", "StartOutcome", "maximise_posterior", "refine"]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,12 @@ _LINE = 21
 _TURNS = 3
 #: Relative tolerance of a climb that is the last word, and of one that a climb on the density itself follows.
 _EXACT, _ROUGH = 1e-12, 1e-5
+#: Steps of the rough climb. Two rough ends are one when they are nearer than this, in prior standard deviations and in
+#: log density.
+_ROUGH_STEPS = 40
+_NEAR, _NEARLY = 0.01, 0.05
+#: Rough ends that are lower than the best by `_LOWEST` and this are not refined, and no more than so many in one go.
+_UNREFINED, _REFINED = 20.0, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,43 +220,152 @@ def maximise_posterior(
     ModelError
         If no start leads anywhere.
     """
-    prior = log_posterior.prior
-    begun = {name: (np.asarray(k, dtype=float), into_support(log_posterior, k)) for name, k in starts.items()}
-    named = {
-        name: refine(log_posterior, with_modes_on_data(log_posterior, theta))
-        for name, (_, theta) in begun.items()
-        if theta is not None
-    }
-    found = {
-        f"screened draw {i}": refine(log_posterior, with_modes_on_data(log_posterior, theta))
-        for i, theta in enumerate(screened, 1)
-    }
-    begun |= {name: (prior.stiffness(theta), theta) for name, theta in zip(found, screened, strict=True)}
-    if not (named or found):
-        raise ModelError(
-            "MAP: found no start inside the prior's support; expected priors that contain a positive definite joint; "
-            "widen them"
+    search = ModeSearch(log_posterior)
+    search.climb_stiffnesses(starts)
+    search.climb({f"screened draw {i}": theta for i, theta in enumerate(screened, 1)})
+    return search.estimate()
+
+
+class ModeSearch:
+    """Climbs from more and more starts, and what they found.
+
+    All starts climb together, roughly and under Gaussian noise of the stated size; the distinct ends that may matter
+    are then climbed to the last digit, under the noise model itself.
+
+    Parameters
+    ----------
+    log_posterior
+        Density to climb.
+    """
+
+    def __init__(self, log_posterior: LogPosterior) -> None:
+        self._posterior = log_posterior
+        self._begun: dict[str, Array] = {}  # (k11, k12, k22) by the start's name
+        self._ends: dict[str, tuple[Array, float]] = {}
+        self._refined: list[_Refined] = []
+
+    @property
+    def best(self) -> tuple[Array, float]:
+        """Highest end so far, θ of shape (d,), and its log density.
+
+        Raises
+        ------
+        ModelError
+            If no start lies inside the prior's support.
+        """
+        if not self._refined:
+            raise ModelError(
+                "MAP: found no start inside the prior's support; expected priors that contain a positive definite "
+                "joint; widen them"
+            )
+        highest = max(end.log_density for end in self._refined)
+        # of ends that are equally good the first: a further start that leads to a known mode changes nothing
+        first = next(end for end in self._refined if end.log_density >= highest - _SAME_DENSITY)
+        return first.theta, first.log_density
+
+    @property
+    def refined(self) -> Array:
+        """Distinct ends so far that may matter, shape (n, d)."""
+        return np.array([end.theta for end in self._refined])
+
+    def reached(self) -> dict[str, bool]:
+        """Whether each start, by name, ended at the best mode; of those at which the density has a value."""
+        theta, best = self.best
+        sd = self._posterior.prior.sd
+        return {
+            # along a ridge that data and prior leave flat many points are equally the mode
+            name: bool((np.abs((end - theta) / sd) < _SAME_POINT).all()) or best - density < _SAME_DENSITY
+            for name, (end, density) in self._ends.items()
+        }
+
+    def climb_stiffnesses(self, starts: Mapping[str, ArrayLike]) -> None:
+        """Climb from joints (k11, k12, k22), shape (3,), by name, each moved into the prior's support."""
+        inside = {name: into_support(self._posterior, k) for name, k in starts.items()}
+        self._begun |= {name: np.asarray(k, dtype=float) for name, k in starts.items()}
+        self.climb({name: theta for name, theta in inside.items() if theta is not None})
+
+    def climb(self, starts: Mapping[str, Array], weights: Sequence[Array] = (), *, scan: bool = True) -> None:
+        """Climb from points θ, each shape (d,), by name.
+
+        Parameters
+        ----------
+        starts
+            Points inside the support.
+        weights
+            Factors on the residuals, shape (lines, pairs), with which they climb first, one after the other.
+        scan
+            Whether uncertain errors of natural frequencies are first moved to their best place.
+        """
+        prior = self._posterior.prior
+        self._begun |= {name: prior.stiffness(theta) for name, theta in starts.items() if name not in self._begun}
+        if not starts:
+            return
+        names = list(starts)
+        rough = np.array([with_modes_on_data(self._posterior, t) if scan else t for t in starts.values()])
+        for weight in weights:
+            rough, _ = climb_all(PosteriorSquares(self._posterior, weight), rough, _ROUGH_STEPS)
+        rough, _ = climb_all(PosteriorSquares(self._posterior), rough, _ROUGH_STEPS)
+        density = self._posterior(rough)
+        possible = np.isfinite(density)
+        self._ends |= {names[i]: (rough[i], float(density[i])) for i in np.flatnonzero(possible)}
+        self._refine_distinct([names[i] for i in np.flatnonzero(possible)])
+
+    def _refine_distinct(self, names: Sequence[str]) -> None:
+        """Refine those ends of these starts that are new and may matter, and give the others that are the same theirs."""
+        exact = self._posterior.likelihood.gaussian
+        sd = self._posterior.prior.sd
+        begun = len(self._refined)
+        for name in sorted(names, key=lambda n: -self._ends[n][1]) if not exact else names:
+            theta, density = self._ends[name]
+            known = next((r for r in self._refined if r.same(theta, density, sd)), None)
+            if known is None:
+                highest = max(max((self._ends[n][1] for n in names)), max((r.log_density for r in self._refined), default=-np.inf))
+                few = len(self._refined) - begun < _REFINED
+                if not few or (exact and density < highest - _LOWEST - _UNREFINED and self._refined):
+                    continue
+                end, value = refine(self._posterior, theta)
+                known = _Refined(theta, density, end, value)
+                self._refined.append(known)
+            self._ends[name] = known.theta, known.log_density
+
+    def estimate(self) -> MapEstimate:
+        """Best mode so far, its covariance, and where each start led.
+
+        Raises
+        ------
+        ModelError
+            If no start led anywhere.
+        """
+        theta, best = self.best
+        prior = self._posterior.prior
+        nowhere, reached = np.full_like(theta, np.nan), self.reached()
+        outcomes = []
+        for name, stiffness in self._begun.items():
+            end, density = self._ends.get(name, (nowhere, -np.inf))
+            outcomes.append(StartOutcome(name, stiffness, prior.stiffness(end), density, reached.get(name, False)))
+        return MapEstimate(
+            theta,
+            prior.stiffness(theta),
+            laplace_covariance(self._posterior, theta),
+            best,
+            tuple(outcomes),
+            local_modes(self._posterior, [(end.theta, end.log_density) for end in self._refined]),
         )
-    highest = max((density for _, density in named.values()), default=-np.inf)
-    elsewhere = {name: end for name, end in found.items() if abs(end[1] - highest) > _SAME_DENSITY}
-    ends = list((named | elsewhere).values())
-    theta, best = max(ends, key=lambda end: end[1])
-    nowhere = np.full_like(theta, np.nan), -np.inf
-    outcomes = []
-    for name, (stiffness, _) in begun.items():
-        end, density = (named | found).get(name, nowhere)
-        near = bool((np.abs((end - theta) / prior.sd) < _SAME_POINT).all())
-        # along a ridge that data and prior leave flat many points are equally the mode
-        same = near or best - density < _SAME_DENSITY
-        outcomes.append(StartOutcome(name, stiffness, prior.stiffness(end), density, same))
-    return MapEstimate(
-        theta,
-        prior.stiffness(theta),
-        laplace_covariance(log_posterior, theta),
-        best,
-        tuple(outcomes),
-        local_modes(log_posterior, ends),
-    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Refined:
+    """A rough end of a climb with its log density, and the mode it was refined to."""
+
+    rough: Array
+    rough_density: float
+    theta: Array
+    log_density: float
+
+    def same(self, theta: Array, density: float, sd: Array) -> bool:
+        """Whether another rough end is this one; `sd` are the prior's standard deviations."""
+        near = bool((np.abs((self.rough - theta) / sd) < _NEAR).all())
+        return near and abs(self.rough_density - density) < _NEARLY
 
 
 def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]) -> tuple[LocalMode, ...]:

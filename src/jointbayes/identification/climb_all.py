@@ -1,0 +1,147 @@
+"""Climb from many starts at once: Levenberg-Marquardt on batches of residuals."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.inference import JointPrior
+
+__all__ = ["Squares", "climb_all"]
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-6  # of differences, in prior standard deviations
+_AT_ONCE = 4_000_000  # residuals held in memory together
+_FARTHEST = 0.7  # of one step in any coordinate, in prior standard deviations
+_FACTORS = np.array([1e-2, 0.1, 1.0, 10.0, 100.0, 1e4])  # on the damping: all are tried at once, the best is kept
+_LEAST, _MOST = 1e-10, 1e10  # damping relative to the curvature; beyond, no step is left that gains
+_GAIN = 1e-3  # in log density: a start whose next step promises less has arrived
+_PATIENCE = 10  # steps before a start is given up that would not catch up at its pace
+
+
+class Squares(Protocol):
+    """A density that is −½ Σ e² of residuals e, times a prior."""
+
+    prior: JointPrior
+    columns: NDArray[np.intp]
+    """Coordinates that a climb moves; the others stay."""
+
+    def residuals(self, theta: Array) -> Array:
+        """Residuals e, shape (n, m), without those of the prior, of points inside the support, shape (n, d)."""
+        ...
+
+    def value(self, theta: Array) -> Array:
+        """Log density up to a constant, shape (n,), of points, shape (n, d); −inf outside the support."""
+        ...
+
+
+def climb_all(squares: Squares, starts: Array, steps: int) -> tuple[Array, Array]:
+    """Climb from each start until its next step promises no more than a thousandth in log density.
+
+    A start that at its present pace would not come up with the best within the steps left is given up.
+
+    Parameters
+    ----------
+    squares
+        What to climb.
+    starts
+        Points inside the prior's support, shape (n, d).
+    steps
+        No more steps than these.
+
+    Returns
+    -------
+    theta, value : ndarray, shapes (n, d) and (n,)
+        Where each start ended, and the log density there up to the constant of `squares`.
+
+    References
+    ----------
+    Marquardt, D. W. (1963). An algorithm for least-squares estimation of nonlinear parameters. Journal of the Society
+    for Industrial and Applied Mathematics 11(2), 431-441. DOI 10.1137/0111030
+    """
+    theta, value = np.array(starts, dtype=float), squares.value(np.asarray(starts, dtype=float))
+    damping = np.full(len(theta), 0.1)
+    climbing = np.isfinite(value) & (squares.columns.size > 0)
+    for step in range(steps):
+        chosen = np.flatnonzero(climbing)
+        if not chosen.size:
+            break
+        moves, promised = _moves(squares, theta[chosen], damping[chosen])
+        low, high = squares.prior.support
+        trials = np.clip(theta[chosen, None] + moves, low, high)
+        found = squares.value(trials.reshape(-1, theta.shape[1])).reshape(trials.shape[:2])
+        best = np.argmax(found, axis=1)
+        row = np.arange(chosen.size)
+        gain = found[row, best] - value[chosen]
+        better = gain > 0
+        theta[chosen[better]] = trials[row, best][better]
+        value[chosen[better]] = found[row, best][better]
+        damping[chosen] *= np.where(better, _FACTORS[best], 1e5)
+        np.maximum(damping, _LEAST, out=damping)
+        arrived = (promised < _GAIN) & ~(gain > _GAIN)
+        stuck = damping[chosen] > _MOST
+        behind = np.zeros(chosen.size, dtype=bool)
+        if step >= _PATIENCE:
+            behind = value[chosen] + np.maximum(gain, 0.0) * (steps - step) < value.max()
+        climbing[chosen[arrived | stuck | behind]] = False
+    return theta, value
+
+
+def _moves(squares: Squares, theta: Array, damping: Array) -> tuple[Array, Array]:
+    """Steps for each of the dampings tried, shape (n, factors, d), and what the least damped promises, shape (n,)."""
+    columns, prior = squares.columns, squares.prior
+    gradient, normal = _normal_equations(squares, theta)
+    gradient += (prior.precision * (theta - prior.mean))[:, columns]
+    diagonal = np.arange(columns.size)
+    normal[:, diagonal, diagonal] += prior.precision[columns]
+    low, high = (end[columns] for end in prior.support)
+    here = theta[:, columns]
+    # a coordinate at its end that would go on beyond it stays
+    held = ((here <= low) & (gradient > 0)) | ((here >= high) & (gradient < 0))
+    gradient[held] = 0.0
+    normal[held] = 0.0
+    normal.swapaxes(1, 2)[held] = 0.0
+    sd = prior.sd[columns]
+    size = normal[:, diagonal, diagonal] + 1 / sd**2
+    normal[:, diagonal, diagonal] += np.where(held, size, 0.0)
+    damped = np.repeat(normal[:, None], _FACTORS.size, axis=1)
+    damped[..., diagonal, diagonal] += (damping[:, None] * _FACTORS)[..., None] * size[:, None]
+    damped[..., diagonal, diagonal] += 1e-12 * size[:, None]
+    step = -np.linalg.solve(damped, np.repeat(gradient[:, None, :, None], _FACTORS.size, axis=1))[..., 0]
+    promised = -0.5 * np.einsum("nd,nd->n", step[:, 0], gradient)
+    longest = np.abs(step / sd).max(axis=-1, keepdims=True)
+    step *= _FARTHEST / np.maximum(longest, _FARTHEST)
+    moves = np.zeros((len(theta), _FACTORS.size, theta.shape[1]))
+    moves[:, :, columns] = step
+    return moves, promised
+
+
+def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
+    """Jᵀe, shape (n, c), and JᵀJ, shape (n, c, c), of the moving columns, by one-sided differences inside the support."""
+    columns, prior = squares.columns, squares.prior
+    n, c = len(theta), columns.size
+    _, high = prior.support
+    step = _STEP * np.minimum(prior.sd, 1.0)[columns]
+    offsets = np.zeros((c, theta.shape[1]))
+    offsets[np.arange(c), columns] = step
+    moved = theta[:, None] + offsets
+    outside = (moved > high).any(axis=-1) | ~prior.feasible(moved)
+    moved = np.where(outside[..., None], theta[:, None] - offsets, moved)
+    step = np.where(outside, -step, step)
+    gradient, normal = np.empty((n, c)), np.empty((n, c, c))
+    begin, rows = 0, 1
+    while begin < n:
+        part = slice(begin, begin + rows)
+        points = np.concatenate([theta[part, None], moved[part]], axis=1)
+        values = squares.residuals(points.reshape(-1, theta.shape[1])).reshape(*points.shape[:2], -1)
+        here, jacobian = values[:, 0], values[:, 1:]
+        jacobian -= here[:, None]
+        jacobian /= step[part, :, None]
+        gradient[part] = np.matmul(jacobian, here[..., None])[..., 0]
+        normal[part] = np.matmul(jacobian, jacobian.swapaxes(1, 2))
+        begin += rows
+        rows = max(1, _AT_ONCE // values[0].size)
+    finite = np.isfinite(gradient).all(axis=1) & np.isfinite(normal).all(axis=(1, 2))
+    gradient[~finite], normal[~finite] = 0.0, np.eye(c)
+    return gradient, normal

@@ -1,0 +1,226 @@
+"""Starts for a climb by natural frequencies first.
+
+FRFs with lines coarser than a resonance is wide have a density full of false summits; natural frequencies have not.
+Joints whose predicted frequencies agree with the resonances of the data lie within reach of the mode.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from jointbayes.frf import NaturalFrequencies
+from jointbayes.identification.climb_all import climb_all
+from jointbayes.identification.resonances import resonances_hz
+from jointbayes.inference import JointPrior, Problem
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.structure import is_mode_frequency
+from jointbayes.structure.recipe import is_damping_ratio
+
+__all__ = ["FrequencyMatch", "frequency_starts", "natural_frequency_model"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: Relative error of a frequency that counts as one standard deviation.
+TOLERANCE = 0.005
+#: A resonance that is farther than this from any predicted frequency, relative, is given up.
+_LOST = 0.2
+#: A predicted frequency inside the band that shows no resonance counts as one that is off by this: modes with a node
+#: at the response, or across the plane of the measurement, show none.
+_UNSEEN = 0.025
+#: Predicted frequencies so near the ends of the band, relative, need not show a resonance.
+_EDGE = 0.03
+_MOST_MODES = 24  # predicted
+_SPARE = 1.2  # on the end of the band: the structure itself may be uncertain
+_POINTS, _CLIMBED, _STEPS = 256, 12, 25
+_APART = 0.5  # prior standard deviations between points that are climbed
+_SAME = 0.02  # prior standard deviations between ends that are one
+
+
+def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
+    """Predicts the lowest natural frequencies of the problem's structure, or family of structures, with its joint."""
+    structure = problem.structure if problem.family is None else problem.family
+    return NaturalFrequencies(structure, problem.joint, min(problem.structure.n_dofs, _MOST_MODES))
+
+
+class FrequencyMatch:
+    """How well predicted natural frequencies agree with the resonances of the data.
+
+    Each resonance counts by ln(f_model/f_data) over a tolerance, under the soft-L1 loss 2(√(1 + r²) − 1), for the best
+    assignment that keeps their order; resonances without a counterpart, and predicted frequencies in the band without
+    one, count as much as one that is off by 20 % and by 2.5 %.
+
+    Parameters
+    ----------
+    problem
+        The problem; what moves no natural frequency stays at the mean of its prior.
+
+    Raises
+    ------
+    ModelError
+        If a DOF does not exist.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.prior: JointPrior = problem.prior
+        self._problem = problem
+        measured = problem.measurement
+        #: Resonances of the data, Hz.
+        self.resonances_hz = resonances_hz(measured)
+        # measured natural frequencies are the lowest ones, each of them
+        self._complete = isinstance(measured, FrequencyMeasurement)
+        lines = measured.frequency_hz if isinstance(measured, FrequencyMeasurement) else measured.frf.frequency_hz
+        self._band = float(lines[0]), float(lines[-1])
+        names, joint = problem.names, len(problem.parametrisation.names)
+        quantities = () if problem.family is None else problem.family.names
+        self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
+        shift = [joint + i for i, name in enumerate(quantities) if not _moves_nothing(name)]
+        self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)
+        off = max((float(problem.prior.sd[i]) for i in self._errors), default=0.0)
+        self._tolerance = float(np.hypot(TOLERANCE, off))
+        self._model = natural_frequency_model(problem)
+        # a joint raises every natural frequency: there are no more in the band than without it
+        structural = problem.structural(np.ones((1, len(problem.prior.nuisances))))
+        free = self._model.frequency_hz(np.zeros((1, 2, 2)), structural)[0]
+        below = int((free < _SPARE * self._band[1]).sum())
+        self._count = self.resonances_hz.size if self._complete else max(below, 1)
+
+    def predicted_hz(self, theta: Array) -> Array:
+        """Natural frequencies of the model, shape (n, count), Hz, without errors that they are given themselves."""
+        without = np.array(theta)
+        without[:, self._errors] = 0.0
+        structural = self._problem.structural(self.prior.factors(without))
+        return self._model.frequency_hz(joint_matrix(self.prior.stiffness(without)), structural)[:, : self._count]
+
+    def residuals(self, theta: Array) -> Array:
+        """Residuals, shape (n, resonances + 1): of each resonance, and of all predicted ones without one."""
+        predicted = self.predicted_hz(theta)
+        partner, unseen = self._assigned(predicted)
+        lost = partner < 0
+        ratio = np.log(np.take_along_axis(predicted, np.maximum(partner, 0), axis=1) / self.resonances_hz)
+        ratio = np.where(lost, max(_LOST, 3 * self._tolerance), ratio) / self._tolerance
+        rest = np.sqrt(unseen * _soft(min(_UNSEEN, self._tolerance * 5) / self._tolerance))
+        return np.column_stack([np.sign(ratio) * np.sqrt(_soft(ratio)), rest])
+
+    def value(self, theta: Array) -> Array:
+        """Log density, shape (n,), up to a constant: −½ Σ e² and the prior's; −inf outside its support."""
+        out = self.prior.log_density(theta)
+        inside = np.isfinite(out)
+        if inside.any():
+            out[inside] -= 0.5 * (self.residuals(theta[inside]) ** 2).sum(axis=1)
+        return np.where(np.isnan(out), -np.inf, out)
+
+    def with_errors(self, theta: Array) -> Array:
+        """The points with uncertain errors of natural frequencies such that these lie at their resonances."""
+        out = np.array(theta)
+        if not self._errors:
+            return out
+        predicted = self.predicted_hz(theta)
+        partner, _ = self._assigned(predicted)
+        low, high = self.prior.support
+        for mode, column in enumerate(self._errors[: predicted.shape[1]]):
+            row, resonance = np.nonzero(partner == mode)
+            log_error = np.log(self.resonances_hz[resonance] / predicted[row, mode])
+            inside = (log_error > low[column]) & (log_error < high[column])
+            out[row[inside], column] = log_error[inside]
+        return out
+
+    def _assigned(self, predicted: Array) -> tuple[Indices, Array]:
+        """Number of the predicted frequency of each resonance, −1 for none, (n, resonances), and how many have none.
+
+        The best of all assignments that keep the order, by dynamic programming over both.
+        """
+        data = self.resonances_hz
+        n, m = predicted.shape
+        if self._complete:
+            return np.tile(np.arange(m), (n, 1)), np.zeros(n)
+        low, high = self._band
+        seen = (predicted > low * (1 + _EDGE)) & (predicted < high * (1 - _EDGE))
+        unseen = np.where(seen, _soft(min(_UNSEEN, self._tolerance * 5) / self._tolerance), 0.0)
+        lost = _soft(max(_LOST, 3 * self._tolerance) / self._tolerance)
+        with np.errstate(divide="ignore"):  # a free body has modes at 0 Hz
+            cost = _soft(np.log(predicted[:, None] / data[:, None]) / self._tolerance)
+        cost = np.where(np.isfinite(cost), cost, np.finfo(float).max / 4)
+        best = np.zeros((n, data.size + 1, m + 1))
+        best[:, 0, 1:] = np.cumsum(unseen, axis=1)
+        best[:, 1:, 0] = lost * np.arange(1, data.size + 1)
+        choice = np.zeros((n, data.size + 1, m + 1), dtype=np.int8)  # 0 pair, 1 no resonance, 2 no prediction
+        choice[:, 0, 1:], choice[:, 1:, 0] = 1, 2
+        for i in range(1, data.size + 1):
+            for j in range(1, m + 1):
+                options = np.stack(
+                    [
+                        best[:, i - 1, j - 1] + cost[:, i - 1, j - 1],
+                        best[:, i, j - 1] + unseen[:, j - 1],
+                        best[:, i - 1, j] + lost,
+                    ]
+                )
+                choice[:, i, j] = np.argmin(options, axis=0)
+                best[:, i, j] = options.min(axis=0)
+        partner = np.full((n, data.size), -1, dtype=np.intp)
+        row, i, j = np.arange(n), np.full(n, data.size), np.full(n, m)
+        for _ in range(data.size + m):
+            step = choice[row, i, j]
+            pair = (step == 0) & (i > 0) & (j > 0)
+            partner[row[pair], i[pair] - 1] = j[pair] - 1
+            i, j = i - ((step != 1) & (i > 0)), j - ((step != 2) & (j > 0))
+        taken = np.zeros((n, m + 1), dtype=bool)
+        np.put_along_axis(taken, np.where(partner < 0, m, partner), True, axis=1)
+        return partner, (seen & ~taken[:, :m]).sum(axis=1).astype(float)
+
+
+def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1) -> Array:
+    """Points from which to climb the posterior, shape (n, d), the best first; none where the data show no resonance.
+
+    256 Sobol points of the prior in all that moves natural frequencies are compared with the resonances of the data,
+    and the twelve best that stand apart climb to agreement.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    rng
+        Scrambles the points.
+    effort
+        Factor on the number of points, a power of two, and on that of climbs.
+
+    References
+    ----------
+    Sobol, I. M. (1967). On the distribution of points in a cube and the approximate evaluation of integrals. USSR
+    Computational Mathematics and Mathematical Physics 7(4), 86-112. DOI 10.1016/0041-5553(67)90144-9
+    """
+    match = FrequencyMatch(problem)
+    prior = problem.prior
+    if not (match.resonances_hz.size and match.columns.size):
+        return np.empty((0, prior.mean.size))
+    unit = np.full((_POINTS * effort, prior.mean.size), 0.5)
+    unit[:, match.columns] = qmc.Sobol(match.columns.size, seed=rng).random(_POINTS * effort)
+    points = prior.transform(unit)
+    value = match.value(points)
+    joint = prior.joint(points) / prior.sd[: len(prior.marginals)]
+    picked = apart(joint, value, _APART, _CLIMBED * effort)
+    ends, value = climb_all(match, points[picked], _STEPS)
+    kept = apart(ends[:, match.columns] / prior.sd[match.columns], value, _SAME, _CLIMBED * effort)
+    return match.with_errors(ends[kept])
+
+
+def apart(places: Array, value: Array, distance: float, most: int) -> list[int]:
+    """Numbers of the highest places, none within a distance of a higher one in every coordinate; −inf never."""
+    picked: list[int] = []
+    for i in np.argsort(-value, kind="stable"):
+        if len(picked) == most or not np.isfinite(value[i]):
+            break
+        if all(np.abs(places[i] - places[k]).max(initial=0.0) > distance for k in picked):
+            picked.append(int(i))
+    return picked
+
+
+def _moves_nothing(name: str) -> bool:
+    """Whether a quantity of the structure leaves the natural frequencies of the model where they are."""
+    return is_damping_ratio(name) or name == "loss_factor" or is_mode_frequency(name)
+
+
+def _soft(residual: Array | float) -> Array:
+    """Soft-L1 loss 2(√(1 + r²) − 1)."""
+    return np.asarray(2 * (np.hypot(1.0, residual) - 1))
