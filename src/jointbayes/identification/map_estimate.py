@@ -38,6 +38,8 @@ _EDGES, _SETTLED = 5, 1e-6
 #: log density.
 _ROUGH_STEPS = 40
 _NEAR, _NEARLY = 0.01, 0.05
+#: A rough end from which the density falls no more than this on the way to a mode leads there.
+_FALL = 0.01
 #: Rough ends that are lower than the best by `_LOWEST` and this are not refined, and no more than so many in one go.
 _UNREFINED, _REFINED = 20.0, 8
 
@@ -355,22 +357,27 @@ class ModeSearch:
         self._refine_distinct([names[i] for i in np.flatnonzero(possible)])
 
     def _refine_distinct(self, names: Sequence[str]) -> None:
-        """Refine those ends of these starts that are new and may matter, and give the others that are the same theirs."""
-        exact = self._posterior.likelihood.gaussian
-        sd = self._posterior.prior.sd
-        begun = len(self._refined)
-        for name in sorted(names, key=lambda n: -self._ends[n][1]) if not exact else names:
+        """Refine those ends of these starts that are new and may matter; the others get the end of the same mode."""
+        left = _REFINED
+        for name in sorted(names, key=lambda n: -self._ends[n][1]):
             theta, density = self._ends[name]
-            known = next((r for r in self._refined if r.same(theta, density, sd)), None)
-            if known is None:
-                highest = max(max((self._ends[n][1] for n in names)), max((r.log_density for r in self._refined), default=-np.inf))
-                few = len(self._refined) - begun < _REFINED
-                if not few or (exact and density < highest - _LOWEST - _UNREFINED and self._refined):
-                    continue
-                end, value = refine(self._posterior, theta)
-                known = _Refined(theta, density, end, value)
+            known = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
+            # under another noise model the rough climb is only a start
+            sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
+            if known is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
+                known = _Refined(theta, density, *refine(self._posterior, theta))
                 self._refined.append(known)
-            self._ends[name] = known.theta, known.log_density
+                left -= 1
+            if known is not None:
+                self._ends[name] = known.theta, known.log_density
+
+    def _leads_to(self, theta: Array, density: float, mode: "_Refined") -> bool:
+        """Whether a rough end is that of a mode, or no valley lies between it and the mode."""
+        same = (np.abs((mode.rough - theta) / self._posterior.prior.sd) < _NEAR).all()
+        if same and abs(mode.rough_density - density) < _NEARLY:
+            return True
+        higher = density - _SAME_DENSITY < mode.log_density
+        return higher and not _parted(self._posterior, mode.theta, theta, density, _FALL)
 
     def estimate(self) -> MapEstimate:
         """Best mode so far, its covariance, and where each start led.
@@ -406,11 +413,6 @@ class _Refined:
     theta: Array
     log_density: float
 
-    def same(self, theta: Array, density: float, sd: Array) -> bool:
-        """Whether another rough end is this one; `sd` are the prior's standard deviations."""
-        near = bool((np.abs((self.rough - theta) / sd) < _NEAR).all())
-        return near and abs(self.rough_density - density) < _NEARLY
-
 
 def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]) -> tuple[LocalMode, ...]:
     """Ends of climbs that are modes of their own, the highest first.
@@ -435,13 +437,13 @@ def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]
     return tuple(modes)
 
 
-def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: float) -> bool:
-    """Whether a valley lies between two ends."""
+def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: float, valley: float = _VALLEY) -> bool:
+    """Whether the density falls by that much between two ends, below the lower one."""
     if (np.abs((higher - lower) / log_posterior.prior.sd) < _SAME_POINT).all():
         return False
     fraction = np.linspace(0, 1, _LINE)[1:-1, None]
     straight = higher + fraction * (lower - higher)
-    return bool(log_posterior(straight).min() < density - _VALLEY)
+    return bool(log_posterior(straight).min() < density - valley)
 
 
 def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:
