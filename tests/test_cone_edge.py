@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.case import case_from_text
-from jointbayes.identification.map_estimate import laplace_covariance
+from jointbayes.identification.refine import laplace_covariance
 from tests.conftest import cheap_text
 
 

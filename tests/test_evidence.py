@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 import jointbayes as jb
 from jointbayes.errors import ModelError, SamplingError
-from jointbayes.identification.map_estimate import local_modes
+from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.inference.prior import log_density_in
 from jointbayes.joint import LogStiffness, SignedCoupling

@@ -5,7 +5,7 @@ import pytest
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
-from jointbayes.identification.map_estimate import laplace_covariance
+from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling, joint_matrix
 from jointbayes.measurement import RelativeNoise, synthesise_frf

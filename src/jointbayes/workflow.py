@@ -3,6 +3,7 @@
 import os
 import platform
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -18,6 +19,7 @@ from jointbayes.identification import (
     frequency_starts,
     refine,
     screened_draws,
+    search_further,
     sensitivity_iteration,
 )
 from jointbayes.inference import JointPrior, Problem, ResonanceChart
@@ -47,7 +49,8 @@ Array = NDArray[np.float64]
 
 _PRIOR_DRAWS = 8000
 _PRIOR_STARTS = 6
-_SCREENED, _KEPT = 4000, 6  # draws looked at for further starts, and starts taken from them
+#: Draws looked at for further starts, where natural frequencies gave some and where not, and starts taken from them.
+_FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 _REPLACEMENTS = 4000
 
@@ -103,13 +106,21 @@ def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
     )
 
 
-def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = None) -> MapEstimate:
+def find_map(
+    case: Case,
+    initial: ArrayLike | None = None,
+    seed: int | None = None,
+    *,
+    tell: Callable[[str], None] | None = None,
+) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
-    The starts are the first guess, the end of the paper's iteration from it, the compliance fit that needs no guess,
-    draws from the prior, those of many more draws that fit the most lines, and joints near the limits of signed
-    coordinates. Each is refined; `MapEstimate.starts` says
-    which of them reached the mode, `MapEstimate.modes` what other modes there are.
+    The starts are joints whose natural frequencies agree with the resonances of the data, the first guess, the end of
+    the paper's iteration from it, the compliance fit that needs no guess, draws from the prior, those of many more
+    draws that fit the most lines, and joints near the limits of signed coordinates. All climb at once, the best are
+    refined; `MapEstimate.starts` says which of them reached the mode, `MapEstimate.modes` what other modes there are.
+    Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
+    `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows.
 
     Parameters
     ----------
@@ -119,6 +130,8 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
         First guess of (k11, k12, k22), shape (3,); by default the case's.
     seed
         Seed for the starts drawn from the prior; by default the case's.
+    tell
+        Called with one line before each further round of the search.
 
     Raises
     ------
@@ -126,6 +139,7 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
         If no start lies inside the prior's support.
     """
     problem = case.problem
+    seed = case.spec.sampling.seed if seed is None else seed
     guess = case.initial if initial is None else np.asarray(initial, dtype=float)
     check_positive_semidefinite(guess)
     starts: dict[str, Array] = {"first guess": guess}
@@ -133,19 +147,21 @@ def find_map(case: Case, initial: ArrayLike | None = None, seed: int | None = No
         starts["compliance fit without a guess"] = case.compliance_fit
     if case.joint_frf is not None:
         starts["paper's iteration"] = identify(case, guess).stiffness
-    seed_ = case.spec.sampling.seed if seed is None else seed
-    rng = np.random.default_rng([seed_, 1])
+    rng = np.random.default_rng([seed, 1])
     drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     if "rho" in problem.parametrisation.names:
         starts |= limiting_joints(problem.prior)
+    matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
+    screened = screened_draws(problem.log_posterior, rng, _FEW_SCREENED if len(matched) else _SCREENED, _KEPT)
     search = ModeSearch(problem.log_posterior)
-    matched = frequency_starts(problem, np.random.default_rng([seed_, 2]))
     search.climb_stiffnesses(starts)
-    search.climb({f"natural frequencies {i}": t for i, t in enumerate(matched, 1)})
-    screened = screened_draws(problem.log_posterior, rng, 500 if len(matched) else _SCREENED, _KEPT)
-    search.climb({f"screened draw {i}": t for i, t in enumerate(screened, 1)})
-    return search.estimate()
+    search.climb(
+        {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)}
+        | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
+    )
+    effort = search_further(search, problem, seed, tell)
+    return replace(search.estimate(), effort=effort)
 
 
 def limiting_joints(prior: JointPrior) -> dict[str, Array]:

@@ -1,15 +1,11 @@
 """Point estimates of a joint: the paper's iteration, a start without a guess, the posterior mode."""
 
+from jointbayes.identification.effort import search_further
 from jointbayes.identification.equation_error import compliance_start
 from jointbayes.identification.frequency_starts import frequency_starts
-from jointbayes.identification.map_estimate import (
-    LocalMode,
-    MapEstimate,
-    ModeSearch,
-    StartOutcome,
-    maximise_posterior,
-    refine,
-)
+from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
+from jointbayes.identification.mode_search import ModeSearch, maximise_posterior
+from jointbayes.identification.refine import refine
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.screening import screened_draws
 from jointbayes.identification.sensitivity import IterationHistory, SensitivityKind, sensitivity_iteration
@@ -19,6 +15,7 @@ __all__ = [
     "LocalMode",
     "MapEstimate",
     "ModeSearch",
+    "SearchEffort",
     "SensitivityKind",
     "StartOutcome",
     "compliance_start",
@@ -27,5 +24,6 @@ __all__ = [
     "refine",
     "resonances_hz",
     "screened_draws",
+    "search_further",
     "sensitivity_iteration",
 ]

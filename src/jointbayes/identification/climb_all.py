@@ -118,7 +118,7 @@ def _moves(squares: Squares, theta: Array, damping: Array) -> tuple[Array, Array
 
 
 def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
-    """Jᵀe, shape (n, c), and JᵀJ, shape (n, c, c), of the moving columns, by one-sided differences inside the support."""
+    """Jᵀe, shape (n, c), and JᵀJ, shape (n, c, c), of the moving columns, by differences inside the support."""
     columns, prior = squares.columns, squares.prior
     n, c = len(theta), columns.size
     _, high = prior.support

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.identification import LocalMode, MapEstimate, StartOutcome
+from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.inference import Problem
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
@@ -149,6 +149,7 @@ def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
             }
             for mode in estimate.modes
         ],
+        "effort": asdict(estimate.effort) if estimate.effort is not None else None,
     }
 
 
@@ -163,7 +164,8 @@ def estimate_from(record: dict[str, Any]) -> MapEstimate:
         LocalMode(np.array(m["theta"]), np.array(m["covariance"]), m["log_posterior"])
         for m in record.get("modes", ())  # files of version 0.1 know one mode
     )
-    return MapEstimate(theta, stiffness, covariance, record["log_posterior"], starts, modes)
+    effort = SearchEffort(**record["effort"]) if record.get("effort") else None  # unknown to older files
+    return MapEstimate(theta, stiffness, covariance, record["log_posterior"], starts, modes, effort)
 
 
 def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLike[str]) -> None:

@@ -1,0 +1,101 @@
+"""A search for the mode that goes on by itself where its result does not explain the data, and what it says then."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.identification.frequency_starts import frequency_starts
+from jointbayes.identification.map_estimate import GAIN, SearchEffort
+from jointbayes.identification.mode_search import ModeSearch
+from jointbayes.identification.screening import screened_draws
+from jointbayes.identification.squares import white_residuals
+from jointbayes.inference import IntegratedScale, LogPosterior, Problem
+from jointbayes.measurement import FrfMeasurement
+
+__all__ = ["search_further", "squared_residuals"]
+
+Array = NDArray[np.float64]
+
+#: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
+FAR = 8.0
+#: The search ends after so many further rounds.
+ROUNDS = 3
+#: Starts of which this share end at one mode agree.
+AGREED = 0.8
+_POINTS = 4  # times as many frequencies are compared as in the first search
+_SCREENED, _KEPT = 4000, 12
+#: Each line's noise is first taken for so large a fraction of its |H|, which makes false summits flat.
+_TEMPERED = (1.0, 0.3, 0.1)
+
+
+def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float, float]:
+    """Mean squared residual at θ, shape (d,), relative to the noise, and what noise alone hardly exceeds.
+
+    The second is 1 and eight standard deviations.
+    """
+    residual = white_residuals(log_posterior, theta[None])[0]
+    total, noise = float(residual @ residual), log_posterior.likelihood.noise
+    if isinstance(noise, IntegratedScale):  # in units of the noise that the data show
+        total /= noise.typical_scale(total / 2, residual.size // noise.parts) ** 2
+    return total / residual.size, 1 + FAR * float(np.sqrt(2 / residual.size))
+
+
+def search_further(
+    search: ModeSearch, problem: Problem, seed: int, tell: Callable[[str], None] | None = None
+) -> SearchEffort:
+    """Go on searching while the best mode does not explain the data and starts disagree, at most three rounds.
+
+    Each round matches more natural frequencies, screens more draws, and lets all starts, and the modes known so far,
+    climb first on a density that is flattened.
+
+    Parameters
+    ----------
+    search
+        The search so far; its starts and modes grow.
+    problem
+        The problem.
+    seed
+        Of the further starts.
+    tell
+        Called with one line before each round.
+    """
+    log_posterior = problem.log_posterior
+    first, rounds, last_gain = search.best[1], 0, 0.0
+    while True:
+        theta, density = search.best
+        squares, limit = squared_residuals(log_posterior, theta)
+        reached = list(search.reached().values())
+        found = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
+        agreed = found.agreeing >= AGREED * found.starts
+        if found.explains or agreed or rounds == ROUNDS or (rounds and last_gain < GAIN):
+            return found
+        rounds += 1
+        if tell is not None:
+            tell(
+                f"the best mode so far does not explain the data ({squares:.3g} times the expected noise), and "
+                f"{found.starts - found.agreeing} of {found.starts} starts disagree: searching further, round {rounds} "
+                f"of at most {ROUNDS}"
+            )
+        _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
+        last_gain = search.best[1] - density
+
+
+def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator, number: int) -> None:
+    """Climb from more starts, and from the modes known so far, the density flattened at first."""
+    log_posterior = problem.log_posterior
+    matched = frequency_starts(problem, rng, _POINTS)
+    screened = screened_draws(log_posterior, rng, _SCREENED, _KEPT)
+    starts = {f"round {number}, natural frequencies {i}": t for i, t in enumerate(matched, 1)}
+    starts |= {f"round {number}, screened draw {i}": t for i, t in enumerate(screened, 1)}
+    search.climb(starts, _weights(problem))
+    search.climb_on(_weights(problem))
+
+
+def _weights(problem: Problem) -> list[Array]:
+    """Factors on residuals, shape (lines, pairs), by which noise becomes 1, 0.3 and 0.1 of |H| where it is smaller."""
+    measured = problem.measurement
+    if not isinstance(measured, FrfMeasurement) or problem.residual_kind != "complex":
+        return []
+    ratio = (np.abs(measured.frf.values) ** 2 / measured.variance).reshape(len(measured.variance), -1)
+    return [1 / np.sqrt(1 + share**2 * ratio) for share in _TEMPERED]

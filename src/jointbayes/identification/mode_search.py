@@ -1,0 +1,270 @@
+"""The search for the posterior mode: climbs from many starts, and the distinct modes that they lead to."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.identification.climb_all import climb_all
+from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
+from jointbayes.identification.mode_scan import with_modes_on_data
+from jointbayes.identification.refine import laplace_covariance, refine
+from jointbayes.identification.squares import PosteriorSquares
+from jointbayes.inference import LogPosterior
+
+__all__ = ["ModeSearch", "into_support", "local_modes", "maximise_posterior"]
+
+Array = NDArray[np.float64]
+
+#: Two modes are the same when they lie this close, in prior standard deviations and in log density.
+_SAME_POINT = 1e-3
+_SAME_DENSITY = 1e-3
+#: A mode this much lower in log density than the best matters no more.
+_LOWEST = 12.0
+_MOST_MODES = 8
+#: Two ends are two modes when the log density falls by this much between them, looked at in so many places.
+_VALLEY = 0.5
+_LINE = 21
+#: Steps of the rough climb. Two rough ends are one when they are nearer than this, in prior standard deviations and in
+#: log density.
+_ROUGH_STEPS = 40
+_NEAR, _NEARLY = 0.01, 0.05
+#: A rough end from which the density falls no more than this on the way to a mode leads there.
+_FALL = 0.01
+#: Rough ends that are lower than the best by `_LOWEST` and this are not refined, and no more than so many in one go.
+_UNREFINED, _REFINED = 20.0, 8
+
+
+def maximise_posterior(
+    log_posterior: LogPosterior, starts: Mapping[str, ArrayLike], screened: Sequence[Array] = ()
+) -> MapEstimate:
+    """Best mode over several starts.
+
+    Parameters
+    ----------
+    log_posterior
+        Density to climb.
+    starts
+        (k11, k12, k22), shape (3,), by name. A start outside the prior's support is moved to its nearest edge.
+    screened
+        Further starts θ, each shape (d,), inside the support. An end that is as good as the best of the named starts'
+        is that one.
+
+    Returns
+    -------
+    MapEstimate
+
+    Raises
+    ------
+    ModelError
+        If no start leads anywhere.
+    """
+    search = ModeSearch(log_posterior)
+    search.climb_stiffnesses(starts)
+    search.climb({f"screened draw {i}": theta for i, theta in enumerate(screened, 1)})
+    return search.estimate()
+
+
+class ModeSearch:
+    """Climbs from more and more starts, and what they found.
+
+    All starts climb together, roughly and under Gaussian noise of the stated size; the distinct ends that may matter
+    are then climbed to the last digit, under the noise model itself.
+
+    Parameters
+    ----------
+    log_posterior
+        Density to climb.
+    """
+
+    def __init__(self, log_posterior: LogPosterior) -> None:
+        self._posterior = log_posterior
+        self._begun: dict[str, Array] = {}  # (k11, k12, k22) by the start's name
+        self._ends: dict[str, tuple[Array, float]] = {}
+        self._refined: list[_Refined] = []
+
+    @property
+    def best(self) -> tuple[Array, float]:
+        """Highest end so far, θ of shape (d,), and its log density.
+
+        Raises
+        ------
+        ModelError
+            If no start lies inside the prior's support.
+        """
+        if not self._refined:
+            raise ModelError(
+                "MAP: found no start inside the prior's support; expected priors that contain a positive definite "
+                "joint; widen them"
+            )
+        highest = max(end.log_density for end in self._refined)
+        # of ends that are equally good the first: a further start that leads to a known mode changes nothing
+        first = next(end for end in self._refined if end.log_density >= highest - _SAME_DENSITY)
+        return first.theta, first.log_density
+
+    def reached(self) -> dict[str, bool]:
+        """Whether each start, by name, ended at the best mode; of those at which the density has a value."""
+        theta, best = self.best
+        sd = self._posterior.prior.sd
+        return {
+            # along a ridge that data and prior leave flat many points are equally the mode
+            name: bool((np.abs((end - theta) / sd) < _SAME_POINT).all()) or best - density < _SAME_DENSITY
+            for name, (end, density) in self._ends.items()
+        }
+
+    def climb_stiffnesses(self, starts: Mapping[str, ArrayLike]) -> None:
+        """Climb from joints (k11, k12, k22), shape (3,), by name, each moved into the prior's support."""
+        inside = {name: into_support(self._posterior, k) for name, k in starts.items()}
+        self._begun |= {name: np.asarray(k, dtype=float) for name, k in starts.items()}
+        self.climb({name: theta for name, theta in inside.items() if theta is not None})
+
+    def climb(self, starts: Mapping[str, Array], weights: Sequence[Array] = ()) -> None:
+        """Climb from points θ, each shape (d,), by name.
+
+        Parameters
+        ----------
+        starts
+            Points inside the support.
+        weights
+            Factors on the residuals, shape (lines, pairs), with which they climb first, one after the other.
+        """
+        prior = self._posterior.prior
+        self._begun |= {name: prior.stiffness(theta) for name, theta in starts.items() if name not in self._begun}
+        if not starts:
+            return
+        rough = self._climbed(np.array([with_modes_on_data(self._posterior, t) for t in starts.values()]), weights)
+        density = self._posterior(rough)
+        possible = {name: i for i, name in enumerate(starts) if np.isfinite(density[i])}
+        self._ends |= {name: (rough[i], float(density[i])) for name, i in possible.items()}
+        ends = self._refine_distinct([self._ends[name] for name in possible])
+        self._ends |= dict(zip(possible, ends, strict=True))
+
+    def climb_on(self, weights: Sequence[Array]) -> None:
+        """Climb from the modes found so far, first with these factors on the residuals: they are no new starts."""
+        rough = self._climbed(np.array([end.theta for end in self._refined]), weights)
+        density = self._posterior(rough)
+        self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
+
+    def _climbed(self, theta: Array, weights: Sequence[Array]) -> Array:
+        for weight in weights:
+            theta, _ = climb_all(PosteriorSquares(self._posterior, weight), theta, _ROUGH_STEPS)
+        return climb_all(PosteriorSquares(self._posterior), theta, _ROUGH_STEPS)[0]
+
+    def _refine_distinct(self, ends: Sequence[tuple[Array, float]]) -> list[tuple[Array, float]]:
+        """Refine those rough ends that are new and may matter; each gets the end of its mode, or stays as it is."""
+        left, out = _REFINED, list(ends)
+        for i in sorted(range(len(ends)), key=lambda i: -ends[i][1]):
+            theta, density = ends[i]
+            known = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
+            # before the noise model's parameters are improved a density says little
+            sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
+            if known is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
+                known = _Refined(theta, density, *refine(self._posterior, theta))
+                self._refined.append(known)
+                left -= 1
+            if known is not None:
+                out[i] = known.theta, known.log_density
+        return out
+
+    def _leads_to(self, theta: Array, density: float, mode: "_Refined") -> bool:
+        """Whether a rough end is that of a mode, or no valley lies between it and the mode."""
+        same = (np.abs((mode.rough - theta) / self._posterior.prior.sd) < _NEAR).all()
+        if same and abs(mode.rough_density - density) < _NEARLY:
+            return True
+        # from far below the straight line passes other summits, and says nothing
+        below = -_SAME_DENSITY < mode.log_density - density < _LOWEST
+        return below and not _parted(self._posterior, mode.theta, theta, density, _FALL)
+
+    def estimate(self) -> MapEstimate:
+        """Best mode so far, its covariance, and where each start led.
+
+        Raises
+        ------
+        ModelError
+            If no start led anywhere.
+        """
+        theta, best = self.best
+        prior = self._posterior.prior
+        nowhere, reached = np.full_like(theta, np.nan), self.reached()
+        outcomes = []
+        for name, stiffness in self._begun.items():
+            end, density = self._ends.get(name, (nowhere, -np.inf))
+            outcomes.append(StartOutcome(name, stiffness, prior.stiffness(end), density, reached.get(name, False)))
+        return MapEstimate(
+            theta,
+            prior.stiffness(theta),
+            laplace_covariance(self._posterior, theta),
+            best,
+            tuple(outcomes),
+            local_modes(self._posterior, [(end.theta, end.log_density) for end in self._refined]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Refined:
+    """A rough end of a climb with its log density, and the mode it was refined to."""
+
+    rough: Array
+    rough_density: float
+    theta: Array
+    log_density: float
+
+
+def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]) -> tuple[LocalMode, ...]:
+    """Ends of climbs that are modes of their own, the highest first.
+
+    Two ends belong to one mode where the density along the straight line between them hardly falls below the lower
+    one: a flat ridge has many ends and one mode.
+
+    Parameters
+    ----------
+    log_posterior
+        Density that was climbed.
+    ends
+        Place, shape (d,), and log density of each.
+    """
+    best = max(density for _, density in ends)
+    modes: list[LocalMode] = []
+    for theta, density in sorted(ends, key=lambda end: -end[1]):
+        if density < best - _LOWEST or len(modes) == _MOST_MODES:
+            break
+        if all(_parted(log_posterior, mode.theta, theta, density) for mode in modes):
+            modes.append(LocalMode(theta, laplace_covariance(log_posterior, theta), density))
+    return tuple(modes)
+
+
+def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: float, valley: float = _VALLEY) -> bool:
+    """Whether the density falls by that much between two ends, below the lower one."""
+    if (np.abs((higher - lower) / log_posterior.prior.sd) < _SAME_POINT).all():
+        return False
+    fraction = np.linspace(0, 1, _LINE)[1:-1, None]
+    straight = higher + fraction * (lower - higher)
+    return bool(log_posterior(straight).min() < density - valley)
+
+
+def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:
+    """Coordinates of the joint nearest to (k11, k12, k22) at which the prior is above zero; None if there is none."""
+    k11, k12, k22 = np.asarray(stiffness, dtype=float)
+    prior = log_posterior.prior
+    tiny = np.exp(-20.0)
+    k11, k22 = max(k11, tiny), max(k22, tiny)
+    limit = 0.9 * np.sqrt(k11 * k22)
+    names = prior.parametrisation.names
+    coupling = np.clip(k12, 0.1 * limit, limit) if "k12" in names else np.clip(k12, -limit, limit)
+    low, high = prior.support
+    inner = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
+    rest = prior.mean[len(names) :]
+
+    def inside(joint: ArrayLike) -> Array:
+        whole = np.concatenate([prior.parametrisation.coordinates(joint), rest])
+        clipped: Array = np.clip(whole, low + inner, high - inner)
+        return clipped
+
+    theta = inside([k11, coupling, k22])
+    if not prior.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large
+        k = prior.stiffness(theta)
+        k[1] = 0.9 * np.sqrt(k[0] * k[2])
+        theta = inside(k)
+    return theta if np.isfinite(log_posterior(theta)[0]) else None

@@ -1,0 +1,192 @@
+"""Climb from one point to the nearest mode, to the last digit, and its Laplace covariance."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
+
+from jointbayes.errors import ModelError
+from jointbayes.identification.climb import newton_climb
+from jointbayes.inference import LogPosterior
+from jointbayes.joint import CondensedChart, LogStiffness
+
+__all__ = ["laplace_covariance", "refine"]
+
+Array = NDArray[np.float64]
+
+#: So often the noise model's parameters and all others are improved in turn.
+_TURNS = 3
+#: Relative tolerance of a climb that is the last word, and of one that a climb on the density itself follows.
+_EXACT, _ROUGH = 1e-12, 1e-5
+#: Edges of the support are looked for so often, and a climb along them that gains less has arrived.
+_EDGES, _SETTLED = 5, 1e-6
+_FARTHEST = 40.0  # prior standard deviations from its mean
+
+
+def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]:
+    """Climb from θ, shape (d,), to the nearest mode: trust-region least squares, exact in the joint's coordinates.
+
+    With a noise model that is not Gaussian of known size its parameters and all others are improved in turn, and the
+    end is polished by Newton's method on the density itself.
+
+    Returns
+    -------
+    theta, log_density : ndarray of shape (d,), float
+
+    Raises
+    ------
+    ModelError
+        If the start lies outside the prior's support.
+
+    References
+    ----------
+    Branch, M. A., Coleman, T. F., Li, Y. (1999). SIAM Journal on Scientific Computing 21(1), 1-23.
+    DOI 10.1137/S1064827595289108
+    """
+    start = np.asarray(theta, dtype=float)
+    if not np.isfinite(log_posterior(start)[0]):
+        raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
+    likelihood = log_posterior.likelihood
+    if likelihood.gaussian:
+        found = _least_squares(log_posterior, start, _EXACT)
+        return found, float(log_posterior(found)[0])
+    for _ in range(_TURNS if likelihood.hyper_count else 1):
+        start = _noise_improved(log_posterior, start)
+        end = _least_squares(log_posterior, start, _ROUGH)
+        # what is best for the squares need not be better for the density
+        start = end if log_posterior(end)[0] > log_posterior(start)[0] else start
+    return _polished(log_posterior, start)
+
+
+def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
+    """End of Newton's method on the density itself, along the edges of the support where these hold it.
+
+    In coordinates in which a joint with hardly known k11 and k12 has a straight ridge: of the paper's stiffnesses k22
+    is replaced by k22 − k12²/k11, see `CondensedChart`.
+    """
+    prior = log_posterior.prior
+    low, high = prior.support
+    # a normal prior has no end, but a stiffness of e^800 is no number
+    far = _FARTHEST * prior.sd
+    least, most = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
+    value = float(log_posterior(theta)[0])
+    for _ in range(_EDGES):
+        edge = ((theta <= low) | (theta >= high)) & ~_gains_inwards(log_posterior, theta, value)
+        free = np.flatnonzero(~edge)
+        condensed = isinstance(prior.parametrisation, LogStiffness) and not edge[2]
+        chart = CondensedChart() if condensed else None
+        place = theta if chart is None else chart.forward(theta[None])[0]
+
+        def inside(
+            moving: Array, free: Array = free, place: Array = place, chart: CondensedChart | None = chart
+        ) -> Array:
+            whole = np.tile(place, (len(moving), 1))
+            whole[:, free] = moving
+            return np.clip(whole if chart is None else chart.inverse(whole)[0], least, most)
+
+        covariance = laplace_covariance(log_posterior, theta)
+        slope = np.eye(theta.size)
+        if chart is not None:
+            step = 1e-6 * np.eye(theta.size)
+            slope = ((chart.forward(theta + step) - chart.forward(theta - step)) / 2e-6).T
+        covariance = (slope @ covariance @ slope.T)[np.ix_(free, free)]
+        found, density, _ = newton_climb(lambda m: log_posterior(inside(m)), place[free], covariance)
+        gain, value = density - value, max(density, value)
+        theta = inside(found[None])[0] if gain > 0 else theta
+        if gain < _SETTLED:
+            break
+    return theta, value
+
+
+def _gains_inwards(log_posterior: LogPosterior, theta: Array, value: float) -> NDArray[np.bool_]:
+    """Whether the density rises from θ, shape (d,), towards the inside of the support along each coordinate."""
+    low, _ = log_posterior.prior.support
+    step = np.where(theta <= low, 1.0, -1.0) * 1e-5 * np.minimum(log_posterior.prior.sd, 1.0)
+    return np.asarray(log_posterior(theta + np.diag(step)) > value)
+
+
+def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
+    """Best parameters of the noise model, the last coordinates of θ, for the others as they are."""
+    count = log_posterior.likelihood.hyper_count
+    if count == 0:
+        return theta
+    low, high = (end[-count:] for end in log_posterior.prior.support)
+    margin = 1e-6 * (high - low)
+
+    def loss(tail: Array) -> float:
+        value = -float(log_posterior(np.concatenate([theta[:-count], tail]))[0])
+        return value if np.isfinite(value) else np.finfo(float).max
+
+    found = optimize.minimize(
+        loss,
+        np.clip(theta[-count:], low + margin, high - margin),
+        method="Nelder-Mead",
+        bounds=list(zip(low + margin, high - margin, strict=True)),
+        options={"xatol": 1e-3, "fatol": 1e-3},
+    )
+    return np.concatenate([theta[:-count], found.x])
+
+
+def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) -> Array:
+    """End of a climb on the residuals to a relative tolerance, the parameters of the noise model held as they are."""
+    moving = start.size - log_posterior.likelihood.hyper_count
+    if moving == 0:  # a rigid joint and a structure that is exactly known
+        return start
+    low, high = (end[:moving] for end in log_posterior.prior.support)
+    feasible = log_posterior.prior.parametrisation.feasible
+    tail, joint = start[moving:], log_posterior.prior.joint
+
+    # the solver asks for residual and Jacobian of one point in turn: they come from one evaluation
+    last: dict[bytes, tuple[Array, Array]] = {}
+
+    def both(t: Array) -> tuple[Array, Array]:
+        key = t.tobytes()
+        if key not in last:
+            last.clear()
+            residual, jacobian = log_posterior.residuals(np.concatenate([t, tail]))
+            last[key] = residual, jacobian[:, :moving]
+        return last[key]
+
+    size = both(start[:moving])[0].size
+
+    def residual(t: Array) -> Array:
+        # an infinite residual makes the solver shorten its step: the cone is no box that it could be told of
+        return both(t)[0] if feasible(joint(t)) else np.full(size, np.inf)
+
+    def jacobian(t: Array) -> Array:
+        return both(t)[1]
+
+    margin = 1e-9 * (high - low)
+    margin[~np.isfinite(margin)] = 0.0
+    found = optimize.least_squares(
+        residual,
+        np.clip(start[:moving], low + margin, high - margin),
+        jac=jacobian,
+        bounds=(low, high),
+        x_scale=log_posterior.prior.sd[:moving],
+        xtol=tolerance,
+        ftol=max(0.01 * tolerance, 1e-14),
+        gtol=tolerance,
+        max_nfev=200,
+    )
+    return np.concatenate([found.x, tail])
+
+
+def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
+    """Inverse of −∇∇ ln p at a mode, shape (d, d).
+
+    The Hessian is a central difference of the exact gradient. Directions in which it is flatter than the prior
+    (a mode at the edge of its support, data that do not see a combination) get the prior's width.
+    """
+    prior = log_posterior.prior
+    sd = prior.sd
+    _, jacobian = log_posterior.residuals(theta)
+    scaled = jacobian * sd
+    step = 1e-3 * sd / np.sqrt(np.maximum((scaled**2).sum(axis=0), 1.0))
+    hessian = np.zeros((theta.size, theta.size))
+    ups, downs = (prior.moved(theta, np.diag(sign * step)) for sign in (1, -1))
+    for i, (up, down) in enumerate(zip(ups, downs, strict=True)):
+        if up[i] > down[i]:
+            hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
+    values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(sd, sd))
+    covariance: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)
+    return covariance
