@@ -78,7 +78,7 @@ BEAMS = {
             "f_max_hz": "20000.0",
             "f_step_hz": "20.0",
         },
-        priors=_priors((1e6, 1e11), (1e3, 1e9), (1e1, 1e6)),
+        priors=_priors((1e4, 1e10), (1e1, 1e8), (1e0, 1e6)),
     ),
     "aluminium tube 1 m": Beam(
         {

@@ -105,7 +105,7 @@ def identify(config: Path) -> None:
         click.echo(f"The paper's iteration {history.reason}.")
     elif case.provenance is not None and case.provenance.iteration:
         click.echo(f"The paper's iteration is left out. {case.provenance.iteration}.")
-    estimate = find_map(case)
+    estimate = find_map(case, tell=_tell)
     k11, k12, k22 = estimate.stiffness
     click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
     sd = estimate.covariance.diagonal() ** 0.5
@@ -113,6 +113,8 @@ def identify(config: Path) -> None:
     click.echo("Laplace sd: " + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True)))
     if estimate.failed_starts:
         click.echo(f"Starts that ended elsewhere: {', '.join(estimate.failed_starts)}")
+    if estimate.sentence:
+        click.echo(estimate.sentence)
 
 
 @main.command()
@@ -286,7 +288,12 @@ def _sample(case: "Case", seed: int | None) -> "Posterior":
     from jointbayes.workflow import sample as draw
 
     with show_progress() as progress:
-        return draw(case, seed, progress=progress)
+        return draw(case, seed, progress=progress, tell=_tell)
+
+
+def _tell(line: str) -> None:
+    """Print one line of progress."""
+    click.echo(line, err=True)
 
 
 def _print_summary(posterior: "Posterior") -> None:
@@ -299,6 +306,8 @@ def _print_summary(posterior: "Posterior") -> None:
         known = posterior.identifiability(name)
         low, high = known.interval95
         click.echo(f"{name}: {posterior.mode[name]:.3e} {unit}, 95 % {low:.3e} to {high:.3e}: {known.verdict}")
+    if posterior.estimate.sentence:
+        click.echo(posterior.estimate.sentence)
 
 
 def _exit_by_convergence(posterior: "Posterior") -> None:

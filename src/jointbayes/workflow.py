@@ -187,6 +187,7 @@ def sample(
     *,
     settings: SamplerSettings | None = None,
     progress: Callable[[Progress], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Posterior:
     """Draw from the posterior.
 
@@ -200,6 +201,8 @@ def sample(
         Sampler settings; by default the case's.
     progress
         Called after each block of steps.
+    tell
+        Called with one line before each further round of the search for the mode.
 
     Returns
     -------
@@ -214,7 +217,7 @@ def sample(
     seed = case.spec.sampling.seed if seed is None else seed
     settings = settings or case.sampler
     rng = np.random.default_rng(seed)
-    estimate = find_map(case, seed=seed)
+    estimate = find_map(case, seed=seed, tell=tell)
     start = laplace_ball(case, estimate, settings, rng)
     log_posterior = case.problem.log_posterior
     proposal = fit_proposal(log_posterior, charts(case.problem), starts_of(estimate), rng)

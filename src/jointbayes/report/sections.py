@@ -288,6 +288,8 @@ def starts_section(
     text += (
         f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
     )
+    if estimate.sentence:
+        text += f" {estimate.sentence}"
     blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
     if history is not None:
         blocks += _iteration_blocks(history, reference)

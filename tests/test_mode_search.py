@@ -1,0 +1,255 @@
+"""The search for the mode: resonances of the data, frequencies matched, climbs together, and a search that goes on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks import mode_found as study
+from numpy.testing import assert_allclose
+
+import jointbayes as jb
+from jointbayes import workflow
+from jointbayes.frf import FrfSet
+from jointbayes.identification import (
+    ModeSearch,
+    SearchEffort,
+    effort,
+    frequency_starts,
+    resonances,
+    resonances_hz,
+    search_further,
+)
+from jointbayes.identification.climb_all import climb_all
+from jointbayes.identification.frequency_starts import FrequencyMatch
+from jointbayes.identification.squares import PosteriorSquares
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
+
+
+@pytest.fixture(scope="module")
+def cheap():
+    return jb.case_from_text("cheap", cheap_text())
+
+
+def natural(problem, stiffness=TABLE_3, count=4):
+    return problem.natural_frequencies_hz(stiffness, count)[0]
+
+
+def one_mode(frequency_hz, natural_hz, ratio=0.005, noise=0.0, seed=0):
+    """FRF of one mode of unit size with a noise floor, 1 % of the peak unless exact."""
+    w, w0 = 2 * np.pi * frequency_hz, 2 * np.pi * natural_hz
+    values = 1 / (w0**2 - w**2 + 2j * ratio * w0 * w)
+    sd = max(noise, 1e-3) * np.abs(values).max()
+    rng = np.random.default_rng(seed)
+    values = values + (noise > 0) * sd * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size)) / np.sqrt(2)
+    frf = FrfSet(frequency_hz, values[:, None, None], ("1:y",), ("1:y",), "receptance")
+    return FrfMeasurement(frf, np.full((w.size, 1, 1), sd**2))
+
+
+def test_resonances_are_those_of_the_joint_that_made_the_data(cheap):
+    found = resonances_hz(cheap.problem.measurement)
+    assert_allclose(found, natural(cheap.problem, count=found.size), rtol=2e-3)
+    assert found.size == 3
+
+
+def test_a_resonance_is_found_between_lines_that_are_coarser_than_it_is_wide():
+    lines = np.arange(100.0, 3000.0, 20.0)  # half-power width 10 Hz
+    for true in (991.0, 1000.0, 1007.3):
+        (found,) = resonances_hz(one_mode(lines, true))
+        assert abs(found - true) < 0.5
+
+
+def test_noise_is_no_resonance(monkeypatch):
+    data = one_mode(np.arange(10.0, 3000.0, 2.0), 1000.0, noise=0.01)
+    assert resonances_hz(data).size == 1
+    monkeypatch.setattr(resonances, "LEAST_SD", 0.0)
+    assert resonances_hz(data).size > 20
+
+
+def test_measured_natural_frequencies_are_their_own_resonances():
+    assert resonances_hz(FrequencyMeasurement(np.array([1.0, 2.0]), np.array([0.1, 0.1]))).tolist() == [1.0, 2.0]
+
+
+def test_lines_too_few_or_all_zero_show_no_resonance():
+    two = FrfSet(np.array([1.0, 2.0]), np.ones((2, 1, 1), complex), ("1:y",), ("1:y",), "receptance")
+    none = FrfSet(np.arange(1.0, 9.0), np.zeros((8, 1, 1), complex), ("1:y",), ("1:y",), "receptance")
+    assert resonances_hz(FrfMeasurement(two, np.ones((2, 1, 1)))).size == 0
+    assert resonances_hz(FrfMeasurement(none, np.ones((8, 1, 1)))).size == 0
+
+
+@pytest.mark.parametrize(
+    ("shown", "partners", "unseen"),
+    [
+        ([0, 1, 2], [0, 1, 2], 0),
+        ([0, 2], [0, 2], 1),  # a response at a node of the second mode
+        ([1, 2], [1, 2], 1),
+    ],
+)
+def test_modes_that_show_no_resonance_are_skipped(cheap, shown, partners, unseen):
+    match = FrequencyMatch(cheap.problem)
+    theta = np.log(TABLE_3)[None]
+    predicted = match.predicted_hz(theta)
+    match.resonances_hz = predicted[0, shown] * 1.001
+    assigned, missing = match._assigned(predicted)
+    assert assigned[0].tolist() == partners
+    assert missing[0] == unseen
+
+
+def test_a_resonance_that_no_mode_explains_is_given_up(cheap):
+    match = FrequencyMatch(cheap.problem)
+    predicted = match.predicted_hz(np.log(TABLE_3)[None])
+    between = np.sqrt(predicted[0, 1] * predicted[0, 2])
+    match.resonances_hz = np.array([predicted[0, 0], predicted[0, 1], between, predicted[0, 2]])
+    assert match._assigned(predicted)[0][0].tolist() == [0, 1, -1, 2]
+
+
+def test_the_best_frequency_start_has_the_natural_frequencies_of_the_data(cheap):
+    starts = frequency_starts(cheap.problem, np.random.default_rng(1))
+    assert 1 <= len(starts) <= 12
+    assert np.isfinite(cheap.problem.log_posterior(starts)).all()
+    best = natural(cheap.problem, cheap.problem.prior.stiffness(starts[0]), 3)
+    assert_allclose(best, resonances_hz(cheap.problem.measurement), rtol=5e-3)
+    again = frequency_starts(cheap.problem, np.random.default_rng(1))
+    assert np.array_equal(again, starts)
+
+
+def test_frequencies_as_data_are_matched_directly():
+    problem = jb.case_from_text("frequencies", cheap_frequencies_text()).problem
+    starts = frequency_starts(problem, np.random.default_rng(1))
+    found = natural(problem, problem.prior.stiffness(starts[0]), 3)
+    assert_allclose(found, problem.measurement.frequency_hz, rtol=5e-3)
+
+
+def test_uncertain_errors_of_frequencies_are_set_so_that_resonances_agree():
+    text = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
+    problem = jb.case_from_text("errors", text).problem
+    starts = frequency_starts(problem, np.random.default_rng(1))
+    prior, data = problem.prior, resonances_hz(problem.measurement)
+    found = problem.natural_frequencies_hz(prior.stiffness(starts), data.size, prior.factors(starts))
+    assert_allclose(found[0], data, rtol=1e-6)
+
+
+def test_data_without_a_resonance_give_no_frequency_starts(cheap):
+    measured = cheap.problem.measurement
+    noisy = replace(measured, variance=np.full_like(measured.variance, np.abs(measured.frf.values).max() ** 2))
+    assert frequency_starts(replace(cheap.problem, measurement=noisy), np.random.default_rng(1)).shape == (0, 3)
+
+
+def test_climbs_together_end_where_each_ends_alone(cheap):
+    squares = PosteriorSquares(cheap.problem.log_posterior)
+    starts = np.log(TABLE_3) + np.array([[0.3, -0.1, 0.02], [-0.4, 0.1, -0.03], [0.0, 0.2, 0.01]])
+    together, value = climb_all(squares, starts, 40)
+    alone = np.array([climb_all(squares, start[None], 40)[0][0] for start in starts])
+    assert np.array_equal(together, alone)
+    estimate = jb.find_map(cheap)
+    assert_allclose(value, estimate.log_posterior, atol=1e-2)
+
+
+def test_a_climb_stops_at_the_edge_of_the_prior_and_goes_on_along_it(cheap):
+    text = edited(cheap_text(), ("high = 1.0e8", "high = 1.4e6"))  # k22 of the data is 1.52e6
+    problem = jb.case_from_text("edge", text).problem
+    estimate = jb.find_map(jb.case_from_text("edge", text))
+    assert estimate.stiffness[2] == pytest.approx(1.4e6, rel=1e-6)
+    theta, _ = climb_all(PosteriorSquares(problem.log_posterior), np.log([[5e9, 3e7, 1.3e6]]), 60)
+    assert theta[0, 2] == pytest.approx(np.log(1.4e6), abs=1e-9)
+
+
+def test_the_mode_at_the_end_of_a_curved_ridge_is_reached():
+    """Rotation by differences: the climb stopped 26 standard deviations from the mode at the bound of k11."""
+    estimate = jb.find_map(jb.load_case(CONFIGS / "measured_rotation.toml"))
+    assert estimate.stiffness[0] == pytest.approx(1e11, rel=1e-3)
+    assert estimate.log_posterior == pytest.approx(-25106.5994, abs=1e-3)  # differential evolution, 60 × 3 × 300
+    assert estimate.effort is not None
+    assert not estimate.effort.explains
+    assert not estimate.effort.mode_missed
+    assert "It is likelier that the model is wrong" in estimate.sentence
+
+
+def wrong_summit(case):
+    """A search of one start that ends at a false summit."""
+    search = ModeSearch(case.problem.log_posterior)
+    search.climb_stiffnesses({"soft": [1e8, 1e5, 1e4]})
+    return search
+
+
+def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the_mode(cheap):
+    truth = jb.find_map(cheap)
+    search, lines = wrong_summit(cheap), []
+    assert search.best[1] < truth.log_posterior - 100
+    search.climb_stiffnesses({"stiff": [1e11, 1e4, 1e8]})
+    found = search_further(search, cheap.problem, 1, lines.append)
+    assert search.best[1] == pytest.approx(truth.log_posterior, abs=1e-3)
+    assert found.rounds == len(lines) == 1
+    assert found.gain > 100
+    assert found.explains
+    assert not found.sentence
+    assert "round 1 of at most 3" in lines[0]
+
+
+def test_a_search_that_explains_the_data_does_not_go_on(cheap):
+    lines: list[str] = []
+    estimate = jb.find_map(cheap, tell=lines.append)
+    assert not lines
+    assert estimate.effort.rounds == 0
+    assert estimate.effort.squares == pytest.approx(1.0, abs=0.2)
+    assert estimate.sentence == ""
+
+
+def test_a_wrong_model_is_blamed_where_many_starts_agree_and_the_search_where_hardly_one_does():
+    wrong = SearchEffort(squares=20.0, limit=1.2, starts=40, agreeing=17, rounds=1)
+    assert wrong.sentence == (
+        "The MAP does not explain the data: squared residuals are 20 times the expected noise (noise alone: up to "
+        "1.2). 17 of 40 starts end at it, after 1 further round of search that found no better mode. It is likelier "
+        "that the model is wrong than that the search missed the mode."
+    )
+    missed = replace(wrong, agreeing=2, rounds=3, gain=812.3, last_gain=0.1)
+    assert "3 further rounds of search that gained 812 in log density" in missed.sentence
+    assert "likelier that the search missed the mode" in missed.sentence
+    assert replace(wrong, last_gain=5.0).mode_missed
+    assert not replace(wrong, squares=1.1).sentence
+
+
+def test_where_the_search_stands_is_kept_with_the_posterior(cheap_posterior, tmp_path):
+    moved = replace(cheap_posterior.estimate, effort=SearchEffort(20.0, 1.2, 40, 17, 1))
+    replace(cheap_posterior, estimate=moved).save(tmp_path / "p.nc")
+    loaded = jb.load_posterior(tmp_path / "p.nc")
+    assert loaded.estimate.effort == moved.effort
+    assert loaded.estimate.sentence == moved.sentence
+
+
+def test_the_weights_of_a_flattened_density_take_noise_for_a_fraction_of_the_frf(cheap):
+    measured = cheap.problem.measurement
+    weights = effort._weights(cheap.problem)
+    sd, size = np.sqrt(measured.variance)[:, 0], np.abs(measured.frf.values)[:, 0]
+    assert_allclose(weights[0], sd / np.hypot(sd, size), rtol=1e-12)
+    theta = np.log(TABLE_3)[None]
+    plain, flat = PosteriorSquares(cheap.problem.log_posterior), PosteriorSquares(cheap.problem.log_posterior, weights[0])
+    z = plain.residuals(theta).reshape(-1, 2)
+    assert_allclose(flat.residuals(theta).reshape(-1, 2), z * weights[0], rtol=1e-12)
+    expected = cheap.problem.prior.log_density(theta) - 0.5 * ((z * weights[0]) ** 2).sum()
+    assert_allclose(flat.value(theta), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("beam", list(study.BEAMS))
+def test_the_mode_is_found_on_every_beam_of_the_study(beam):
+    outcomes = study.run([beam], range(200, 202))
+    assert [o.found for o in outcomes] == [True, True]
+    assert all(o.seconds < 10 for o in outcomes)
+    assert f"| {beam} | 2 of 2 |" in study.table(outcomes)
+
+
+def test_the_data_of_the_study_are_those_of_the_joint_it_draws():
+    base = study.BEAMS["rod 50 × 5 mm"].case("rod")
+    truth = study.random_joint(base, 3)
+    case = study.model_data(base, truth, 3)
+    assert_allclose(list(case.spec.data.truth.model_dump().values())[:3], truth)
+    problem = case.problem
+    z = problem.log_posterior.likelihood.standardised(joint_matrix(truth)[None])
+    assert float((np.abs(z) ** 2).mean()) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_search_without_frequencies_misses_modes_of_the_rod(monkeypatch):
+    """Break it on purpose: the study must show it."""
+    monkeypatch.setattr(workflow, "frequency_starts", lambda problem, rng: np.empty((0, len(problem.names))))
+    monkeypatch.setattr(workflow, "search_further", lambda *arguments: None)
