@@ -43,6 +43,7 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 	$(BIN)/python -m benchmarks.noise
 
 science: $(VENV)/.stamp-test  ## the long studies against known truths: hours
+	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.planning

@@ -8,7 +8,6 @@ from benchmarks import mode_found as study
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
-from jointbayes import workflow
 from jointbayes.frf import FrfSet
 from jointbayes.identification import (
     ModeSearch,
@@ -177,13 +176,12 @@ def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the
     truth = jb.find_map(cheap)
     search, lines = wrong_summit(cheap), []
     assert search.best[1] < truth.log_posterior - 100
-    search.climb_stiffnesses({"stiff": [1e11, 1e4, 1e8]})
-    found = search_further(search, cheap.problem, 1, lines.append)
+    went = search_further(search, cheap.problem, 1, lines.append)
     assert search.best[1] == pytest.approx(truth.log_posterior, abs=1e-3)
-    assert found.rounds == len(lines) == 1
-    assert found.gain > 100
-    assert found.explains
-    assert not found.sentence
+    assert went.rounds == len(lines) == 1
+    assert went.gain > 100
+    assert went.explains
+    assert not went.sentence
     assert "round 1 of at most 3" in lines[0]
 
 
@@ -224,7 +222,10 @@ def test_the_weights_of_a_flattened_density_take_noise_for_a_fraction_of_the_frf
     sd, size = np.sqrt(measured.variance)[:, 0], np.abs(measured.frf.values)[:, 0]
     assert_allclose(weights[0], sd / np.hypot(sd, size), rtol=1e-12)
     theta = np.log(TABLE_3)[None]
-    plain, flat = PosteriorSquares(cheap.problem.log_posterior), PosteriorSquares(cheap.problem.log_posterior, weights[0])
+    plain, flat = (
+        PosteriorSquares(cheap.problem.log_posterior),
+        PosteriorSquares(cheap.problem.log_posterior, weights[0]),
+    )
     z = plain.residuals(theta).reshape(-1, 2)
     assert_allclose(flat.residuals(theta).reshape(-1, 2), z * weights[0], rtol=1e-12)
     expected = cheap.problem.prior.log_density(theta) - 0.5 * ((z * weights[0]) ** 2).sum()
@@ -249,7 +250,31 @@ def test_the_data_of_the_study_are_those_of_the_joint_it_draws():
     assert float((np.abs(z) ** 2).mean()) == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_search_without_frequencies_misses_modes_of_the_rod(monkeypatch):
-    """Break it on purpose: the study must show it."""
-    monkeypatch.setattr(workflow, "frequency_starts", lambda problem, rng: np.empty((0, len(problem.names))))
-    monkeypatch.setattr(workflow, "search_further", lambda *arguments: None)
+def climbed(case, starts):
+    search = ModeSearch(case.problem.log_posterior)
+    search.climb({f"start {i}": theta for i, theta in enumerate(starts, 1)})
+    return search.estimate()
+
+
+def by_frequencies(case):
+    return climbed(case, frequency_starts(case.problem, np.random.default_rng(1)))
+
+
+def by_draws(case):
+    return climbed(case, case.problem.prior.sample(np.random.default_rng(1), 12))
+
+
+def found(find, seeds):
+    """How many modes of the rod this search finds."""
+    return sum(study.search("rod 50 × 5 mm", seed, find=find).found for seed in seeds)
+
+
+def test_natural_frequencies_alone_find_modes_of_the_rod_that_as_many_draws_miss():
+    assert found(by_frequencies, (0, 1, 2)) == 3
+    assert found(by_draws, (0, 1, 2)) < 3
+
+
+def test_without_the_condition_on_the_noise_a_ripple_is_taken_for_a_mode_and_the_mode_is_missed(monkeypatch):
+    assert found(by_frequencies, (5, 6, 8)) == 3
+    monkeypatch.setattr(resonances, "LEAST_SD", 0.0)
+    assert found(by_frequencies, (5, 6, 8)) < 3

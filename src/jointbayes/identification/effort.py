@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.identification.frequency_starts import frequency_starts
-from jointbayes.identification.map_estimate import GAIN, SearchEffort
+from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.screening import screened_draws
 from jointbayes.identification.squares import white_residuals
@@ -67,7 +67,7 @@ def search_further(
         squares, limit = squared_residuals(log_posterior, theta)
         reached = list(search.reached().values())
         found = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
-        agreed = found.agreeing >= AGREED * found.starts
+        agreed = found.agreeing >= max(AGREED * found.starts, LEAST_AGREEING)
         if found.explains or agreed or rounds == ROUNDS or (rounds and last_gain < GAIN):
             return found
         rounds += 1

@@ -79,6 +79,8 @@ class FrequencyMatch:
         self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)
         off = max((float(problem.prior.sd[i]) for i in self._errors), default=0.0)
         self._tolerance = float(np.hypot(TOLERANCE, off))
+        # what is alone counts as a residual of this size
+        self._lost, self._unseen = max(_LOST / self._tolerance, 3.0), min(_UNSEEN / self._tolerance, 5.0)
         self._model = natural_frequency_model(problem)
         # a joint raises every natural frequency: there are no more in the band than without it
         structural = problem.structural(np.ones((1, len(problem.prior.nuisances))))
@@ -99,8 +101,8 @@ class FrequencyMatch:
         partner, unseen = self._assigned(predicted)
         lost = partner < 0
         ratio = np.log(np.take_along_axis(predicted, np.maximum(partner, 0), axis=1) / self.resonances_hz)
-        ratio = np.where(lost, max(_LOST, 3 * self._tolerance), ratio) / self._tolerance
-        rest = np.sqrt(unseen * _soft(min(_UNSEEN, self._tolerance * 5) / self._tolerance))
+        ratio = np.where(lost, self._lost, ratio / self._tolerance)
+        rest = np.sqrt(unseen * _soft(self._unseen))
         return np.column_stack([np.sign(ratio) * np.sqrt(_soft(ratio)), rest])
 
     def value(self, theta: Array) -> Array:
@@ -137,37 +139,40 @@ class FrequencyMatch:
             return np.tile(np.arange(m), (n, 1)), np.zeros(n)
         low, high = self._band
         seen = (predicted > low * (1 + _EDGE)) & (predicted < high * (1 - _EDGE))
-        unseen = np.where(seen, _soft(min(_UNSEEN, self._tolerance * 5) / self._tolerance), 0.0)
-        lost = _soft(max(_LOST, 3 * self._tolerance) / self._tolerance)
         with np.errstate(divide="ignore"):  # a free body has modes at 0 Hz
             cost = _soft(np.log(predicted[:, None] / data[:, None]) / self._tolerance)
         cost = np.where(np.isfinite(cost), cost, np.finfo(float).max / 4)
-        best = np.zeros((n, data.size + 1, m + 1))
-        best[:, 0, 1:] = np.cumsum(unseen, axis=1)
-        best[:, 1:, 0] = lost * np.arange(1, data.size + 1)
-        choice = np.zeros((n, data.size + 1, m + 1), dtype=np.int8)  # 0 pair, 1 no resonance, 2 no prediction
-        choice[:, 0, 1:], choice[:, 1:, 0] = 1, 2
-        for i in range(1, data.size + 1):
-            for j in range(1, m + 1):
-                options = np.stack(
-                    [
-                        best[:, i - 1, j - 1] + cost[:, i - 1, j - 1],
-                        best[:, i, j - 1] + unseen[:, j - 1],
-                        best[:, i - 1, j] + lost,
-                    ]
-                )
-                choice[:, i, j] = np.argmin(options, axis=0)
-                best[:, i, j] = options.min(axis=0)
-        partner = np.full((n, data.size), -1, dtype=np.intp)
-        row, i, j = np.arange(n), np.full(n, data.size), np.full(n, m)
-        for _ in range(data.size + m):
-            step = choice[row, i, j]
-            pair = (step == 0) & (i > 0) & (j > 0)
-            partner[row[pair], i[pair] - 1] = j[pair] - 1
-            i, j = i - ((step != 1) & (i > 0)), j - ((step != 2) & (j > 0))
+        partner = _aligned(cost, float(_soft(self._lost)), np.where(seen, _soft(self._unseen), 0.0))
         taken = np.zeros((n, m + 1), dtype=bool)
         np.put_along_axis(taken, np.where(partner < 0, m, partner), True, axis=1)
         return partner, (seen & ~taken[:, :m]).sum(axis=1).astype(float)
+
+
+def _aligned(cost: Array, lost: float, unseen: Array) -> Indices:
+    """Cheapest assignment that keeps the order: number of the column of each row, −1 for none, shape (n, rows).
+
+    For costs (n, rows, columns) of pairs, of a row without a column, and of columns without a row (n, columns).
+    """
+    n, rows, columns = cost.shape
+    best = np.zeros((n, rows + 1, columns + 1))
+    best[:, 0, 1:] = np.cumsum(unseen, axis=1)
+    best[:, 1:, 0] = lost * np.arange(1, rows + 1)
+    choice = np.zeros((n, rows + 1, columns + 1), dtype=np.int8)  # 0 pair, 1 column alone, 2 row alone
+    choice[:, 0, 1:], choice[:, 1:, 0] = 1, 2
+    for r in range(1, rows + 1):
+        for c in range(1, columns + 1):
+            pair = best[:, r - 1, c - 1] + cost[:, r - 1, c - 1]
+            options = np.stack([pair, best[:, r, c - 1] + unseen[:, c - 1], best[:, r - 1, c] + lost])
+            choice[:, r, c] = np.argmin(options, axis=0)
+            best[:, r, c] = options.min(axis=0)
+    partner = np.full((n, rows), -1, dtype=np.intp)
+    each, row, column = np.arange(n), np.full(n, rows), np.full(n, columns)
+    for _ in range(rows + columns):
+        step = choice[each, row, column]
+        paired = (step == 0) & (row > 0) & (column > 0)
+        partner[each[paired], row[paired] - 1] = column[paired] - 1
+        row, column = row - ((step != 1) & (row > 0)), column - ((step != 2) & (column > 0))
+    return partner
 
 
 def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1) -> Array:

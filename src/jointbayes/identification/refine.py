@@ -1,12 +1,16 @@
 """Climb from one point to the nearest mode, to the last digit, and its Laplace covariance."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.identification.climb import newton_climb
-from jointbayes.inference import LogPosterior
+from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedChart, LogStiffness
 
 __all__ = ["laplace_covariance", "refine"]
@@ -58,43 +62,67 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
 
 
 def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
-    """End of Newton's method on the density itself, along the edges of the support where these hold it.
-
-    In coordinates in which a joint with hardly known k11 and k12 has a straight ridge: of the paper's stiffnesses k22
-    is replaced by k22 − k12²/k11, see `CondensedChart`.
-    """
+    """End of Newton's method on the density itself, along the edges of the support where these hold it."""
     prior = log_posterior.prior
     low, high = prior.support
-    # a normal prior has no end, but a stiffness of e^800 is no number
-    far = _FARTHEST * prior.sd
-    least, most = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
     value = float(log_posterior(theta)[0])
     for _ in range(_EDGES):
         edge = ((theta <= low) | (theta >= high)) & ~_gains_inwards(log_posterior, theta, value)
-        free = np.flatnonzero(~edge)
-        condensed = isinstance(prior.parametrisation, LogStiffness) and not edge[2]
-        chart = CondensedChart() if condensed else None
-        place = theta if chart is None else chart.forward(theta[None])[0]
-
-        def inside(
-            moving: Array, free: Array = free, place: Array = place, chart: CondensedChart | None = chart
-        ) -> Array:
-            whole = np.tile(place, (len(moving), 1))
-            whole[:, free] = moving
-            return np.clip(whole if chart is None else chart.inverse(whole)[0], least, most)
-
-        covariance = laplace_covariance(log_posterior, theta)
-        slope = np.eye(theta.size)
-        if chart is not None:
-            step = 1e-6 * np.eye(theta.size)
-            slope = ((chart.forward(theta + step) - chart.forward(theta - step)) / 2e-6).T
-        covariance = (slope @ covariance @ slope.T)[np.ix_(free, free)]
-        found, density, _ = newton_climb(lambda m: log_posterior(inside(m)), place[free], covariance)
-        gain, value = density - value, max(density, value)
-        theta = inside(found[None])[0] if gain > 0 else theta
+        coordinates = _Coordinates.at(theta, ~edge, prior)
+        covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
+        start = coordinates.place[coordinates.free]
+        moving, density, _ = newton_climb(coordinates.density(log_posterior), start, covariance)
+        gain = density - value
+        if gain > 0:
+            theta, value = coordinates.theta(moving[None])[0], density
         if gain < _SETTLED:
             break
     return theta, value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Coordinates:
+    """Coordinates φ of those that are free of θ, in which a joint with hardly known k11 and k12 has a straight ridge.
+
+    Of the paper's stiffnesses k22 is replaced by k22 − k12²/k11, see `CondensedChart`, unless an edge holds it.
+    """
+
+    place: Array
+    free: NDArray[np.intp]
+    condensed: bool
+    low: Array
+    high: Array
+
+    @classmethod
+    def at(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
+        """About a point θ, shape (d,)."""
+        condensed = isinstance(prior.parametrisation, LogStiffness) and bool(free[2])
+        place = CondensedChart().forward(theta[None])[0] if condensed else theta
+        # a normal prior has no end, but a stiffness of e^800 is no number
+        low, high = (prior.mean + sign * _FARTHEST * prior.sd for sign in (-1, 1))
+        ends = np.maximum(low, prior.support[0]), np.minimum(high, prior.support[1])
+        return cls(place, np.flatnonzero(free), condensed, *ends)
+
+    def theta(self, moving: Array) -> Array:
+        """θ, shape (n, d), of the free coordinates, shape (n, f); beyond an edge of the support the edge."""
+        whole = np.tile(self.place, (len(moving), 1))
+        whole[:, self.free] = moving
+        inside: Array = np.clip(CondensedChart().inverse(whole)[0] if self.condensed else whole, self.low, self.high)
+        return inside
+
+    def density(self, log_posterior: LogPosterior) -> Callable[[Array], Array]:
+        """Log density as a function of the free coordinates, (n, f) to (n,)."""
+        return lambda moving: log_posterior(self.theta(moving))
+
+    def covariance(self, covariance: Array) -> Array:
+        """Covariance of the free coordinates, shape (f, f), from that of θ, shape (d, d)."""
+        slope = np.eye(len(covariance))
+        if self.condensed:  # δ ln(k22 − k12²/k11) by differences
+            step = 1e-6 * slope
+            theta = CondensedChart().inverse(self.place[None])[0]
+            slope = ((CondensedChart().forward(theta + step) - CondensedChart().forward(theta - step)) / 2e-6).T
+        turned: Array = (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
+        return turned
 
 
 def _gains_inwards(log_posterior: LogPosterior, theta: Array, value: float) -> NDArray[np.bool_]:
