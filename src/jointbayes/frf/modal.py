@@ -27,6 +27,9 @@ class NaturalFrequencies:
         Structure without the joint, or a family of them, and where the joint acts.
     count
         How many frequencies, from the lowest.
+    top_hz
+        Frequency up to which they are wanted; by default so high that all of them are exact. Those above are not, and
+        may be fewer than `count`.
 
     Raises
     ------
@@ -34,9 +37,11 @@ class NaturalFrequencies:
         If the structure has fewer DOFs than that.
     """
 
-    def __init__(self, structure: Structure | StructureFamily, joint: Joint, count: int) -> None:
+    def __init__(
+        self, structure: Structure | StructureFamily, joint: Joint, count: int, top_hz: float | None = None
+    ) -> None:
         family = as_family(structure)
-        self._family = family.at(joint.dofs + joint.against, family.reach_hz(count))
+        self._family = family.at(joint.dofs + joint.against, family.reach_hz(count) if top_hz is None else top_hz)
         n = self._family.nominal.n_dofs
         if not 1 <= count <= n:
             raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
@@ -51,7 +56,7 @@ class NaturalFrequencies:
         known = as_factors(factors, len(matrices))
         eigenvalues, _, _ = self._modes.solve(matrices, known)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
-        return frequency * _first(self._family.frequency_factors(known), self._count)
+        return frequency * _first(self._family.frequency_factors(known), frequency.shape[1])
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None

@@ -39,9 +39,13 @@ _SAME = 0.02  # prior standard deviations between ends that are one
 
 
 def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
-    """Predicts the lowest natural frequencies of the problem's structure, or family of structures, with its joint."""
-    structure = problem.structure if problem.family is None else problem.family
-    return NaturalFrequencies(structure, problem.joint, min(problem.structure.n_dofs, _MOST_MODES))
+    """Predicts the natural frequencies up to the end of the band of the problem's structures with its joint."""
+    structures, measured = problem.structures, problem.measurement
+    if isinstance(measured, FrequencyMeasurement):
+        return NaturalFrequencies(structures, problem.joint, measured.frequency_hz.size)
+    top = _SPARE * measured.top_hz
+    most = structures.at(problem.joint.dofs + problem.joint.against, top).nominal.n_dofs
+    return NaturalFrequencies(structures, problem.joint, min(most, _MOST_MODES), top)
 
 
 class FrequencyMatch:
@@ -73,7 +77,7 @@ class FrequencyMatch:
         lines = measured.frequency_hz if isinstance(measured, FrequencyMeasurement) else measured.frf.frequency_hz
         self._band = float(lines[0]), float(lines[-1])
         names, joint = problem.names, len(problem.parametrisation.names)
-        quantities = () if problem.family is None else problem.family.names
+        quantities = problem.structures.names
         self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
         shift = [joint + i for i, name in enumerate(quantities) if not _moves_nothing(name)]
         self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)
