@@ -332,6 +332,19 @@ def test_a_missed_first_mode_is_noticed(tmp_path):
         loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nmodes = 4\n\n[data.ch"))
 
 
+@pytest.mark.parametrize(("above", "missed"), [(1.10, False), (1.20, True)])
+def test_a_mode_counts_as_missed_from_15_percent_above_that_of_a_rigid_joint(tmp_path, above, missed):
+    rigid, found = (truth().problem.natural_frequencies_hz(k, 1)[0, 0] for k in ([1e13, 0.0, 1e13], TABLE_3))
+    # frequencies of a slender beam go with 1/length²
+    length = 383.0 * np.sqrt(found / rigid / above)
+    stored(virtual(("5:y",), changes=(("length_mm = 383.0", f"length_mm = {length:.3f}"),)), tmp_path / "tip.npz")
+    if missed:
+        with pytest.raises(CaseError, match=r"found mode 1 at .* a lower mode was missed"):
+            loaded(tmp_path, FREQUENCIES)
+    else:
+        assert loaded(tmp_path, FREQUENCIES).problem.measurement.frequency_hz[0] > 1.08 * rigid
+
+
 def test_damping_ratios_come_from_the_data_and_stay_uncertain(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
     channels = '"Point:5:Y+" = "5:y"\n'

@@ -47,3 +47,20 @@ def test_frfs_without_modes_keep_the_magnitude_they_were_measured_with():
     assert "modal fit" not in words
     magnitude = np.abs(frf.values)
     np.testing.assert_allclose(variance, 2 * (0.05 * magnitude + 0.02 * np.median(magnitude)) ** 2, rtol=1e-12)
+
+
+def test_repeats_give_the_degrees_of_freedom_of_their_scatter():
+    """The likelihood is Student-t with as many: m measurements about their own mean leave 2(m − 1)."""
+    rng, lines, m = np.random.default_rng(5), np.linspace(10.0, 20.0, 20_000), 3
+    noise = rng.standard_normal((m, 2, lines.size, 1, 1))
+    sets = [FrfSet(lines, 1.0 + n[0] + 1j * n[1], ("5:y",), ("5:y",), "accelerance") for n in noise]
+    mean, variance, _, dof = variance_of(sets, schema.VarianceSpec(source="repeats", relative=0.0), "tip.npz")
+    assert dof == 2 * (m - 1)
+    # over the estimated variance, |z|² is F-distributed: P(|z|² > x) = (1 + 2x/dof)^(−dof/2)
+    beyond = (np.abs(mean.values - 1.0) ** 2 / variance > 4.0).mean()
+    assert abs(beyond - (1 + 8.0 / dof) ** (-dof / 2)) < 4 * np.sqrt(beyond / lines.size)
+
+
+def test_coherence_gives_the_degrees_of_freedom_of_its_averages():
+    frf = replace(exact_frf(), coherence=np.full(exact_frf().values.shape, 0.99), averages=7)
+    assert variance_of([frf], schema.VarianceSpec(source="coherence"), "tip.npz")[3] == 12

@@ -87,6 +87,22 @@ def test_a_mode_elsewhere_does_not_agree(cheap_posterior):
     assert flat.mode_agrees  # another point of a ridge of equal density
 
 
+@pytest.mark.parametrize(
+    ("distance", "higher", "agrees"),
+    [(0.009, 1.0, True), (0.011, 0.0009, True), (0.011, -0.0009, True), (0.011, 0.0011, False), (0.011, -0.01, False)],
+)
+def test_the_map_counts_as_missed_beyond_a_hundredth_of_its_sd_and_a_thousandth_in_density(
+    cheap_posterior, distance, higher, agrees
+):
+    estimate = cheap_posterior.estimate
+    step = distance * np.sqrt(np.diag(estimate.covariance)) * np.array([0.3, -1.0, 0.5])
+    moved = dataclasses.replace(
+        cheap_posterior, mode_theta=estimate.theta + step, mode_log_density=estimate.log_posterior + higher
+    )
+    assert moved.mode_distance == pytest.approx(distance)
+    assert moved.mode_agrees == agrees
+
+
 def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
     assert cheap_posterior.at_prior_edge == ()
     low, high = cheap_posterior.problem.prior.support

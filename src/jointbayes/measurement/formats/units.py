@@ -1,5 +1,6 @@
 """Unit labels such as ``g/N``, ``(mm/s²)/lbf`` or ``1/kg`` to a factor to SI and what they measure."""
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -11,6 +12,8 @@ from jointbayes.frf import Quantity
 from jointbayes.measurement.records import SensorQuantity
 
 __all__ = [
+    "ATOMS",
+    "FREQUENCY_HZ",
     "G_STANDARD",
     "Unit",
     "frequency_factor",
@@ -27,7 +30,7 @@ _LBF = 4.4482216152605
 
 _FORCE, _ACCELERATION = (1, 1, -2), (1, 0, -2)
 #: Factor to SI and powers of metre, kilogram and second. ``g`` is gravity: no analyser weighs in grams.
-_ATOMS: dict[str, tuple[float, tuple[int, int, int]]] = {
+ATOMS: dict[str, tuple[float, tuple[int, int, int]]] = {
     "1": (1.0, (0, 0, 0)),
     "m": (1.0, (1, 0, 0)),
     "cm": (1e-2, (1, 0, 0)),
@@ -58,6 +61,16 @@ _ATOMS: dict[str, tuple[float, tuple[int, int, int]]] = {
     "gn": (G_STANDARD, _ACCELERATION),
     "g0": (G_STANDARD, _ACCELERATION),
     "Nm": (1.0, (2, 1, -2)),
+}
+#: Factor to Hz of the units of a frequency axis, in small letters.
+FREQUENCY_HZ: dict[str, float] = {
+    "hz": 1.0,
+    "1/s": 1.0,
+    "s^-1": 1.0,
+    "khz": 1e3,
+    "rpm": 1 / 60,
+    "cpm": 1 / 60,
+    **dict.fromkeys(("rad/s", "rad/sec", "rads/s", "rad s^-1", "rad.s-1"), 0.5 / math.pi),
 }
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "*", "⋅": "*"})
 _TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+0?|1)(?P<power>(?:\^|\*\*)?(?:-?\d|\(-?\d\)))?|(?P<sign>[*/()]))")
@@ -139,7 +152,7 @@ def _product(tokens: list[re.Match[str]]) -> tuple[Unit, list[re.Match[str]]]:
             case _:
                 name = token["name"]
                 # old programs write in capitals; MN stays a meganewton
-                atom = Unit(*_ATOMS[name if name in _ATOMS else name.lower()])
+                atom = Unit(*ATOMS[name if name in ATOMS else name.lower()])
                 exponent = int(re.sub(r"[()^*]", "", token["power"])) if token["power"] else 1
                 unit = unit.times(atom, power * exponent)
     return unit, tokens
@@ -194,11 +207,7 @@ def scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:
 
 def frequency_factor(label: str) -> float | None:
     """Factor to Hz of the unit of a frequency axis, or None where it is not understood."""
-    text = label.strip().strip("[]()").strip().lower()
-    known = {"hz": 1.0, "1/s": 1.0, "s^-1": 1.0, "khz": 1e3, "rpm": 1 / 60, "cpm": 1 / 60}
-    if text in ("rad/s", "rad/sec", "rads/s", "rad s^-1", "rad.s-1"):
-        return 0.15915494309189535  # 1/2π
-    return known.get(text)
+    return FREQUENCY_HZ.get(label.strip().strip("[]()").strip().lower())
 
 
 def si_sensor_unit(quantity: SensorQuantity) -> str:

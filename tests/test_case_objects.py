@@ -1,0 +1,330 @@
+"""Each key of a case file reaches the prediction with its value: compared with closed formulas, not with the code."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+
+import jointbayes as jb
+from jointbayes.frf import Ports
+from jointbayes.inference import (
+    CorrelatedNoise,
+    GaussianNoise,
+    IntegratedScale,
+    Normal,
+    ScaledNoise,
+    StudentNoise,
+    Uniform,
+)
+from jointbayes.joint import joint_matrix
+from tests.conftest import cheap_text, edited
+
+L, E, NU, RHO, KAPPA = 0.383, 2.1e11, 0.3, 7800.0, 0.8
+G = E / (2 * (1 + NU))
+CIRCLE = (
+    'shape = "circle"             # or "tube", "rectangle", "box", each with its own dimensions\ndiameter_mm = 25.0'
+)
+B, H, T = 0.040, 0.020, 0.003
+#: Key lines, area, second moments for bending along y and along z.
+SECTIONS = {
+    "circle": (
+        'shape = "circle"\ndiameter_mm = 30.0',
+        math.pi * 0.015**2,
+        math.pi * 0.015**4 / 4,
+        math.pi * 0.015**4 / 4,
+    ),
+    "tube": (
+        'shape = "tube"\nouter_diameter_mm = 40.0\ninner_diameter_mm = 30.0',
+        math.pi * (0.020**2 - 0.015**2),
+        math.pi * (0.020**4 - 0.015**4) / 4,
+        math.pi * (0.020**4 - 0.015**4) / 4,
+    ),
+    "rectangle": ('shape = "rectangle"\nwidth_mm = 40.0\nheight_mm = 20.0', B * H, B * H**3 / 12, H * B**3 / 12),
+    "box": (
+        'shape = "box"\nwidth_mm = 40.0\nheight_mm = 20.0\nwall_mm = 3.0',
+        B * H - (B - 2 * T) * (H - 2 * T),
+        (B * H**3 - (B - 2 * T) * (H - 2 * T) ** 3) / 12,
+        (H * B**3 - (H - 2 * T) * (B - 2 * T) ** 3) / 12,
+    ),
+}
+STATED_SHEAR = ('shear_coefficient = "cowper"', f"shear_coefficient = {KAPPA}")
+SPACE = (
+    ("dofs_per_node = 2", "dofs_per_node = 5"),
+    ("supports = []", 'supports = ["1:x", "1:y", "1:rz"]'),
+    ('dofs = ["1:y", "1:rz"]', 'dofs = ["1:z", "1:ry"]'),
+    ('outputs = ["5:y"]', 'outputs = ["5:z"]'),
+    ('inputs = ["5:y"]', 'inputs = ["5:z"]'),
+)
+
+
+def case_of(*changes: tuple[str, str]) -> jb.Case:
+    return jb.case_from_text("wiring", edited(cheap_text(), *changes))
+
+
+def receptance(case: jb.Case, stiffness, dof: str = "5:y", f_hz: float = 0.01) -> complex:
+    """Drive-point receptance at one low frequency."""
+    return case.problem.receptance_model(Ports(np.array([f_hz]), (dof,), (dof,))).receptance(joint_matrix(stiffness))[
+        0, 0, 0, 0
+    ]
+
+
+def cantilever(area: float, inertia: float, modulus: float = E, length: float = L) -> float:
+    """Deflection of the tip of a clamped Timoshenko beam under unit force, m/N."""
+    shear = modulus / (2 * (1 + NU))
+    return length**3 / (3 * modulus * inertia) + length / (KAPPA * shear * area)
+
+
+@pytest.mark.parametrize("shape", SECTIONS)
+@pytest.mark.parametrize("direction", ["y", "z"])
+def test_a_static_force_bends_the_section_of_the_case_file(shape, direction):
+    lines, area, along_y, along_z = SECTIONS[shape]
+    case = case_of((CIRCLE, lines), STATED_SHEAR, *(SPACE if direction == "z" else ()))
+    k11, k22 = 3e8, 2e5
+    expected = cantilever(area, along_y if direction == "y" else along_z) + 1 / k11 + L**2 / k22
+    found = receptance(case, [k11, 0.0, k22], f"5:{direction}")
+    assert found.real == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_coupling_of_the_joint_reaches_the_tip_with_its_sign():
+    case = case_of(STATED_SHEAR)
+    k11, k12, k22 = 3e8, 2e6, 2e5
+    (c11, c12), (_, c22) = np.linalg.inv([[k11, k12], [k12, k22]])
+    beam = cantilever(math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64)
+    # unit force at the tip is force 1 and moment L at the joint
+    assert receptance(case, [k11, k12, k22]).real == pytest.approx(beam + c11 + 2 * L * c12 + L**2 * c22, rel=1e-6)
+
+
+COWPER = {
+    # Cowper (1966): thin-walled box with m = n = 1 is 20(1 + ν)/(48 + 39ν), for thin round tube 2(1 + ν)/(4 + 3ν)
+    "circle": ('shape = "circle"\ndiameter_mm = 100.0', 6 * (1 + NU) / (7 + 6 * NU)),
+    "rectangle": ('shape = "rectangle"\nwidth_mm = 90.0\nheight_mm = 120.0', 10 * (1 + NU) / (12 + 11 * NU)),
+    "tube": (
+        'shape = "tube"\nouter_diameter_mm = 100.0\ninner_diameter_mm = 99.9',
+        2 * (1 + NU) / (4 + 3 * NU),
+    ),
+    "box": ('shape = "box"\nwidth_mm = 100.0\nheight_mm = 100.0\nwall_mm = 1.0', 20 * (1 + NU) / (48 + 39 * NU)),
+}
+AREA_AND_INERTIA = {
+    "circle": (math.pi * 0.1**2 / 4, math.pi * 0.1**4 / 64),
+    "rectangle": (0.09 * 0.12, 0.09 * 0.12**3 / 12),
+    "tube": (math.pi * (0.1**2 - 0.0999**2) / 4, math.pi * (0.1**4 - 0.0999**4) / 64),
+    "box": (0.1**2 - 0.098**2, (0.1**4 - 0.098**4) / 12),
+}
+
+
+@pytest.mark.parametrize("shape", COWPER)
+def test_without_a_shear_coefficient_the_beam_has_that_of_cowper(shape):
+    lines, kappa = COWPER[shape]
+    area, inertia = AREA_AND_INERTIA[shape]
+    case = case_of((CIRCLE, lines))
+    without_shear = L**3 / (3 * E * inertia) + 1 / 1e12 + L**2 / 1e10
+    shear = receptance(case, [1e12, 0.0, 1e10]).real - without_shear
+    assert L / (G * area) / shear == pytest.approx(kappa, rel=1e-4)
+
+
+def test_mass_length_and_accelerometers_move_a_beam_on_soft_springs_as_a_rigid_body():
+    case = case_of(
+        ("supports = []", "supports = []\naccelerometer_mass_g = 50.0"),
+        ("density_kg_m3 = 7800.0", "density_kg_m3 = 2700.0"),
+    )
+    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
+    beam, sensor = 2700.0 * area * L, 0.050
+    # about the joint's node; the cross-sections turn as well
+    first = beam * L / 2 + sensor * L
+    second = beam * L**2 / 3 + sensor * L**2 + 2700.0 * inertia * L
+    m = np.array([[beam + sensor, first], [first, second]])
+    tip = np.array([1.0, L])
+    f_hz = 3.0
+    accelerance = -((2 * math.pi * f_hz) ** 2) * receptance(case, [1e-3, 0.0, 1e-5], f_hz=f_hz)
+    assert accelerance.real == pytest.approx(tip @ np.linalg.solve(m, tip), rel=2e-4)
+
+
+def test_a_loss_factor_makes_the_beam_complex_and_not_the_joint():
+    law = ('law = "modal"                # or "loss_factor", "rayleigh"', 'law = "loss_factor"')
+    case = case_of(STATED_SHEAR, law, ("ratio = 0.01", "loss_factor = 0.3"))
+    beam = cantilever(math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64)
+    found = receptance(case, [3e8, 0.0, 2e5])
+    assert found == pytest.approx(beam / (1 + 0.3j) + 1 / 3e8 + L**2 / 2e5, rel=1e-6)
+
+
+def test_rayleigh_damping_takes_its_two_factors_from_their_keys():
+    law = ('law = "modal"                # or "loss_factor", "rayleigh"', 'law = "rayleigh"')
+    alpha, beta, f_hz = 40.0, 2e-4, 0.05
+    case = case_of(STATED_SHEAR, law, ("ratio = 0.01", f"alpha_per_s = {alpha}\nbeta_s = {beta}"))
+    omega = 2 * math.pi * f_hz
+    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
+    # quasi-static: the beam's compliance over 1 + jωβ; the loss by αM follows from the static shape, ∫ ρA v² dx
+    k11, k22 = 3e8, 2e5
+    x = np.linspace(0.0, L, 4001)
+    bending = (3 * L * x**2 - x**3) / (6 * E * inertia) + x / (KAPPA * G * area)
+    shape = bending + 1 / k11 + L * x / k22
+    slope = (2 * L * x - x**2) / (2 * E * inertia) + L / k22
+    moved = simpson(RHO * area * shape**2 + RHO * inertia * slope**2, x=x)
+    beam = cantilever(area, inertia)
+    expected = -omega * (beta * beam + alpha * moved)
+    assert receptance(case, [k11, 0.0, k22], f_hz=f_hz).imag == pytest.approx(expected, rel=1e-4)
+
+
+TRUTH = "[data.truth]                 # the joint that makes the data: Table 3 of the paper"
+EXACT = ("added = true", "added = false")
+LINES = ("f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 10.0", "frequencies_hz = [0.01, 3.0]")
+
+
+def measured(*changes: tuple[str, str]) -> np.ndarray:
+    return case_of(EXACT, STATED_SHEAR, LINES, *changes).problem.measurement.frf.values[:, 0, 0]
+
+
+def test_the_data_are_made_with_what_the_truth_states_otherwise():
+    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
+    (c11, c12), (_, c22) = np.linalg.inv([[5.05e9, 3.44e7], [3.44e7, 1.52e6]])
+    stated = f"{TRUTH}\nlength_mm = 360.0\nyoungs_modulus_gpa = 200.0\ngain = 1.05"
+    expected = 1.05 * (cantilever(area, inertia, 2.0e11, 0.36) + c11 + 2 * 0.36 * c12 + 0.36**2 * c22)
+    assert measured((TRUTH, stated))[0].real == pytest.approx(expected, rel=1e-6)
+
+
+def test_density_accelerometer_and_damping_of_the_truth_make_the_data():
+    table_3 = "k11 = 5.05e9                 # N/m\nk12 = 3.44e7                 # N\nk22 = 1.52e6"
+    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
+    beam, sensor = 2700.0 * area * L, 0.050
+    first, second = beam * L / 2 + sensor * L, beam * L**2 / 3 + sensor * L**2 + 2700.0 * inertia * L
+    stated = "density_kg_m3 = 2700.0\naccelerometer_mass_g = 50.0\nk11 = 1.0e-3\nk12 = 0.0\nk22 = 1.0e-5"
+    tip = np.array([1.0, L])
+    rigid = tip @ np.linalg.solve([[beam + sensor, first], [first, second]], tip)
+    values = measured((table_3, stated))
+    assert -((6 * math.pi) ** 2) * values[1].real == pytest.approx(rigid, rel=2e-4)
+
+
+def test_a_damping_ratio_of_the_truth_makes_the_peak_of_the_data():
+    near = ("[0.01, 3.0]", str([round(118.0 + 0.02 * i, 2) for i in range(300)]))
+    light, heavy = (
+        np.abs(measured(near, (TRUTH, f"{TRUTH}\ndamping_ratio = {ratio}"))).max() for ratio in (0.001, 0.002)
+    )
+    assert light / heavy == pytest.approx(2.0, rel=0.01)  # one mode alone: its peak is 1/2ζ of the static share
+
+
+PRIOR_K11 = "low = 1.0e6\nhigh = 1.0e11"
+LOG_UNIFORM = 'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\n'
+
+
+@pytest.mark.parametrize(
+    ("lines", "mean", "sd", "ends"),
+    [
+        ('distribution = "log_uniform"\nlow = 1.0e7\nhigh = 1.0e9', math.log(1e8), math.log(100) / 12**0.5, (1e7, 1e9)),
+        ('distribution = "log_normal"\nmedian = 2.0e9\nsd_log = 0.7', math.log(2e9), 0.7, (0, np.inf)),
+        # 95 % inside: two-sided, so 1.96 standard deviations are the decades
+        (
+            'distribution = "decades"\nguess = 3.0e8\ndecades = 2.0',
+            math.log(3e8),
+            2 * math.log(10) / 1.959964,
+            (0, np.inf),
+        ),
+    ],
+    ids=["log_uniform", "log_normal", "decades"],
+)
+def test_a_prior_of_the_case_file_is_that_of_the_logarithm(lines, mean, sd, ends):
+    marginal = case_of((LOG_UNIFORM + PRIOR_K11, lines)).problem.prior.marginals[0]
+    assert marginal.mean == pytest.approx(mean, rel=1e-12)
+    assert marginal.sd == pytest.approx(sd, rel=1e-6)
+    assert np.exp(marginal.support) == pytest.approx(ends)
+
+
+def test_priors_stand_in_the_order_of_the_coordinates():
+    log = case_of().problem
+    assert log.names[:3] == ("k11", "k12", "k22")
+    assert [np.exp(m.support).tolist() for m in log.prior.marginals] == [
+        pytest.approx(ends) for ends in ([1e6, 1e11], [1e4, 1e10], [1e3, 1e8])
+    ]
+    old_k12 = '[prior.k12]                  # N\ndistribution = "log_uniform"\nlow = 1.0e4\nhigh = 1.0e10'
+    signed = case_of(
+        ('parametrisation = "log" ', 'parametrisation = "signed" '),
+        (old_k12, '[prior.rho]\ndistribution = "uniform"\nlow = -0.5\nhigh = 0.9'),
+    ).problem
+    assert signed.names[:3] == ("k11", "k22", "rho")
+    assert signed.prior.marginals[2] == Uniform(-0.5, 0.9)
+
+
+#: Key of [uncertain], nominal value and unit, further changes of the case.
+NUISANCES = {
+    "youngs_modulus": (210.0, "GPa", ()),
+    "density": (7800.0, "kg/m³", ()),
+    "length": (383.0, "mm", ()),
+    "section_size": (1.0, "× stated", ()),
+    "shear_coefficient": (1.0, "× stated", ()),
+    "damping_ratio": (0.01, "1", ()),
+    "accelerometer_mass": (12.5, "g", (("supports = []", "supports = []\naccelerometer_mass_g = 12.5"),)),
+    "gain": (1.0, "1", ()),
+    "loss_factor": (
+        0.07,
+        "1",
+        (
+            ('law = "modal"                # or "loss_factor", "rayleigh"', 'law = "loss_factor"'),
+            ("ratio = 0.01", "loss_factor = 0.07"),
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NUISANCES)
+def test_an_uncertain_quantity_has_its_nominal_value_unit_and_prior(name):
+    nominal, unit, changes = NUISANCES[name]
+    table = ("[identification]", f"[uncertain.{name}]\nsd_percent = 1.7\n\n[identification]")
+    nuisance = case_of(table, *changes).problem.prior.nuisances[0]
+    assert (nuisance.name, nuisance.unit, nuisance.nominal) == (name, unit, pytest.approx(nominal))
+    assert nuisance.prior == Normal(0.0, 0.017)
+    factors = ("sd_percent = 1.7", "low_factor = 0.2\nhigh_factor = 4.0")
+    uniform = case_of(table, *changes, factors).problem.prior.nuisances[0].prior
+    assert np.exp(uniform.support) == pytest.approx((0.2, 4.0))
+
+
+MORE = (
+    "[identification]",
+    "[noise]\n{lines}\n\n[identification]",
+)
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ('distribution = "gaussian"', GaussianNoise(2)),
+        ('distribution = "student_t"\ndof = 7.0', StudentNoise(2, 7.0, False)),
+        ('scale = "sampled"\nscale_low_factor = 0.5\nscale_high_factor = 3.0', ScaledNoise(2)),
+        ('scale = "integrated"\nscale_dof = 3.0\nscale_guess = 1.5', IntegratedScale(2, 3.0, 1.5)),
+        ('residuals = "log_magnitude"', GaussianNoise(1)),
+    ],
+    ids=["gaussian", "student", "sampled", "integrated", "magnitude"],
+)
+def test_the_noise_table_chooses_the_distribution_with_its_numbers(lines, expected):
+    problem = case_of((MORE[0], MORE[1].format(lines=lines))).problem
+    assert (problem.noise or GaussianNoise(2)) == expected
+    if "sampled" in lines:
+        assert np.exp(problem.prior.nuisances[-1].prior.support) == pytest.approx((0.5, 3.0))
+
+
+def test_a_discrepancy_has_the_bounds_of_its_keys():
+    lines = "[noise.discrepancy]\nscale_low = 0.2\nscale_high = 30.0\nlength_low_hz = 5.0\nlength_high_hz = 400.0"
+    problem = case_of((MORE[0], f"{lines}\n\n[identification]")).problem
+    assert isinstance(problem.noise, CorrelatedNoise)
+    found = {n.name: tuple(np.exp(n.prior.support)) for n in problem.prior.nuisances}
+    assert found["discrepancy_scale"] == pytest.approx((0.2, 30.0))
+    assert found["discrepancy_length"] == pytest.approx((5.0, 400.0))
+
+
+def test_the_noise_of_synthetic_data_is_that_of_the_case_file():
+    case = case_of(EXACT)
+    frf = np.abs(case.problem.measurement.frf.values[:, 0, 0])
+    expected = 2 * (0.01 * frf + 0.002 * np.median(frf)) ** 2
+    np.testing.assert_allclose(case.problem.measurement.variance[:, 0, 0], expected, rtol=1e-12)
+    coherent = case_of(EXACT, ("relative = 0.01", "coherence = 0.98\naverages = 8")).problem.measurement
+    expected = 2 * (np.sqrt(0.02 / (2 * 8 * 0.98)) * frf + 0.002 * np.median(frf)) ** 2
+    np.testing.assert_allclose(coherent.variance[:, 0, 0], expected, rtol=1e-12)
+
+
+def test_the_standard_deviation_of_frequencies_adds_in_squares():
+    text = 'kind = "natural_frequencies"\nfrequencies_hz = [120.0, 762.0]\nsd_relative = 0.005\nsd_hz = 0.5\n\n'
+    whole = cheap_text()
+    start, end = whole.index('kind = "synthetic_frf"'), whole.index("[identification]")
+    case = jb.case_from_text("wiring", whole[:start] + text + whole[end:])
+    np.testing.assert_allclose(
+        case.problem.measurement.sd_hz, [math.sqrt(0.6**2 + 0.5**2), math.sqrt(3.81**2 + 0.5**2)], rtol=1e-12
+    )
