@@ -166,7 +166,10 @@ def check(config: Path, seed: int | None) -> None:
     result = check_posterior(case, _sample(case, seed))
     click.echo(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
     for line in result.lines:
-        click.echo(f"{'ok  ' if line.matches else 'FAIL'} {line.subject}: {line.found}; expected: {line.expected}")
+        mark, word = {True: ("ok  ", "expected"), False: ("FAIL", "expected"), None: ("info", "published")}[
+            line.matches
+        ]
+        click.echo(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
     click.echo("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
     if not result.matches:
         sys.exit(NOT_MATCHED)

@@ -1,0 +1,185 @@
+"""Runs the shipped cases and keeps what README and docs quote: `python -m benchmarks.numbers`.
+
+Every case of `configs/` is run by the command line as a user runs it, with its own settings and seed. What came out is
+kept in `docs/numbers.json`, and the marked places of README and docs are written from it (`benchmarks.quoted`).
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from benchmarks import quoted
+from benchmarks.record import environment
+
+__all__ = ["CLAIM", "COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped"]
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIGS = ROOT / "configs"
+RECORD = ROOT / "docs" / "numbers.json"
+STIFFNESSES = ("k11", "k12", "k22")
+#: What the comment of a case file says of a command: "`check` exits 0".
+CLAIM = re.compile(r"^#.*?`(\w+)` exits (\d)", re.MULTILINE)
+#: Cases whose hypotheses docs/comparison.md weighs.
+COMPARED = ("clamped_beam_frequencies", "clamped_beam_frequencies_360mm")
+#: What docs/paper.md shows of the paper's iteration: name, case, and what is changed in it.
+ITERATIONS = {
+    "clamped_beam_noise_free": ("clamped_beam_noise_free", ()),
+    "clamped_beam": ("clamped_beam", ()),
+    "as_printed": ("clamped_beam", (("line_weight = 0.5", "line_weight = 0.0"),)),
+}
+
+
+def shipped() -> dict[str, Path]:
+    """Case files of the repository by name."""
+    return {path.stem: path for path in sorted(CONFIGS.glob("*.toml"))}
+
+
+def claims(path: Path) -> dict[str, int]:
+    """Exit status of each command that the comments of a case file promise."""
+    text = path.read_text(encoding="utf-8")
+    return {command: int(status) for line in text.splitlines() for command, status in _claimed(line)}
+
+
+def _claimed(line: str) -> list[tuple[str, str]]:
+    return re.findall(r"`(\w+)` exits (\d)", line) if line.startswith("#") else []
+
+
+def fingerprint(path: Path) -> str:
+    """Of what a case file says, comments and layout aside."""
+    content = json.dumps(tomllib.loads(path.read_text(encoding="utf-8")), sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+def command(folder: Path, *arguments: str) -> tuple[int, list[str]]:
+    """Exit status and output, without the progress, of the command line run in a directory."""
+    code = "from jointbayes.cli import main; main()"
+    found = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONUTF8": "1", "COLUMNS": "200"},
+    )
+    if found.returncode not in (0, 1, 3):
+        raise SystemExit(f"jointbayes {' '.join(arguments)}: exit {found.returncode}\n{found.stderr}")
+    return found.returncode, found.stdout.splitlines()
+
+
+def run_case(name: str, path: Path) -> dict[str, Any]:
+    """What a run of a case found, and its check where the comments promise one."""
+    spec = tomllib.loads(path.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        status, printed = command(Path(folder), "run", str(path))
+        summary = json.loads((Path(folder) / "reports" / name / "summary.json").read_text(encoding="utf-8"))
+        checked = command(Path(folder), "check", str(path)) if "check" in claims(path) else None
+    known = summary["identifiability"] or {}
+    return {
+        "config": fingerprint(path),
+        "title": spec["title"],
+        "seed": summary["seed"],
+        "exit": status,
+        "printed": printed,
+        "converged": summary["converged"],
+        "explains": summary["check"]["explains"],
+        "chi2_per_line": _short(summary["check"]["chi2_per_line"]),
+        "mode_agrees": summary["map"]["mode_agrees"],
+        "combinations": known.get("sentence"),
+        **{k: _stiffness(summary["parameters"][k], spec.get("reference", {}).get(k)) for k in STIFFNESSES},
+        **({} if checked is None else {"check": {"exit": checked[0], "printed": checked[1]}}),
+    }
+
+
+def _stiffness(entry: dict[str, Any], reference: float | None) -> dict[str, Any]:
+    low, high = entry["interval95"]
+    return {
+        "unit": entry["unit"],
+        "reference": reference,
+        "median": _short(entry["median"]),
+        "low": _short(low),
+        "high": _short(high),
+        "ratio": _short(max(high / low, low / high)) if low * high > 0 else None,
+        "mode": _short(entry["mode"]),
+        "verdict": entry["verdict"],
+    }
+
+
+def _short(value: float) -> float:
+    """Six digits: more than any page prints."""
+    return float(f"{value:.6g}")
+
+
+def run_compare() -> dict[str, Any]:
+    """What the comparison of `COMPARED` found, best first."""
+    files = [str(CONFIGS / f"{name}.toml") for name in COMPARED]
+    with tempfile.TemporaryDirectory() as folder:
+        status, _ = command(Path(folder), "compare", *files, "--out", "compared")
+        found = json.loads((Path(folder) / "compared" / "compare.json").read_text(encoding="utf-8"))
+    kept = ("hypothesis", "case", "log_z", "log_z_error", "pareto_k", "two_log_b", "words", "at_prior_edge")
+    rows = sorted(found["candidates"], key=lambda c: -c["log_z"])
+    candidates = [{key: _short(row[key]) if isinstance(row[key], float) else row[key] for key in kept} for row in rows]
+    return {"seed": found["seed"], "exit": status, "verdict": found["verdict"], "candidates": candidates}
+
+
+def run_iteration(name: str, changes: tuple[tuple[str, str], ...]) -> dict[str, Any]:
+    """What `identify` prints, and how far the paper's iteration ends from the truth, %."""
+    text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
+    truth = tomllib.loads(text)["data"]["truth"]
+    for old, new in changes:
+        if old not in text:
+            raise SystemExit(f"{name}: found no {old!r} to change")
+        text = text.replace(old, new, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.toml"
+        path.write_text(text, encoding="utf-8")
+        _, printed = command(Path(folder), "identify", path.name)
+    last = [line for line in printed if re.match(r" *\d+ ", line)][-1].split()
+    off = {k: _short(100 * (float(value) / truth[k] - 1)) for k, value in zip(STIFFNESSES, last[2:], strict=True)}
+    return {"printed": printed, "steps": int(last[0]), "off_percent": off}
+
+
+def main() -> None:
+    """Run what is asked for, keep it, and write README and docs from the record."""
+    runnable = [name for name, path in shipped().items() if "run" in claims(path)]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parts = [*runnable, "compare", "identify"]
+    parser.add_argument("part", nargs="*", help=f"what to run again; by default all of {', '.join(parts)}")
+    parser.add_argument("--write-only", action="store_true", help="run nothing; write README and docs from the record")
+    options = parser.parse_args()
+    unknown = set(options.part) - set(parts)
+    if unknown:
+        parser.error(f"found {', '.join(sorted(unknown))}; expected some of {', '.join(parts)}")
+    wanted = [] if options.write_only else options.part or parts
+    record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"cases": {}}
+    for name in wanted:
+        print(name, flush=True)
+        if name == "compare":
+            record["compare"] = run_compare()
+        elif name == "identify":
+            record["identify"] = {key: run_iteration(*what) for key, what in ITERATIONS.items()}
+        else:
+            record["cases"][name] = run_case(name, shipped()[name])
+    record["cases"] = {name: record["cases"][name] for name in runnable if name in record["cases"]}
+    if wanted:
+        found = environment()
+        packages = {name: version for name, version in found["packages"].items() if version}
+        record["environment"] = {**{k: found[k] for k in ("date", "cpu", "system", "python")}, "packages": packages}
+        RECORD.write_text(json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    for page in quoted.pages():
+        text = page.read_text(encoding="utf-8")
+        written = quoted.written(text, record)
+        if written != text:
+            page.write_text(written, encoding="utf-8")
+            print(f"written: {page.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,173 @@
+"""The places of README and docs that quote runs, written from `docs/numbers.json` between two comments.
+
+A number within a line: ``<!--n clamped_beam.k11.ratio .3g-->3.83<!--/n-->``, the path in the record and the format.
+A block: ``<!--numbers run clamped_beam-->`` on a line of its own, then the block, then ``<!--/numbers-->``. The kinds
+of blocks are the keys of `BLOCKS`.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+__all__ = ["BLOCKS", "INLINE", "pages", "printed", "written"]
+
+ROOT = Path(__file__).resolve().parents[1]
+Record = dict[str, Any]
+
+INLINE = re.compile(r"<!--n ([\w.]+)(?: ([\w.%+]+))?-->(.*?)<!--/n-->")
+BLOCK = re.compile(r"^<!--numbers ([^\n]*?)-->\n.*?^<!--/numbers-->$", re.MULTILINE | re.DOTALL)
+MINUS = "\N{MINUS SIGN}"
+
+
+def pages() -> list[Path]:
+    """README and all pages of the documentation."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def written(text: str, record: Record) -> str:
+    """A page with every marked place as the record has it.
+
+    Raises
+    ------
+    KeyError
+        If a marker names something that the record does not have.
+    """
+
+    def block(match: re.Match[str]) -> str:
+        kind, *arguments = match[1].split()
+        body = "\n".join(BLOCKS[kind](record, *arguments))
+        return f"<!--numbers {match[1]}-->\n{body}\n<!--/numbers-->"
+
+    def inline(match: re.Match[str]) -> str:
+        style = match[2] or ""
+        space = f" {style}" if style else ""
+        return f"<!--n {match[1]}{space}-->{printed(looked_up(record, match[1]), style)}<!--/n-->"
+
+    return INLINE.sub(inline, BLOCK.sub(block, text))
+
+
+def looked_up(record: Record, path: str) -> Any:
+    """A value of the record; the first part of the path may leave out ``cases``."""
+    first, *rest = path.split(".")
+    value: Any = record["cases"][first] if first in record["cases"] else record[first]
+    for key in rest:
+        value = value[int(key)] if isinstance(value, list) else value[key]
+    return value
+
+
+def printed(value: Any, style: str = "") -> str:
+    """A value in the format of Python, a stiffness such as 1.36e10 in the style ``3e``, text as it is."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return str(value)
+    if style.endswith("e"):
+        return stiffness(value, int(style[:-1]))
+    return format(value, style).replace("-", MINUS)
+
+
+def stiffness(value: float, digits: int = 3) -> str:
+    """Such as 1.36e10."""
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}e{int(exponent)}".replace("-", MINUS)
+
+
+def _fenced(lines: list[str]) -> list[str]:
+    return ["```text", *lines, "```"]
+
+
+def _run(record: Record, name: str) -> list[str]:
+    return _fenced(record["cases"][name]["printed"])
+
+
+def _check(record: Record, name: str) -> list[str]:
+    return _fenced(record["cases"][name]["check"]["printed"])
+
+
+def _identify(record: Record, name: str) -> list[str]:
+    """All lines, but of many steps only the first nine and the last."""
+    lines = record["identify"][name]["printed"]
+    steps = [i for i, line in enumerate(lines) if re.match(r" *\d+ ", line)]
+    if len(steps) > 12:
+        lines = [*lines[: steps[9]], "   …", *lines[steps[-1] :]]
+    return _fenced(lines)
+
+
+def _ends(entry: Record) -> str:
+    return f"{stiffness(entry['low'])} to {stiffness(entry['high'])}"
+
+
+def _ratio(entry: Record) -> str:
+    return "either sign" if entry["ratio"] is None else f"{entry['ratio']:.3g}"
+
+
+def _verdicts(record: Record, name: str) -> list[str]:
+    lines = [
+        "| Stiffness | True value | Median | 95 % credible interval | Upper/lower | Verdict |",
+        "|---|---|---|---|---|---|",
+    ]
+    for k in ("k11", "k12", "k22"):
+        e = record["cases"][name][k]
+        cells = (
+            k,
+            f"{stiffness(e['reference'])} {e['unit']}",
+            stiffness(e["median"]),
+            _ends(e),
+            _ratio(e),
+            e["verdict"],
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def _intervals(record: Record, *names: str) -> list[str]:
+    lines = ["| Case | Stiffness | 95 % credible interval | Upper/lower | Verdict |", "|---|---|---|---|---|"]
+    for name in names:
+        for k in ("k11", "k12", "k22"):
+            e = record["cases"][name][k]
+            lines.append(f"| {name} | {k} | {_ends(e)} | {_ratio(e)} | {e['verdict']} |")
+    return lines
+
+
+def _cases(record: Record) -> list[str]:
+    """Every case that can be run: what it is, and what came out."""
+    lines = ["| File | What it is | Median and 95 % credible interval | Model explains the data |", "|---|---|---|---|"]
+    for name, case in record["cases"].items():
+        found = "; ".join(
+            f"{k} {stiffness(case[k]['median'])} {case[k]['unit']} ({_ends(case[k])}): {case[k]['verdict']}"
+            for k in ("k11", "k12", "k22")
+        )
+        lines.append(f"| `{name}.toml` | {case['title']} | {found} | {'yes' if case['explains'] else 'no'} |")
+    return lines
+
+
+def _compare(record: Record) -> list[str]:
+    lines = ["| Joint | Case | ln Z | Pareto k | 2 ln B | Evidence against it |", "|---|---|---|---|---|---|"]
+    for row in record["compare"]["candidates"]:
+        error = f" ± {row['log_z_error']:.1g}" if row["log_z_error"] else ""
+        k = "–" if row["pareto_k"] is None else f"{row['pareto_k']:.2g}".replace("-", MINUS)
+        words = "; ".join(
+            [row["words"], *(f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"])]
+        )
+        log_z = f"{row['log_z']:.2f}".replace("-", MINUS)
+        lines.append(
+            f"| `{row['hypothesis']}` | `{row['case']}` | {log_z}{error} | {k} | {row['two_log_b']:.1f} | {words} |"
+        )
+    return lines
+
+
+def _made(record: Record) -> list[str]:
+    e = record["environment"]
+    packages = ", ".join(f"{name} {version}" for name, version in e["packages"].items())
+    return [f"Runs of {e['date']}, {e['system']}, Python {e['python']}, {packages}."]
+
+
+BLOCKS: dict[str, Callable[..., list[str]]] = {
+    "run": _run,
+    "check": _check,
+    "identify": _identify,
+    "verdicts": _verdicts,
+    "intervals": _intervals,
+    "cases": _cases,
+    "compare": _compare,
+    "made": _made,
+}
