@@ -7,6 +7,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CASE := clamped_beam
+MARKS ?= not science
 
 # The linear algebra is small: more BLAS threads only get in each other's way, and in xdist's.
 export OPENBLAS_NUM_THREADS = 1
@@ -15,7 +16,7 @@ export OMP_NUM_THREADS = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:  # two pip runs in one environment break it
-.PHONY: help report test lint docs bench science clean
+.PHONY: help report test lint docs bench numbers science clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,8 +26,8 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 	@echo "Written:"
 	@find reports/$(CASE) -type f | LC_ALL=C sort | sed 's/^/  /'
 
-test: $(VENV)/.stamp-test  ## run the tests
-	$(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST_ARGS)
+test: $(VENV)/.stamp-test  ## run the tests but those marked science; MARKS= runs them all
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(MARKS)" $(PYTEST_ARGS)
 
 lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy
 	$(BIN)/ruff check .
@@ -41,6 +42,9 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 	$(BIN)/python -m benchmarks.samplers
 	$(BIN)/python -m benchmarks.uncertain
 	$(BIN)/python -m benchmarks.noise
+
+numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README and docs quote of them (minutes)
+	$(BIN)/python -m benchmarks.numbers
 
 science: $(VENV)/.stamp-test  ## the long studies against known truths: hours
 	$(BIN)/python -m benchmarks.mode_found

@@ -19,14 +19,12 @@ from typing import Any
 from benchmarks import quoted
 from benchmarks.record import environment
 
-__all__ = ["CLAIM", "COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped"]
+__all__ = ["COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped"]
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
 RECORD = ROOT / "docs" / "numbers.json"
 STIFFNESSES = ("k11", "k12", "k22")
-#: What the comment of a case file says of a command: "`check` exits 0".
-CLAIM = re.compile(r"^#.*?`(\w+)` exits (\d)", re.MULTILINE)
 #: Cases whose hypotheses docs/comparison.md weighs.
 COMPARED = ("clamped_beam_frequencies", "clamped_beam_frequencies_360mm")
 #: What docs/paper.md shows of the paper's iteration: name, case, and what is changed in it.
@@ -92,6 +90,9 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         "explains": summary["check"]["explains"],
         "chi2_per_line": _short(summary["check"]["chi2_per_line"]),
         "mode_agrees": summary["map"]["mode_agrees"],
+        "steps": summary["sampler"]["steps"],
+        "tau": _short(max(summary["sampler"]["tau"].values())),
+        "efficiency": _short(summary["sampler"]["proposal_efficiency"]),
         "combinations": known.get("sentence"),
         **{k: _stiffness(summary["parameters"][k], spec.get("reference", {}).get(k)) for k in STIFFNESSES},
         **({} if checked is None else {"check": {"exit": checked[0], "printed": checked[1]}}),

@@ -57,7 +57,9 @@ def looked_up(record: Record, path: str) -> Any:
 
 
 def printed(value: Any, style: str = "") -> str:
-    """A value in the format of Python, a stiffness such as 1.36e10 in the style ``3e``, text as it is."""
+    """A value in a format of Python, or the style ``3e`` (1.36e10) or ``code``; text as it is."""
+    if style == "code":
+        return f"`{value}`"
     if not isinstance(value, int | float) or isinstance(value, bool):
         return str(value)
     if style.endswith("e"):

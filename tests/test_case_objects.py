@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import simpson
 
 import jointbayes as jb
+from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
 from jointbayes.inference import (
     CorrelatedNoise,
@@ -121,6 +122,38 @@ def test_without_a_shear_coefficient_the_beam_has_that_of_cowper(shape):
     without_shear = L**3 / (3 * E * inertia) + 1 / 1e12 + L**2 / 1e10
     shear = receptance(case, [1e12, 0.0, 1e10]).real - without_shear
     assert L / (G * area) / shear == pytest.approx(kappa, rel=1e-4)
+
+
+@pytest.mark.parametrize("direction", ["y", "z"])
+def test_a_box_that_is_not_square_shears_differently_in_its_two_directions(direction):
+    width, height, wall = 0.080, 0.120, 0.002
+    case = case_of(
+        (CIRCLE, 'shape = "box"\nwidth_mm = 80.0\nheight_mm = 120.0\nwall_mm = 2.0'),
+        *(SPACE if direction == "z" else ()),
+    )
+    across, along = (width, height) if direction == "y" else (height, width)
+    inertia = (across * along**3 - (across - 2 * wall) * (along - 2 * wall) ** 3) / 12
+    area = width * height - (width - 2 * wall) * (height - 2 * wall)
+    # Cowper (1966), thin-walled box, sides at mid-wall: n = flange over web, m = n as the walls are of one thickness
+    n = m = (across - wall) / (along - wall)
+    kappa = (10 * (1 + NU) * (1 + 3 * m) ** 2) / (
+        (12 + 72 * m + 150 * m**2 + 90 * m**3)
+        + NU * (11 + 66 * m + 135 * m**2 + 90 * m**3)
+        + 10 * n**2 * ((3 + NU) * m + 3 * m**2)
+    )
+    shear = receptance(case, [1e12, 0.0, 1e10], f"5:{direction}").real - L**3 / (3 * E * inertia) - 1e-12 - L**2 / 1e10
+    assert L / (G * area) / shear == pytest.approx(kappa, rel=1e-4)
+
+
+@pytest.mark.parametrize(("factor", "possible"), [(1.0, True), (1.001, False), (-0.999, True), (-1.001, False)])
+def test_a_stated_joint_is_refused_as_soon_as_it_is_not_positive_semidefinite(factor, possible):
+    k12 = factor * math.sqrt(5.05e9 * 1.52e6)
+    changes = (TRUTH, f"{TRUTH}\n"), ("k12 = 3.44e7                 # N", f"k12 = {k12!r}")
+    if possible:
+        assert case_of(*changes).spec.data.truth.k12 == k12
+    else:
+        with pytest.raises(CaseError, match=r"data\.truth\.k12: k12² = .* not positive semidefinite"):
+            case_of(*changes)
 
 
 def test_mass_length_and_accelerometers_move_a_beam_on_soft_springs_as_a_rigid_body():
@@ -329,3 +362,42 @@ def test_the_standard_deviation_of_frequencies_adds_in_squares():
     np.testing.assert_allclose(
         case.problem.measurement.sd_hz, [math.sqrt(0.6**2 + 0.5**2), math.sqrt(3.81**2 + 0.5**2)], rtol=1e-12
     )
+
+
+@pytest.mark.parametrize(("above", "modes"), [(1.05, 2), (1.15, 1)])
+def test_errors_of_natural_frequencies_reach_a_tenth_beyond_the_highest_line(above, modes):
+    second = case_of().problem.natural_frequencies_hz([1e13, 0.0, 1e13], 2)[0, 1]
+    case = case_of(
+        ("f_max_hz = 2500.0\nf_step_hz = 10.0", f"f_max_hz = {second / above:.3f}\nf_step_hz = 0.5"),
+        ("[identification]", "[uncertain.mode_frequencies]\nsd_percent = 3.0\n\n[identification]"),
+    )
+    assert [n.name for n in case.problem.prior.nuisances] == [f"mode_frequency_{i + 1}" for i in range(modes)]
+    assert {n.prior for n in case.problem.prior.nuisances} == {Normal(0.0, 0.03)}
+
+
+KAPPA_CIRCLE = 6 * (1 + NU) / (7 + 6 * NU)
+#: Factor on an uncertain quantity, and the change of the case file that says the same.
+FACTORS = {
+    "youngs_modulus": (1.04, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 218.4")),
+    "density": (0.97, ("density_kg_m3 = 7800.0", "density_kg_m3 = 7566.0")),
+    "length": (1.01, ("length_mm = 383.0", "length_mm = 386.83")),
+    "section_size": (0.98, ("diameter_mm = 25.0", "diameter_mm = 24.5")),
+    "shear_coefficient": (
+        0.9,
+        ('shear_coefficient = "cowper"', f"shear_coefficient = {0.9 * KAPPA_CIRCLE!r}"),
+    ),
+    "accelerometer_mass": (1.5, ("accelerometer_mass_g = 20.0", "accelerometer_mass_g = 30.0")),
+}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_a_factor_on_an_uncertain_quantity_is_that_value_of_its_key(name):
+    factor, (key, changed) = FACTORS[name]
+    sensor = ("supports = []", "supports = []\naccelerometer_mass_g = 20.0")
+    table = ("[identification]", f"[uncertain.{name}]\nsd_percent = 8.0\n\n[identification]")
+    uncertain, stated = case_of(sensor, table), case_of(sensor, (key, changed))
+    k = [5.05e9, 3.44e7, 1.52e6]
+    found = uncertain.problem.natural_frequencies_hz(k, 3, [[factor]])[0]
+    nominal = uncertain.problem.natural_frequencies_hz(k, 3, [[1.0]])[0]
+    np.testing.assert_allclose(found, stated.problem.natural_frequencies_hz(k, 3)[0], rtol=1e-7)
+    assert np.abs(found / nominal - 1).max() > 1e-4

@@ -1,0 +1,136 @@
+"""README and docs quote what the shipped cases printed: every marked place is compared with docs/numbers.json."""
+
+import json
+import re
+
+import pytest
+from benchmarks import numbers, quoted
+
+from jointbayes.check import EXACT_TOLERANCE, NOISY_TOLERANCE_K22, REGION
+from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
+
+AGAIN = "run `python -m benchmarks.numbers` (all cases) or `python -m benchmarks.numbers --write-only` (pages only)"
+
+
+@pytest.fixture(scope="module")
+def record():
+    return json.loads(numbers.RECORD.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", quoted.pages(), ids=lambda page: page.name)
+def test_every_marked_number_and_block_is_that_of_the_record(page, record):
+    text = page.read_text(encoding="utf-8")
+    assert quoted.written(text, record) == text, AGAIN
+    opened, closed = len(re.findall(r"<!--n ", text)), len(re.findall(r"<!--/n-->", text))
+    assert opened == closed == len(quoted.INLINE.findall(text))
+    blocks = re.findall(r"<!--(/?)numbers", text)
+    assert blocks == ["", "/"] * (len(blocks) // 2)
+
+
+def test_the_pages_quote_the_record_at_all():
+    marked = {page.name: quoted.INLINE.findall(page.read_text(encoding="utf-8")) for page in quoted.pages()}
+    assert len(marked["README.md"]) >= 4
+    blocks = {
+        (page.name, kind)
+        for page in quoted.pages()
+        for kind in re.findall(r"<!--numbers (\w+)", page.read_text(encoding="utf-8"))
+    }
+    assert {
+        ("README.md", "run"),
+        ("README.md", "verdicts"),
+        ("quickstart.md", "cases"),
+        ("uncertain.md", "intervals"),
+    } <= (blocks)
+    assert {("comparison.md", "compare"), ("paper.md", "identify"), ("quickstart.md", "check")} <= blocks
+
+
+def test_a_changed_number_in_a_page_is_noticed(record):
+    readme = quoted.pages()[0].read_text(encoding="utf-8")
+    found = quoted.INLINE.search(readme)
+    changed = readme[: found.start(3)] + "9" + readme[found.start(3) :]
+    assert quoted.written(changed, record) == readme
+    terminal = readme.replace("k22: ", "k22: 1", 1)
+    assert terminal != readme
+    assert quoted.written(terminal, record) == readme
+
+
+def test_the_record_holds_every_case_that_says_that_it_runs(record):
+    runnable = [name for name, path in numbers.shipped().items() if "run" in numbers.claims(path)]
+    assert list(record["cases"]) == runnable
+
+
+@pytest.mark.parametrize("name", list(numbers.shipped()))
+def test_the_record_is_of_the_case_file_as_it_is_now(name, record):
+    path = numbers.shipped()[name]
+    claimed = numbers.claims(path)
+    assert claimed, f"{path.name}: the comments say of no command what it exits with"
+    if "run" in claimed:
+        case = record["cases"][name]
+        assert case["config"] == numbers.fingerprint(path), f"{name} has changed: {AGAIN}"
+        assert case["exit"] == claimed["run"]
+        assert case.get("check", {}).get("exit") == claimed.get("check")
+
+
+def test_the_terminal_block_says_what_the_record_says(record):
+    for case in record["cases"].values():
+        for k in ("k11", "k12", "k22"):
+            line = next(line for line in case["printed"] if line.startswith(f"{k}: "))
+            assert case[k]["verdict"] in line
+            values = [float(number) for number in re.findall(r"-?\d\.\d+e[+-]\d+", line)]
+            for end in ("low", "high"):
+                assert any(value == pytest.approx(case[k][end], rel=6e-3) for value in values), (k, end, line)
+
+
+@pytest.mark.parametrize(
+    ("value", "style", "text"),
+    [
+        (3.8345, ".2g", "3.8"),
+        (42.8, ".2g", "43"),
+        (-12.913, ".1f", "−12.9"),
+        (13553170353.1, "3e", "1.36e10"),
+        (0.00123, "2e", "1.2e−3"),
+        ("not identified", "", "not identified"),
+        ("springs", "code", "`springs`"),
+    ],
+)
+def test_values_are_printed_in_their_style(value, style, text):
+    assert quoted.printed(value, style) == text
+
+
+#: How the pages state the limits of the verdicts: pattern, the constants of its groups.
+LIMITS = (
+    (r"(?<!weakly )identified up to ([\d.]+\d)", (IDENTIFIED_RATIO,)),
+    (r"weakly identified up to ([\d.]+\d|\d)", (WEAK_RATIO,)),
+    (r"at most ([\d.]+) times the lower", (IDENTIFIED_RATIO,)),
+    (r"\*weakly identified\*:? (?:if )?at most ([\d.]+) times", (WEAK_RATIO,)),
+    (r"\| identified \| at most (\S+) \| at least (\S+) \|", (IDENTIFIED_RATIO, LEAST_CONTRACTION)),
+    (r"\| weakly identified \| at most (\S+) \| at least (\S+) \|", (WEAK_RATIO, LEAST_CONTRACTION)),
+    (r"\| not identified \| above (\S+), \*or\* \| below (\S+) \|", (WEAK_RATIO, LEAST_CONTRACTION)),
+)
+
+
+def test_the_limits_of_the_verdicts_in_prose_are_the_constants():
+    stated = []
+    for page in quoted.pages():
+        text = " ".join(page.read_text(encoding="utf-8").split())
+        for pattern, constants in LIMITS:
+            for match in re.finditer(pattern, text):
+                stated.append((page.name, pattern))
+                assert tuple(map(float, match.groups())) == constants, (page.name, match[0])
+    assert {("README.md", LIMITS[i][0]) for i in (2, 3)} <= set(stated)
+    assert {("quickstart.md", LIMITS[i][0]) for i in (2, 3)} <= set(stated)
+    assert {("method.md", LIMITS[i][0]) for i in (4, 5, 6)} <= set(stated)
+
+
+def test_the_tolerances_of_the_check_in_prose_are_the_constants():
+    readme = next(iter(quoted.pages())).read_text(encoding="utf-8")
+    assert f"each stiffness within {100 * EXACT_TOLERANCE:g} %" in readme
+    assert f"k22 within {100 * NOISY_TOLERANCE_K22:g} %, published joint inside the {100 * REGION:g} % region" in readme
+    for path in numbers.shipped().values():
+        comments = " ".join(
+            line.strip("# ") for line in path.read_text(encoding="utf-8").splitlines() if "#" in line[:1]
+        )
+        for stated in re.findall(r"k22 comes back within (\S+) %", comments):
+            assert float(stated) == 100 * NOISY_TOLERANCE_K22
+        for stated in re.findall(r"each stiffness comes back within (\S+) %", comments):
+            assert float(stated) == 100 * EXACT_TOLERANCE

@@ -1,0 +1,85 @@
+"""Every case file of the repository does what its comments say, run by the command line as a user runs it."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks import numbers
+from click.testing import CliRunner
+
+from jointbayes.cli import main
+
+CASES = numbers.shipped()
+RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
+RUN = [name for name, path in CASES.items() if "run" in numbers.claims(path)]
+#: Draws of a run on another machine differ; their quantiles by a few per cent of the interval's width.
+SAME = 0.1
+
+
+def comments(path: Path) -> str:
+    """The comment lines of a case file as one text."""
+    lines = (line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#"))
+    return " ".join(lines)
+
+
+def test_every_case_says_what_its_commands_exit_with():
+    assert {name: set(numbers.claims(path)) for name, path in CASES.items()} == {
+        **{name: {"run", "check"} for name in CASES},
+        "clamped_beam_frequencies_360mm": {"run"},
+        "virtual_test": {"simulate"},
+    }
+
+
+def test_a_claim_is_read_from_comments_only(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text('# `run` exits 0,\n# and `check` exits 1.\ntitle = "`compare` exits 3"\n', encoding="utf-8")
+    assert numbers.claims(path) == {"run": 0, "check": 1}
+
+
+@pytest.mark.science
+@pytest.mark.parametrize("name", RUN)
+def test_a_shipped_case_runs_to_what_its_comments_say_and_the_pages_quote(name, tmp_path):
+    path, kept = CASES[name], RECORD["cases"][name]
+    result = CliRunner().invoke(main, ["run", str(path), "--out", str(tmp_path / "run")])
+    assert result.exit_code == numbers.claims(path)["run"], result.output
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["converged"]
+    said = comments(path)
+    assert summary["check"]["explains"] == ("does not explain the data" not in said)
+    assert summary["check"]["explains"] == kept["explains"]
+    for k in ("k11", "k12", "k22"):
+        entry = summary["parameters"][k]
+        assert entry["verdict"] == kept[k]["verdict"]
+        found = np.array([entry["median"], *entry["interval95"]])
+        quoted = np.array([kept[k][key] for key in ("median", "low", "high")])
+        logs = (found, quoted) if kept[k]["ratio"] is None else (np.log(np.abs(found)), np.log(np.abs(quoted)))
+        assert np.abs(logs[0] - logs[1]).max() < SAME * abs(logs[1][2] - logs[1][1]), (k, found, quoted)
+    for sentence, expected in (
+        ("none of the three stiffnesses is then identified", {"not identified"}),
+        ("all three stiffnesses are identified", {"identified"}),
+    ):
+        if sentence in said:
+            assert {entry["verdict"] for entry in summary["parameters"].values()} == expected
+
+
+@pytest.mark.science
+@pytest.mark.parametrize("name", [name for name, path in CASES.items() if "check" in numbers.claims(path)])
+def test_the_check_of_a_shipped_case_exits_as_its_comments_say(name):
+    path = CASES[name]
+    result = CliRunner().invoke(main, ["check", str(path)])
+    assert result.exit_code == numbers.claims(path)["check"], result.output
+    lines = result.stdout.splitlines()
+    assert ("FAIL" in result.stdout) == (result.exit_code == 1)
+    # nothing that lies far off may be called ok
+    for line in lines:
+        off = re.search(r"\(([+-][\d.]+) %\)", line)
+        assert not (line.startswith("ok") and off and abs(float(off[1])) > 2), line
+
+
+def test_the_virtual_test_simulates(tmp_path):
+    path = CASES["virtual_test"]
+    result = CliRunner().invoke(main, ["simulate", str(path), "--out", str(tmp_path / "tip.uff")])
+    assert result.exit_code == numbers.claims(path)["simulate"], result.output
+    assert (tmp_path / "tip.uff").stat().st_size > 10_000
