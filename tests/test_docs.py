@@ -19,7 +19,7 @@ from jointbayes.cli import main
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
-from tests.conftest import CONFIGS, TABLE_3
+from tests.conftest import CONFIGS, TABLE_3, edited
 
 ROOT = CONFIGS.parent
 README = ROOT / "README.md"
@@ -181,3 +181,27 @@ def test_the_readme_states_the_exit_codes_of_the_command_line():
     assert f"**{cli.NOT_MATCHED}** the check does not match" in text
     assert f"**{cli.BAD_INPUT}** bad input" in text
     assert f"**{cli.NOT_CONVERGED}** the sampler has not converged" in text
+
+
+def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch):
+    shown = (DOCS / "exit-codes-and-errors.md").read_text(encoding="utf-8")
+    right = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+    slips = {
+        "typo": (("length_mm = 383.0", "lenght_mm = 383.0"),),
+        "three": (("length_mm = 383.0", 'length_mm = "383"'), ("diameter_mm = 25.0", "diameter_mm = -25.0")),
+    }
+    (tmp_path / "configs").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for name, changes in slips.items():
+        path = Path("configs") / f"{name}.toml"
+        path.write_text(edited(right, *changes), encoding="utf-8")
+        with pytest.raises(jb.CaseError) as caught:
+            jb.load_case(path)
+        assert f"jointbayes: {caught.value}\n```" in shown, caught.value
+    Path("configs/clamped_beam.toml").write_text(right, encoding="utf-8")
+    with pytest.raises(jb.CaseError) as caught:
+        jb.load_case("configs/clamped_bem.toml")
+    assert f"jointbayes: {caught.value}\n" in shown
+    with pytest.raises(jb.MeasurementError) as caught:
+        jb.load_posterior("missing.nc")
+    assert f"jointbayes: {caught.value}\n" in shown

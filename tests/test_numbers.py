@@ -7,6 +7,7 @@ import pytest
 from benchmarks import numbers, quoted
 
 from jointbayes.check import EXACT_TOLERANCE, NOISY_TOLERANCE_K22, REGION
+from jointbayes.paper import audit
 from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
 
 AGAIN = "run `python -m benchmarks.numbers` (all cases) or `python -m benchmarks.numbers --write-only` (pages only)"
@@ -120,6 +121,13 @@ def test_the_limits_of_the_verdicts_in_prose_are_the_constants():
     assert {("README.md", LIMITS[i][0]) for i in (2, 3)} <= set(stated)
     assert {("quickstart.md", LIMITS[i][0]) for i in (2, 3)} <= set(stated)
     assert {("method.md", LIMITS[i][0]) for i in (4, 5, 6)} <= set(stated)
+
+
+def test_the_audit_of_the_paper_in_the_docs_is_what_it_finds():
+    page = (numbers.ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    for finding in audit():
+        assert finding.claim in page
+        assert finding.found in page, finding.found
 
 
 def test_the_tolerances_of_the_check_in_prose_are_the_constants():
