@@ -183,6 +183,21 @@ def test_the_readme_states_the_exit_codes_of_the_command_line():
     assert f"**{cli.NOT_CONVERGED}** the sampler has not converged" in text
 
 
+def test_readme_and_first_page_say_the_same_about_what_is_missing():
+    first, readme = ((DOCS / "index.md"), README)
+    heading = "What it does not do yet"
+    here, there = (dict(_sections(page))[heading].strip() for page in (first, readme))
+    assert here == there.replace("](docs/", "](")
+
+
+def test_the_quick_start_lists_every_case_of_the_repository():
+    listed = dict(_sections(DOCS / "quickstart.md"))["The cases in `configs/`"]
+    named = re.findall(r"`(\w+\.toml)`", listed)
+    assert sorted(set(named)) == sorted(path.name for path in CONFIGS.glob("*.toml"))
+    rows = re.findall(r"^\| `(\w+\.toml)` \|", listed, re.MULTILINE)
+    assert sorted([*rows, "virtual_test.toml"]) == sorted(path.name for path in CONFIGS.glob("*.toml"))
+
+
 def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch):
     shown = (DOCS / "exit-codes-and-errors.md").read_text(encoding="utf-8")
     right = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")

@@ -24,6 +24,8 @@ def test_every_marked_number_and_block_is_that_of_the_record(page, record):
     assert quoted.written(text, record) == text, AGAIN
     opened, closed = len(re.findall(r"<!--n ", text)), len(re.findall(r"<!--/n-->", text))
     assert opened == closed == len(quoted.INLINE.findall(text))
+    # Markdown takes a line that begins with a comment for HTML, and shows what follows on it as it is
+    assert not re.search(r"^ *<!--n ", text, re.MULTILINE)
     blocks = re.findall(r"<!--(/?)numbers", text)
     assert blocks == ["", "/"] * (len(blocks) // 2)
 
