@@ -147,32 +147,38 @@ def run_iteration(name: str, changes: tuple[tuple[str, str], ...]) -> dict[str, 
     return {"printed": printed, "steps": int(last[0]), "off_percent": off}
 
 
+def renewed(record: dict[str, Any], part: str) -> dict[str, Any]:
+    """The record with one part run again."""
+    found = environment()
+    packages = {name: version for name, version in found["packages"].items() if version}
+    made = {**{key: found[key] for key in ("date", "cpu", "system", "python")}, "packages": packages}
+    if part == "compare":
+        return {**record, "environment": made, "compare": run_compare()}
+    if part == "identify":
+        return {**record, "environment": made, "identify": {k: run_iteration(*what) for k, what in ITERATIONS.items()}}
+    cases = {**record["cases"], part: run_case(part, shipped()[part])}
+    return {**record, "environment": made, "cases": {name: cases[name] for name in runnable() if name in cases}}
+
+
+def runnable() -> list[str]:
+    """Cases whose comments say that they run."""
+    return [name for name, path in shipped().items() if "run" in claims(path)]
+
+
 def main() -> None:
     """Run what is asked for, keep it, and write README and docs from the record."""
-    runnable = [name for name, path in shipped().items() if "run" in claims(path)]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parts = [*runnable, "compare", "identify"]
+    parts = [*runnable(), "compare", "identify"]
     parser.add_argument("part", nargs="*", help=f"what to run again; by default all of {', '.join(parts)}")
     parser.add_argument("--write-only", action="store_true", help="run nothing; write README and docs from the record")
     options = parser.parse_args()
     unknown = set(options.part) - set(parts)
     if unknown:
         parser.error(f"found {', '.join(sorted(unknown))}; expected some of {', '.join(parts)}")
-    wanted = [] if options.write_only else options.part or parts
     record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"cases": {}}
-    for name in wanted:
-        print(name, flush=True)
-        if name == "compare":
-            record["compare"] = run_compare()
-        elif name == "identify":
-            record["identify"] = {key: run_iteration(*what) for key, what in ITERATIONS.items()}
-        else:
-            record["cases"][name] = run_case(name, shipped()[name])
-    record["cases"] = {name: record["cases"][name] for name in runnable if name in record["cases"]}
-    if wanted:
-        found = environment()
-        packages = {name: version for name, version in found["packages"].items() if version}
-        record["environment"] = {**{k: found[k] for k in ("date", "cpu", "system", "python")}, "packages": packages}
+    for part in [] if options.write_only else options.part or parts:
+        print(part, flush=True)
+        record = renewed(record, part)
         RECORD.write_text(json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
     for page in quoted.pages():
         text = page.read_text(encoding="utf-8")

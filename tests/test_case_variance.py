@@ -64,3 +64,14 @@ def test_repeats_give_the_degrees_of_freedom_of_their_scatter():
 def test_coherence_gives_the_degrees_of_freedom_of_its_averages():
     frf = replace(exact_frf(), coherence=np.full(exact_frf().values.shape, 0.99), averages=7)
     assert variance_of([frf], schema.VarianceSpec(source="coherence"), "tip.npz")[3] == 12
+
+
+def test_averages_that_the_case_states_go_before_those_of_the_file():
+    frf = replace(exact_frf(), coherence=np.full(exact_frf().values.shape, 0.9), averages=7)
+    spec = schema.VarianceSpec(source="coherence", averages=21)
+    found, variance, words, dof = variance_of([frf], spec, "tip.npz")
+    assert (found.averages, dof) == (21, 40)
+    assert "21 averages" in words
+    np.testing.assert_allclose(variance, np.abs(frf.values) ** 2 * 0.1 / 0.9 / 20, rtol=1e-12)
+    unsaid, *_ = variance_of([replace(frf, averages=None)], spec, "tip.npz")
+    assert unsaid.averages == 21

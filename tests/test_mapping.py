@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.mapping import Channel, map_records
+from jointbayes.measurement.mapping import Channel, ChannelMap, map_records
 from jointbayes.measurement.records import FrfRecord
 
 LINES = np.array([10.0, 20.0, 30.0])
@@ -82,3 +82,10 @@ def test_a_force_that_is_not_mapped_is_named():
 def test_a_file_without_frfs_is_refused():
     with pytest.raises(MeasurementError, match="found no FRF"):
         map_records([], channels(), "tip.uff")
+
+
+def test_a_sensor_has_its_mass_where_it_responds_and_not_where_the_channel_is_the_force():
+    known = ChannelMap({"12": Channel("5:y", gain=2.0, accelerometer_mass=0.003)})
+    assert known.use("12", "response").accelerometer_mass == 0.003
+    assert known.use("12", "force").accelerometer_mass == 0.0
+    assert known.use("12", "force").factor == 2.0
