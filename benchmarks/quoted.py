@@ -5,6 +5,7 @@ A block: ``<!--numbers run clamped_beam-->`` on a line of its own, then the bloc
 of blocks are the keys of `BLOCKS`.
 """
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -95,11 +96,19 @@ def _identify(record: Record, name: str) -> list[str]:
 
 
 def _ends(entry: Record) -> str:
-    return f"{stiffness(entry['low'])} to {stiffness(entry['high'])}"
+    """Both ends, with three digits or as many as tell them apart."""
+    low, high = entry["low"], entry["high"]
+    relative = (high - low) / max(abs(low), abs(high))
+    digits = max(3, math.ceil(-math.log10(relative)) + 1)
+    return f"{stiffness(low, digits)} to {stiffness(high, digits)}"
 
 
 def _ratio(entry: Record) -> str:
-    return "either sign" if entry["ratio"] is None else f"{entry['ratio']:.3g}"
+    """Upper end over lower: its difference from 1 with a digit at least."""
+    ratio = entry["ratio"]
+    if ratio is None:
+        return "either sign"
+    return f"{ratio:.3g}" if ratio >= 10 else f"{ratio:.{max(2, math.ceil(-math.log10(ratio - 1)))}f}"
 
 
 def _verdicts(record: Record, name: str) -> list[str]:

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.inference import JointPrior, LogPosterior, Normal, Problem, Uniform, likelihood_of
+from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform, likelihood_of
 from jointbayes.joint import LogStiffness, SignedCoupling, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor
@@ -299,3 +299,8 @@ def test_points_outside_do_not_disturb_those_inside():
     mixed = density(np.array([inside[0], [20.0, 10.0, 2.0], inside[1]]))
     assert np.isneginf(mixed[1])
     assert_allclose(mixed[[0, 2]], density(inside), rtol=1e-12)
+
+
+def test_the_forward_model_is_made_for_six_standard_deviations_of_a_normal_quantity():
+    assert Nuisance("length", "mm", 383.0, Normal(0.1, 0.02)).range == pytest.approx((-0.02, 0.22))
+    assert Nuisance("length", "mm", 383.0, Uniform(-0.3, 0.2)).range == (-0.3, 0.2)

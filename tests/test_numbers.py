@@ -100,6 +100,21 @@ def test_values_are_printed_in_their_style(value, style, text):
     assert quoted.printed(value, style) == text
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "ends", "ratio"),
+    [
+        (3.53402e9, 1.35532e10, "3.53e9 to 1.36e10", "3.84"),
+        (1.51689e6, 1.52193e6, "1.517e6 to 1.522e6", "1.003"),
+        (8.72e5, 3.39e7, "8.72e5 to 3.39e7", "38.9"),
+        (-1.69e8, 1.33e6, "−1.69e8 to 1.33e6", "either sign"),
+    ],
+)
+def test_an_interval_has_the_digits_that_tell_its_ends_apart(low, high, ends, ratio, record):
+    entry = {"low": low, "high": high, "ratio": high / low if low > 0 else None, "unit": "N", "verdict": "identified"}
+    made = {**record, "cases": {"one": dict.fromkeys(("k11", "k12", "k22"), entry)}}
+    assert quoted.BLOCKS["intervals"](made, "one")[2] == f"| one | k11 | {ends} | {ratio} | identified |"
+
+
 #: How the pages state the limits of the verdicts: pattern, the constants of its groups.
 LIMITS = (
     (r"(?<!weakly )identified up to ([\d.]+\d)", (IDENTIFIED_RATIO,)),
