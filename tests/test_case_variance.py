@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from jointbayes import case_schema as schema
 from jointbayes.case_variance import variance_of
@@ -75,3 +76,14 @@ def test_averages_that_the_case_states_go_before_those_of_the_file():
     np.testing.assert_allclose(variance, np.abs(frf.values) ** 2 * 0.1 / 0.9 / 20, rtol=1e-12)
     unsaid, *_ = variance_of([replace(frf, averages=None)], spec, "tip.npz")
     assert unsaid.averages == 21
+
+
+@pytest.mark.parametrize(("times_stated", "smooth"), [(2.0, True), (5.0, False)])
+def test_a_modal_fit_tells_the_magnitude_only_where_it_is_within_ten_of_the_stated_variance(times_stated, smooth):
+    exact, rng = exact_frf(), np.random.default_rng(7)
+    magnitude = np.abs(exact.values)
+    sd = times_stated * (LAW.relative * magnitude + LAW.floor * np.median(magnitude, axis=0)) / 10
+    real, imag = rng.standard_normal((2, *exact.values.shape))
+    law = LAW.model_copy(update={"relative": LAW.relative / 10, "floor": LAW.floor / 10})
+    words = variance_of([replace(exact, values=exact.values + sd * (real + 1j * imag))], law, "tip.npz")[2]
+    assert ("modal fit" in words) == smooth
