@@ -86,9 +86,11 @@ def _check(record: Record, name: str) -> list[str]:
     return _fenced(record["cases"][name]["check"]["printed"])
 
 
-def _identify(record: Record, name: str) -> list[str]:
-    """All lines, but of many steps only the first nine and the last."""
+def _identify(record: Record, name: str, part: str = "all") -> list[str]:
+    """All lines or those of the iteration, but of many steps only the first nine and the last."""
     lines = record["identify"][name]["printed"]
+    if part == "iteration":
+        lines = lines[: next(i for i, line in enumerate(lines) if line.startswith("The paper's iteration")) + 1]
     steps = [i for i, line in enumerate(lines) if re.match(r" *\d+ ", line)]
     if len(steps) > 12:
         lines = [*lines[: steps[9]], "   …", *lines[steps[-1] :]]

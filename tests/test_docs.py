@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
@@ -19,6 +20,7 @@ from jointbayes.cli import main
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
+from jointbayes.workflow import package_versions
 from tests.conftest import CONFIGS, TABLE_3, edited
 
 ROOT = CONFIGS.parent
@@ -181,6 +183,13 @@ def test_the_readme_states_the_exit_codes_of_the_command_line():
     assert f"**{cli.NOT_MATCHED}** the check does not match" in text
     assert f"**{cli.BAD_INPUT}** bad input" in text
     assert f"**{cli.NOT_CONVERGED}** the sampler has not converged" in text
+
+
+def test_the_versions_of_a_run_name_every_dependency_but_those_that_only_read_print_or_store():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = {re.split(r"[<>=]", requirement)[0] for requirement in project["dependencies"]}
+    without_numbers = {"h5netcdf", "h5py", "pydantic", "click", "rich", "jinja2"}
+    assert package_versions().keys() == needed - without_numbers | {"python", "jointbayes"}
 
 
 def test_readme_and_first_page_say_the_same_about_what_is_missing():

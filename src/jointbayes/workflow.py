@@ -379,5 +379,6 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
 
 def package_versions() -> dict[str, str]:
     """Version of Python and of every package that numbers depend on."""
-    packages = ("jointbayes", "numpy", "scipy", "emcee", "arviz", "xarray", "matplotlib", "corner", "typst")
+    numbers = ("jointbayes", "numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
+    packages = (*numbers, "matplotlib", "corner", "typst")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
