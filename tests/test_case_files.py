@@ -332,6 +332,16 @@ def test_a_missed_first_mode_is_noticed(tmp_path):
         loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nmodes = 4\n\n[data.ch"))
 
 
+def test_what_the_modal_fit_cannot_know_adds_in_squares_to_the_deviations_of_frequencies(tmp_path):
+    stored(virtual(("5:y",)), tmp_path / "tip.npz")
+    bare, more = (
+        loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", f"\n{lines}\n\n[data.ch")).problem.measurement
+        for lines in ("sd_relative = 0.0\nsd_hz = 0.0", "sd_relative = 0.002\nsd_hz = 0.7")
+    )
+    added = np.sqrt(more.sd_hz**2 - bare.sd_hz**2)
+    np.testing.assert_allclose(added, np.hypot(0.002 * bare.frequency_hz, 0.7), rtol=1e-6)
+
+
 @pytest.mark.parametrize(("above", "missed"), [(1.10, False), (1.20, True)])
 def test_a_mode_counts_as_missed_from_15_percent_above_that_of_a_rigid_joint(tmp_path, above, missed):
     rigid, found = (truth().problem.natural_frequencies_hz(k, 1)[0, 0] for k in ([1e13, 0.0, 1e13], TABLE_3))
