@@ -94,13 +94,16 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         "tau": _short(max(summary["sampler"]["tau"].values())),
         "efficiency": _short(summary["sampler"]["proposal_efficiency"]),
         "combinations": known.get("sentence"),
-        **{k: _stiffness(summary["parameters"][k], spec.get("reference", {}).get(k)) for k in STIFFNESSES},
+        **{k: _stiffness(k, summary["parameters"][k], spec.get("reference", {}).get(k), printed) for k in STIFFNESSES},
         **({} if checked is None else {"check": {"exit": checked[0], "printed": checked[1]}}),
     }
 
 
-def _stiffness(entry: dict[str, Any], reference: float | None) -> dict[str, Any]:
+def _stiffness(name: str, entry: dict[str, Any], reference: float | None, printed: list[str]) -> dict[str, Any]:
+    """One stiffness; the Monte Carlo errors and the one-sided limit where the summary has them."""
     low, high = entry["interval95"]
+    errors = dict(zip(("low_error", "high_error"), entry.get("interval95_error", ()), strict=False))
+    optional = {"median_error": entry.get("median_error"), **errors, "limit": entry.get("limit95")}
     return {
         "unit": entry["unit"],
         "reference": reference,
@@ -109,8 +112,19 @@ def _stiffness(entry: dict[str, Any], reference: float | None) -> dict[str, Any]
         "high": _short(high),
         "ratio": _short(max(high / low, low / high)) if low * high > 0 else None,
         "mode": _short(entry["mode"]),
+        **{key: _short(value) for key, value in optional.items() if value is not None},
         "verdict": entry["verdict"],
+        "words": words_of(name, printed),
     }
+
+
+def words_of(name: str, printed: list[str]) -> str:
+    """The verdict on a stiffness as the terminal words it, without the reason in brackets."""
+    line = next(line for line in printed if line.startswith(f"{name}: "))
+    match = re.match(r"\w+: [^:]*: ([^(]+?)(?: \(.*\))?$", line)
+    if match is None:
+        raise SystemExit(f"found no verdict in {line!r}")
+    return match[1]
 
 
 def _short(value: float) -> float:

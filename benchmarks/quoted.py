@@ -98,11 +98,29 @@ def _identify(record: Record, name: str, part: str = "all") -> list[str]:
 
 
 def _ends(entry: Record) -> str:
-    """Both ends, with three digits or as many as tell them apart."""
+    """Both ends, with the digits that their errors support, else three or as many as tell them apart."""
     low, high = entry["low"], entry["high"]
+    if entry.get("limit") is not None:
+        return f"{'above' if 'below' in entry['verdict'] else 'below'} {stiffness(entry['limit'])}, one-sided"
     relative = (high - low) / max(abs(low), abs(high))
     digits = max(3, math.ceil(-math.log10(relative)) + 1)
-    return f"{stiffness(low, digits)} to {stiffness(high, digits)}"
+    ends = (
+        stiffness(entry[end], supported(entry[end], entry[f"{end}_error"]) if f"{end}_error" in entry else digits)
+        for end in ("low", "high")
+    )
+    return " to ".join(ends)
+
+
+def _median(entry: Record) -> str:
+    error = entry.get("median_error")
+    return stiffness(entry["median"], 3 if error is None else supported(entry["median"], error))
+
+
+def supported(value: float, error: float) -> int:
+    """Digits of a value of which the last stands where the first of its error does, one to five."""
+    if not (value and error > 0):
+        return 5
+    return min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1, 1), 5)
 
 
 def _ratio(entry: Record) -> str:
@@ -123,10 +141,10 @@ def _verdicts(record: Record, name: str) -> list[str]:
         cells = (
             k,
             f"{stiffness(e['reference'])} {e['unit']}",
-            stiffness(e["median"]),
+            _median(e),
             _ends(e),
             _ratio(e),
-            e["verdict"],
+            e["words"],
         )
         lines.append(f"| {' | '.join(cells)} |")
     return lines
@@ -137,7 +155,7 @@ def _intervals(record: Record, *names: str) -> list[str]:
     for name in names:
         for k in ("k11", "k12", "k22"):
             e = record["cases"][name][k]
-            lines.append(f"| {name} | {k} | {_ends(e)} | {_ratio(e)} | {e['verdict']} |")
+            lines.append(f"| {name} | {k} | {_ends(e)} | {_ratio(e)} | {e['words']} |")
     return lines
 
 
@@ -146,7 +164,7 @@ def _cases(record: Record) -> list[str]:
     lines = ["| File | What it is | Median and 95 % credible interval | Model explains the data |", "|---|---|---|---|"]
     for name, case in record["cases"].items():
         found = "; ".join(
-            f"{k} {stiffness(case[k]['median'])} {case[k]['unit']} ({_ends(case[k])}): {case[k]['verdict']}"
+            f"{k} {_median(case[k])} {case[k]['unit']} ({_ends(case[k])}): {case[k]['words']}"
             for k in ("k11", "k12", "k22")
         )
         lines.append(f"| `{name}.toml` | {case['title']} | {found} | {'yes' if case['explains'] else 'no'} |")

@@ -74,14 +74,58 @@ def test_the_record_is_of_the_case_file_as_it_is_now(name, record):
         assert case.get("check", {}).get("exit") == claimed.get("check")
 
 
+def holds(line: str, value: float) -> bool:
+    """Whether a number in a line is this value to the digits that it is printed with."""
+    for whole, decimals, exponent in re.findall(r"(-?\d+)(?:\.(\d+))?(?:e([+-]?\d+))?", line):
+        power = int(exponent or 0)
+        printed = float(f"{whole}.{decimals or 0}e{power}")
+        if abs(printed - value) <= 0.51 * 10.0 ** (power - len(decimals)):
+            return True
+    return False
+
+
 def test_the_terminal_block_says_what_the_record_says(record):
     for case in record["cases"].values():
         for k in ("k11", "k12", "k22"):
             line = next(line for line in case["printed"] if line.startswith(f"{k}: "))
             assert case[k]["verdict"] in line
-            values = [float(number) for number in re.findall(r"-?\d\.\d+e[+-]\d+", line)]
-            for end in ("low", "high"):
-                assert any(value == pytest.approx(case[k][end], rel=6e-3) for value in values), (k, end, line)
+            assert case[k]["words"] in line
+            for end in ["limit"] if "limit" in case[k] else ["low", "high"]:
+                assert holds(line, case[k][end]), (k, end, line)
+    assert holds("k11: 95 % 3.534e+09 to 1.36e10", 1.3553e10)
+    assert not holds("k11: 95 % 3.534e+09 to 1.36e10", 1.37e10)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "k11: 4.790e+09 N/m, 95 % 3.534e+09 to 1.355e+10: not identified",
+        "k11: median 5.4e9 N/m, 95 % credible interval 3.5e9 to 1.36e10: not identified (its interval: too wide (3.8))",
+    ],
+)
+def test_the_words_of_a_verdict_are_read_from_the_terminal_without_their_reason(line):
+    assert numbers.words_of("k11", ["converged", line]) == "not identified"
+
+
+def test_digits_are_those_that_the_errors_support(record):
+    entry = {
+        "unit": "N/m",
+        "reference": 5.05e9,
+        "median": 5.43439e9,
+        "low": 3.53402e9,
+        "high": 1.35532e10,
+        "ratio": 3.8352,
+    }
+    entry |= {"low_error": 5.1e6, "high_error": 2.1e8, "median_error": 3.0e7, "verdict": "x", "words": "not identified"}
+    row = quoted.BLOCKS["verdicts"](of_one(record, entry), "one")[2]
+    assert "| 5.43e9 | 3.534e9 to 1.36e10 | 3.84 | not identified |" in row
+    bounded = of_one(record, {**entry, "limit": 3.9e9, "verdict": "bounded below"})
+    assert "| above 3.90e9, one-sided |" in quoted.BLOCKS["verdicts"](bounded, "one")[2]
+
+
+def of_one(record, entry):
+    """The record with one case whose three stiffnesses are alike."""
+    return {**record, "cases": {"one": dict.fromkeys(("k11", "k12", "k22"), entry)}}
 
 
 @pytest.mark.parametrize(
@@ -110,9 +154,10 @@ def test_values_are_printed_in_their_style(value, style, text):
     ],
 )
 def test_an_interval_has_the_digits_that_tell_its_ends_apart(low, high, ends, ratio, record):
-    entry = {"low": low, "high": high, "ratio": high / low if low > 0 else None, "unit": "N", "verdict": "identified"}
-    made = {**record, "cases": {"one": dict.fromkeys(("k11", "k12", "k22"), entry)}}
-    assert quoted.BLOCKS["intervals"](made, "one")[2] == f"| one | k11 | {ends} | {ratio} | identified |"
+    entry = {"low": low, "high": high, "ratio": high / low if low > 0 else None, "unit": "N", "words": "identified"}
+    assert (
+        quoted.BLOCKS["intervals"](of_one(record, entry), "one")[2] == f"| one | k11 | {ends} | {ratio} | identified |"
+    )
 
 
 #: How the pages state the limits of the verdicts: pattern, the constants of its groups.

@@ -57,12 +57,11 @@ def test_a_shipped_case_runs_to_what_its_comments_say_and_the_pages_quote(name, 
         quoted = np.array([kept[k][key] for key in ("median", "low", "high")])
         logs = (found, quoted) if kept[k]["ratio"] is None else (np.log(np.abs(found)), np.log(np.abs(quoted)))
         assert np.abs(logs[0] - logs[1]).max() < SAME * abs(logs[1][2] - logs[1][1]), (k, found, quoted)
-    for sentence, expected in (
-        ("none of the three stiffnesses is then identified", {"not identified"}),
-        ("all three stiffnesses are identified", {"identified"}),
-    ):
-        if sentence in said:
-            assert {entry["verdict"] for entry in summary["parameters"].values()} == expected
+    verdicts = {entry["verdict"] for entry in summary["parameters"].values()}
+    if "none of the three stiffnesses is then identified" in said:
+        assert not verdicts & {"identified", "weakly identified"}
+    if "all three stiffnesses are identified" in said:
+        assert verdicts == {"identified"}
 
 
 @pytest.mark.science
