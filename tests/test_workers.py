@@ -3,6 +3,7 @@
 import dataclasses
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -11,10 +12,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from jointbayes import case_from_text
+from jointbayes import case_from_text, load_case
 from jointbayes.errors import SamplingError
 from jointbayes.joint import ComplianceChart, LogStiffness
 from jointbayes.sampling import SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.workflow import charts, sample
 from tests.conftest import CONFIGS
 from tests.worker_densities import GaussianInCompliance, failing, gaussian, leaving
 
@@ -42,6 +44,25 @@ def test_two_processes_give_the_same_bits_as_one():
     assert one.move_acceptance == two.move_acceptance
     assert one.evaluations == two.evaluations
     assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_density_of_every_shipped_case_can_be_sent_to_another_process(config):
+    problem = load_case(config).problem
+    theta = problem.prior.sample(np.random.default_rng(4), 40)
+    sent, _ = pickle.loads(pickle.dumps((problem.log_posterior, charts(problem))))
+    assert np.isfinite(sent(theta)).any()
+    assert sent(theta).tobytes() == problem.log_posterior(theta).tobytes()
+
+
+def test_two_processes_sample_a_real_case_to_the_same_bits_and_its_posterior_can_be_pickled(cheap_case):
+    settings = dataclasses.replace(ONE, max_steps=200)
+    one, two = (sample(cheap_case, seed=1, settings=dataclasses.replace(settings, processes=n)) for n in (1, 2))
+    assert one.theta.tobytes() == two.theta.tobytes()
+    assert one.log_density.tobytes() == two.log_density.tobytes()
+    again = pickle.loads(pickle.dumps(two))
+    assert again.theta.tobytes() == two.theta.tobytes()
+    assert again.problem.log_posterior(again.mode_theta) == two.problem.log_posterior(two.mode_theta)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,23 @@
+"""Several processes on every shipped case: the same draws bit for bit as one process."""
+
+import dataclasses
+
+import pytest
+
+from jointbayes import load_case
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import sample
+from tests.conftest import CONFIGS
+
+pytestmark = pytest.mark.science
+
+ONE = SamplerSettings(walkers=16, max_steps=200)
+
+
+@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_two_processes_give_the_same_bits_as_one(config):
+    case = load_case(config)
+    one = sample(case, seed=1, settings=ONE)
+    two = sample(case, seed=1, settings=dataclasses.replace(ONE, processes=2))
+    assert one.theta.tobytes() == two.theta.tobytes()
+    assert one.log_density.tobytes() == two.log_density.tobytes()
