@@ -3,7 +3,9 @@
 import dataclasses
 import datetime
 import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from jointbayes.case import case_from_text
@@ -11,7 +13,7 @@ from jointbayes.posterior import summarise
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.format import interval, number
 from jointbayes.report.model import Callout, Code, Paragraph, Table
-from jointbayes.report.sections import coupling_sentence
+from jointbayes.report.sections import chain_figures, coupling_sentence
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import identify, sample
 from tests.conftest import cheap_text, edited
@@ -265,3 +267,19 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
 def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_posterior, measured):
     report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_tables=True)
     assert len(of_kind(section(report, "frequencies").blocks, Table)[0].rows) == len(measured)
+
+
+def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_posterior):
+    # eleven more columns of the joint's own draws stand for eleven uncertain quantities
+    names = tuple(f"mode_frequency_{i}" for i in range(1, 12))
+    many = SimpleNamespace(
+        problem=SimpleNamespace(names=(*cheap_posterior.problem.names, *names)),
+        theta=np.concatenate([cheap_posterior.theta, *(cheap_posterior.theta[:, :1] + i for i in range(11))], axis=1),
+        log_density=cheap_posterior.log_density,
+        draws=cheap_posterior.draws,
+    )
+    drawn = chain_figures(many, 3)
+    assert [f.identifier for f in drawn] == ["traces", "traces-2", "autocorrelation", "autocorrelation-2"]
+    for first, second in (drawn[:2], drawn[2:]):
+        assert " of ln k11, ln k12, ln k22, ln f1, ln f2, ln f3, ln f4, ln f5" in first.caption
+        assert " of ln f6, ln f7, ln f8, ln f9, ln f10, ln f11" in second.caption

@@ -2,12 +2,13 @@
 
 import os
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from jointbayes.errors import JointBayesError
+from jointbayes.errors import JointBayesError, ReportInterruptedError
 
 if TYPE_CHECKING:
     from jointbayes.case import Case
@@ -19,6 +20,7 @@ NOT_MATCHED = 1
 BAD_INPUT = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
+_WRITTEN = "jointbayes.written"  # in a command's context: what it has written
 
 #: Formats of `simulate`, each with the endings that choose it.
 _FORMATS: dict[str, tuple[str, ...]] = {
@@ -41,9 +43,16 @@ class _Commands(click.Group):
         try:
             return super().invoke(ctx)
         except JointBayesError as error:
+            if os.environ.get("JOINTBAYES_DEBUG"):
+                traceback.print_exc()
             click.echo(f"jointbayes: {error}", err=True)
+        except ReportInterruptedError as error:
+            click.echo(f"jointbayes: {error}", err=True)
+            sys.exit(INTERRUPTED)
         except KeyboardInterrupt:
-            click.echo("jointbayes: interrupted; nothing was written", err=True)
+            written = ctx.meta.get(_WRITTEN)
+            what = f"{written} is whole" if written else "nothing was written"
+            click.echo(f"jointbayes: interrupted; {what}", err=True)
             sys.exit(INTERRUPTED)
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
@@ -75,13 +84,15 @@ def main() -> None:
 def run(config: Path, out: Path | None, seed: int | None) -> None:
     """Identify, sample and write the report of a case file."""
     from jointbayes.case import load_case
-    from jointbayes.run_directory import require_writable, write_report
+    from jointbayes.kept_draws import draws_kept
+    from jointbayes.run_directory import require_writable, write_run
 
     case = load_case(config)
     target = out or Path("reports") / case.name
     require_writable(target)
     posterior = _sample(case, seed)
-    write_report(posterior, target)
+    with draws_kept(posterior, target) as kept:
+        _note_written(write_run(posterior, target, kept))
     _print_summary(posterior)
     click.echo(posterior.check.sentence)
     click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
@@ -125,15 +136,18 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
     """Sample a case and write the draws, without a report."""
     from jointbayes.case import load_case
     from jointbayes.errors import CaseError
+    from jointbayes.kept_draws import save_draws
 
     case = load_case(config)
     target = out or Path(f"{case.name}.nc")
     if not target.absolute().parent.is_dir():
         raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
-    if target.is_dir():
-        raise CaseError(f"{target}: found a directory; expected a file; choose another --out")
+    if target.exists() and not target.is_file():
+        kind = "a directory" if target.is_dir() else "no regular file"
+        raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
     posterior = _sample(case, seed)
-    posterior.save(target)
+    save_draws(posterior, target)
+    _note_written(target)
     _print_summary(posterior)
     click.echo(f"Draws: {target}")
     _exit_by_convergence(posterior)
@@ -144,11 +158,15 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 def report(posterior: Path, out: Path | None) -> None:
     """Write the report of a posterior file."""
-    from jointbayes.run_directory import write_report
+    from jointbayes.kept_draws import draws_explained
+    from jointbayes.run_directory import require_writable, write_run
     from jointbayes.workflow import load_posterior
 
     loaded = load_posterior(posterior)
-    target = write_report(loaded, out or Path("reports") / loaded.record.case_name)
+    target = out or Path("reports") / loaded.record.case_name
+    require_writable(target)
+    with draws_explained(posterior, target):
+        _note_written(write_run(loaded, target))
     click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     _exit_by_convergence(loaded)
 
@@ -297,6 +315,11 @@ def _sample(case: "Case", seed: int | None) -> "Posterior":
 def _tell(line: str) -> None:
     """Print one line of progress."""
     click.echo(line, err=True)
+
+
+def _note_written(path: Path) -> None:
+    """Keep in mind what an interrupted command has written already."""
+    click.get_current_context().meta[_WRITTEN] = path
 
 
 def _print_summary(posterior: "Posterior") -> None:

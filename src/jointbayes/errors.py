@@ -1,6 +1,15 @@
 """The errors a user may see: each is one line that says where, what, what is expected and what to do."""
 
-__all__ = ["CaseError", "JointBayesError", "MeasurementError", "ModelError", "SamplingError"]
+__all__ = [
+    "CaseError",
+    "JointBayesError",
+    "MeasurementError",
+    "ModelError",
+    "ReportError",
+    "ReportInterruptedError",
+    "SamplingError",
+    "WriteError",
+]
 
 
 class JointBayesError(Exception):
@@ -21,3 +30,15 @@ class ModelError(JointBayesError):
 
 class SamplingError(JointBayesError):
     """The sampler was set up in a way that cannot give draws."""
+
+
+class WriteError(JointBayesError):
+    """A file cannot be written: no room, no permission, or something else is there."""
+
+
+class ReportError(JointBayesError):
+    """A report failed after its draws were made; the message names the file that holds them."""
+
+
+class ReportInterruptedError(KeyboardInterrupt):
+    """A report was interrupted after its draws were made; the message names the file that holds them."""

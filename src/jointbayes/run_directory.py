@@ -15,13 +15,22 @@ from numpy.typing import NDArray
 from jointbayes.case import Case, case_from_text
 from jointbayes.comparison import Comparison
 from jointbayes.errors import CaseError
+from jointbayes.kept_draws import draws_kept
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.storage import stored_test
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.comparison import build_comparison_report
 from jointbayes.workflow import identify
 
-__all__ = ["COMPARISON_MARK", "json_text", "require_writable", "write_comparison", "write_report", "write_whole"]
+__all__ = [
+    "COMPARISON_MARK",
+    "json_text",
+    "require_writable",
+    "write_comparison",
+    "write_report",
+    "write_run",
+    "write_whole",
+]
 
 _MARK = "summary.json"  # by which a run directory is known
 #: File by which the directory of a comparison is known.
@@ -30,6 +39,9 @@ COMPARISON_MARK = "compare.json"
 
 def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
     """Write a run directory.
+
+    The draws are on disk, whole, in a file beside the directory, before any figure is drawn; the file goes when the
+    directory is there, and stays where the report fails.
 
     Parameters
     ----------
@@ -49,8 +61,25 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     ------
     CaseError
         If the directory exists and is no run directory.
+    WriteError
+        If not even the draws can be written; where they can be written elsewhere the message says where they are.
+    ReportError, ReportInterruptedError
+        If the report fails or is interrupted: where the draws are, and how to go on.
     """
     target = Path(directory)
+    require_writable(target)
+    with draws_kept(posterior, target) as kept:
+        return write_run(posterior, target, kept)
+
+
+def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> Path:
+    """Write a run directory whose draws are on disk already, in the file `kept` or where they were read from.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and is no run directory.
+    """
     require_writable(target)
     record = posterior.record
     test = stored_test(posterior.tree, record.provenance)
@@ -71,7 +100,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
     files = {"summary.json": json_text(inputs.summary), "case.toml": record.case_text}
-    write_whole(target, report, files, posterior)
+    write_whole(target, report, files, posterior, kept)
     return target
 
 
@@ -111,8 +140,17 @@ def json_text(numbers: dict[str, Any]) -> str:
     return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def write_whole(target: Path, report: Report, files: Mapping[str, str], posterior: Posterior | None = None) -> None:
-    """Write report, figures, other files and draws beside the target, then put them in its place."""
+def write_whole(
+    target: Path,
+    report: Report,
+    files: Mapping[str, str],
+    posterior: Posterior | None = None,
+    kept: Path | None = None,
+) -> None:
+    """Write report, figures, other files and draws beside the target, then put them in its place.
+
+    Draws come from the file `kept` where they are on disk already.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     try:
@@ -124,7 +162,9 @@ def write_whole(target: Path, report: Report, files: Mapping[str, str], posterio
         for name, text in files.items():
             (scratch / name).parent.mkdir(exist_ok=True)
             (scratch / name).write_text(text, encoding="utf-8")
-        if posterior is not None:
+        if kept is not None:
+            _link_or_copy(kept, scratch / "posterior.nc")
+        elif posterior is not None:
             posterior.save(scratch / "posterior.nc")
         scratch.chmod(0o755)  # mkdtemp makes it private
         _swap(scratch, target)
@@ -166,9 +206,23 @@ def _swap(scratch: Path, target: Path) -> None:
         scratch.replace(target)
         return
     old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
-    target.replace(old / "run")
-    scratch.replace(target)
-    shutil.rmtree(old)
+    try:
+        target.replace(old / "run")
+        try:
+            scratch.replace(target)
+        except BaseException:
+            (old / "run").replace(target)
+            raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    """The same file under a second name, which takes no room; a copy where the file system has no such names."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:

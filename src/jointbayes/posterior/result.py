@@ -278,7 +278,13 @@ class Posterior:
         return to_arviz(self.tree)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it."""
+        """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
+
+        Raises
+        ------
+        WriteError
+            If the file cannot be written; an older one is then still there.
+        """
         record = {
             "record": asdict(self.record),
             "mode": {"theta": self.mode_theta.tolist(), "log_density": self.mode_log_density},

@@ -2,8 +2,6 @@
 
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -21,6 +19,7 @@ from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.measurement.measured import MeasuredTest, Provenance
 from jointbayes.sampling import Draws
+from jointbayes.whole_file import write_whole_file
 
 __all__ = [
     "StoredPosterior",
@@ -171,17 +170,19 @@ def estimate_from(record: dict[str, Any]) -> MapEstimate:
 def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLike[str]) -> None:
     """Write groups and record, whole or not at all; the record goes into one JSON attribute.
 
-    NetCDF knows neither booleans nor dictionaries as attributes.
+    NetCDF knows neither booleans nor dictionaries as attributes. The file is made in memory: where a disk is full,
+    the HDF5 library ends the whole process.
+
+    Raises
+    ------
+    WriteError
+        If the file cannot be written.
     """
-    target = Path(path)
     stored = tree.copy()
     stored.attrs = {_ATTRIBUTE: json.dumps({"file_version": FILE_VERSION, **record})}
-    scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-    try:
-        stored.to_netcdf(scratch / target.name, engine="h5netcdf")
-        (scratch / target.name).replace(target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    content = stored.to_netcdf(None, engine="h5netcdf")
+    assert isinstance(content, memoryview)
+    write_whole_file(path, content)
 
 
 def read_record(path: str | os.PathLike[str]) -> StoredPosterior:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from jointbayes.report.model import SERIES_COLOURS
 
 __all__ = [
+    "MOST_CURVES",
     "autocorrelation",
     "corner_plot",
     "evidences",
@@ -28,6 +29,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
+#: Curves that one figure can tell apart by colour.
+MOST_CURVES = len(SERIES_COLOURS)
 _STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "jointbayes",
@@ -206,7 +209,7 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> st
     """Draws over steps, shape (chains, draws, parameters): the median and 95 % range of each ensemble's walkers."""
 
     def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(len(names), 1, sharex=True)
+        panels = canvas.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for i, axes in enumerate(panels):
             for e in np.unique(ensemble):
                 of_ensemble = theta[ensemble == e, :, i]
@@ -219,11 +222,14 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> st
         panels[-1].set_xlabel("Kept draw")
         panels[0].legend(ncols=4, loc="upper right")
 
-    return svg(draw, 7.2, 4.6)
+    return svg(draw, 7.2, max(4.6, 0.9 + 0.8 * len(names)))
 
 
 def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
-    """Autocorrelation over lags in steps, averaged over walkers, from draws of shape (chains, draws, parameters)."""
+    """Autocorrelation over lags in steps, averaged over walkers, from draws of shape (chains, draws, parameters).
+
+    At most `MOST_CURVES` parameters.
+    """
 
     def draw(canvas: Canvas) -> None:
         axes = canvas.subplots()

@@ -14,6 +14,7 @@ from jointbayes.report.knowledge_section import coordinate_label
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Section, Table
 
 __all__ = [
+    "chain_figures",
     "frequency_section",
     "lead",
     "posterior_section",
@@ -239,31 +240,44 @@ def sampling_section(posterior: Posterior, summary: Summary) -> Section:
         ("Time", f"{s['seconds']:.1f} s, {fixed(s['ess_per_second'], 0)} effective draws per second"),
         ("Seed", f"{summary['seed']}"),
     )
-    draws = posterior.draws
-    theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
-    names = [coordinate_label(n) for n in posterior.problem.names]
-    trace = figures.traces(names, theta, draws["ensemble"].values)
-    correlation = figures.autocorrelation(names, theta, s["thin"])
     return Section(
         "sampling",
         "Sampling",
         (
             Table("Sampler", ("Figure", "Value"), rows, align="ll"),
-            Figure(
-                "traces",
-                "Traces after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles lie on "
-                "top of each other and show no trend.",
-                "Traces of the coordinates for each ensemble over the kept draws.",
-                trace,
-            ),
-            Figure(
-                "autocorrelation",
-                "Autocorrelation of the kept draws, averaged over walkers.",
-                "Autocorrelation of each coordinate against lag in steps, falling to zero.",
-                correlation,
-            ),
+            *chain_figures(posterior, s["thin"]),
         ),
     )
+
+
+def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
+    """Traces and autocorrelation of all coordinates, in as many figures as there are colours for."""
+    theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
+    ensemble = posterior.draws["ensemble"].values
+    names = [coordinate_label(n) for n in posterior.problem.names]
+    pages = [slice(i, i + figures.MOST_CURVES) for i in range(0, len(names), figures.MOST_CURVES)]
+    traces, correlations = [], []
+    for count, page in enumerate(pages, 1):
+        suffix = "" if count == 1 else f"-{count}"
+        these = "" if len(pages) == 1 else f" of {', '.join(names[page])}"
+        traces.append(
+            Figure(
+                f"traces{suffix}",
+                f"Traces{these} after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles "
+                "lie on top of each other and show no trend.",
+                "Traces of the coordinates for each ensemble over the kept draws.",
+                figures.traces(names[page], theta[..., page], ensemble),
+            )
+        )
+        correlations.append(
+            Figure(
+                f"autocorrelation{suffix}",
+                f"Autocorrelation{these or ' of the kept draws'}, averaged over walkers.",
+                "Autocorrelation of each coordinate against lag in steps, falling to zero.",
+                figures.autocorrelation(names[page], theta[..., page], thin),
+            )
+        )
+    return [*traces, *correlations]
 
 
 def starts_section(

@@ -1,0 +1,255 @@
+"""Draws that outlive whatever fails after them: on disk before any figure, one line that says how to go on."""
+
+import errno
+import os
+import resource
+import shlex
+import subprocess
+import sys
+import tempfile
+
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli import main
+from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
+from jointbayes.run_directory import write_report
+from jointbayes.whole_file import write_whole_file
+from tests.conftest import cheap_frequencies_text
+
+FAILURES = {
+    "nobody expected it": (IndexError("list index\nout of range"), "found IndexError (list index out of range)"),
+    "disk full": (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "No space left on device"),
+    "out of memory": (MemoryError(), "found MemoryError (no message)"),
+    "one of ours": (CaseError("fonts: found none; expected one"), "fonts: found none; expected one"),
+}
+
+
+def cli(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def content(directory):
+    return {p.relative_to(directory): p.is_file() and p.read_bytes() for p in directory.rglob("*")}
+
+
+def failing(error):
+    def fail(*_arguments, **_options):
+        raise error
+
+    return fail
+
+
+@pytest.fixture
+def config(tmp_path, monkeypatch, frequency_posterior):
+    """A case file whose draws are those of the session."""
+    monkeypatch.setattr("jointbayes.workflow.sample", lambda *_arguments, **_options: frequency_posterior)
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "clamp.toml"
+    path.write_text(cheap_frequencies_text(), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("where", "error", "words"),
+    [("run_directory.case_from_text", *failure) for failure in FAILURES.values()]
+    + [("report.build.summarise", RuntimeError("broken"), "found RuntimeError (broken)")]
+    + [("run_directory.render_pdf", RuntimeError("no fonts"), "found RuntimeError (no fonts)")],
+    ids=[*FAILURES, "in the summary", "in the PDF"],
+)
+def test_a_report_that_fails_leaves_the_draws_and_one_line(
+    config, monkeypatch, frequency_posterior, where, error, words
+):
+    monkeypatch.setattr(f"jointbayes.{where}", failing(error))
+    result = cli("run", config, "--out", "out")
+    assert (result.exit_code, result.stdout) == (2, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"jointbayes: out: no report: {words}; ")
+    assert line.endswith(
+        "the draws are whole in out.posterior.nc; go on with: jointbayes report out.posterior.nc --out out"
+    )
+    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out.posterior.nc"}
+    loaded = jb.load_posterior("out.posterior.nc")
+    assert loaded.theta.tobytes() == frequency_posterior.theta.tobytes()
+
+
+def test_the_line_goes_on_to_the_report_even_from_names_with_blanks(config, monkeypatch):
+    with monkeypatch.context() as broken:
+        broken.setattr("jointbayes.run_directory.render_pdf", failing(RuntimeError("no fonts")))
+        result = cli("run", config, "--out", "my report")
+    command = shlex.split(result.stderr.split("go on with: ")[1])
+    assert command == ["jointbayes", "report", "my report.posterior.nc", "--out", "my report"]
+    result = cli(*command[1:])
+    assert result.exit_code == 0, result.output
+    assert (config.parent / "my report" / "report.pdf").is_file()
+
+
+def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, frequency_posterior):
+    seen = []
+
+    def look(*_arguments, **_options):
+        seen.append(jb.load_posterior("out.posterior.nc").theta.tobytes())
+        raise RuntimeError
+
+    monkeypatch.setattr("jointbayes.run_directory.case_from_text", look)
+    assert cli("run", config, "--out", "out").exit_code == 2
+    assert seen == [frequency_posterior.theta.tobytes()]
+
+
+def test_an_interrupted_report_says_that_the_draws_are_kept(config, monkeypatch):
+    monkeypatch.setattr("jointbayes.run_directory.render_html", failing(KeyboardInterrupt()))
+    result = cli("run", config, "--out", "out")
+    assert (result.exit_code, result.stdout) == (130, "")
+    assert result.stderr == (
+        "jointbayes: interrupted while the report was written; the draws are whole in out.posterior.nc; "
+        "go on with: jointbayes report out.posterior.nc --out out\n"
+    )
+    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out.posterior.nc"}
+
+
+@pytest.mark.parametrize(("command", "written"), [("run", "out"), ("sample", "out")])
+def test_an_interrupt_after_the_writing_says_what_was_written(config, monkeypatch, command, written):
+    monkeypatch.setattr("jointbayes.cli._print_summary", failing(KeyboardInterrupt()))
+    result = cli(command, config, "--out", "out")
+    assert (result.exit_code, result.stderr) == (130, f"jointbayes: interrupted; {written} is whole\n")
+
+
+def test_an_earlier_run_and_its_kept_draws_survive_runs_that_fail(config, monkeypatch):
+    assert cli("run", config, "--out", "out").exit_code == 0
+    before = content(config.parent)
+    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(RuntimeError("broken")))
+    for number, kept in enumerate(("out.posterior.nc", "out.posterior-2.nc", "out.posterior-3.nc"), 1):
+        result = cli("run", config, "--out", "out")
+        assert f"the draws are whole in {kept}; " in result.stderr
+        after = content(config.parent)
+        assert len(after) == len(before) + number
+        assert before.items() <= after.items()
+
+
+def test_an_earlier_run_comes_back_where_the_new_one_cannot_take_its_place(config, monkeypatch):
+    assert cli("run", config, "--out", "out").exit_code == 0
+    before = content(config.parent / "out")
+    rename = type(config).replace
+
+    def not_into_place(self, target):
+        if str(target) == "out" and "old" not in str(self):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return rename(self, target)
+
+    monkeypatch.setattr(type(config), "replace", not_into_place)
+    result = cli("run", config, "--out", "out")
+    assert result.exit_code == 2
+    assert "out: no report: Input/output error; the draws are whole in out.posterior.nc" in result.stderr
+    assert content(config.parent / "out") == before
+    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out", "out.posterior.nc"}
+
+
+def test_a_run_that_ends_well_leaves_the_draws_in_its_directory_only(config, frequency_posterior):
+    assert cli("run", config, "--out", "out").exit_code == 0
+    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out"}
+    assert jb.load_posterior("out/posterior.nc").theta.tobytes() == frequency_posterior.theta.tobytes()
+
+
+def test_a_report_from_a_file_names_that_file_and_makes_no_other(config, monkeypatch, frequency_posterior):
+    frequency_posterior.save("draws.nc")
+    monkeypatch.setattr("jointbayes.run_directory.render_html", failing(RuntimeError("broken")))
+    result = cli("report", "draws.nc")
+    assert result.exit_code == 2
+    assert "the draws are whole in draws.nc; go on with: jointbayes report draws.nc --out reports/" in result.stderr
+    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "draws.nc", "reports"}
+    assert not list((config.parent / "reports").iterdir())
+
+
+def test_python_gets_the_same_with_the_cause_behind_it(config, monkeypatch, frequency_posterior):
+    cause = IndexError("here")
+    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(cause))
+    with pytest.raises(ReportError, match=r"the draws are whole in out\.posterior\.nc") as caught:
+        write_report(frequency_posterior, "out")
+    assert caught.value.__cause__ is cause
+    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        write_report(frequency_posterior, "out")
+    assert isinstance(stopped.value, ReportInterruptedError)
+
+
+def test_the_traceback_is_there_for_who_asks(config, monkeypatch):
+    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(IndexError("here")))
+    monkeypatch.setenv("JOINTBAYES_DEBUG", "1")
+    result = cli("run", config, "--out", "out")
+    assert result.exit_code == 2
+    assert "Traceback" in result.stderr
+    assert "IndexError: here" in result.stderr
+    assert result.stderr.splitlines()[-1].startswith("jointbayes: out: no report: found IndexError (here); ")
+
+
+# ---- the disk is full
+
+
+@pytest.mark.parametrize("command", ["run", "sample"])
+def test_draws_that_do_not_fit_are_kept_in_the_temporary_directory(
+    config, monkeypatch, tmp_path, frequency_posterior, command
+):
+    elsewhere = tmp_path / "temporary"
+    elsewhere.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(elsewhere))
+    save = type(frequency_posterior).save
+
+    def full(self, path):
+        if not str(path).startswith(str(elsewhere)):
+            raise WriteError(f"{path}: found that it cannot be written (No space left on device)")
+        save(self, path)
+
+    monkeypatch.setattr(type(frequency_posterior), "save", full)
+    result = cli(command, config, "--out", "out")
+    assert (result.exit_code, result.stdout) == (2, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("jointbayes: out")
+    assert "No space left on device" in line
+    kept = shlex.split(line.split("go on with: jointbayes report ")[1])[0]
+    assert jb.load_posterior(kept).theta.tobytes() == frequency_posterior.theta.tobytes()
+    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "temporary"}
+
+
+def test_a_file_that_does_not_fit_is_one_error_and_leaves_the_old_one(tmp_path):
+    # the limit on the size of a file fails a write just as a full disk does; the library that makes netCDF files
+    # would end the process
+    (tmp_path / "draws.nc").write_bytes(b"old")
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom jointbayes.errors import WriteError\n"
+        "import xarray as xr, numpy as np\nfrom jointbayes.posterior.storage import write_tree\n"
+        "tree = xr.DataTree.from_dict({'/posterior': xr.Dataset({'k11': ('draw', np.random.rand(50_000))})})\n"
+        "try:\n    write_tree(tree, {}, 'draws.nc')\nexcept WriteError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == (
+        "draws.nc: found that it cannot be written (File too large); expected a place with room for 0.4 MB; "
+        "make room or choose another place\n"
+    )
+    assert content(tmp_path) == {p.relative_to(tmp_path): b"old" for p in tmp_path.iterdir()}
+
+
+def test_only_a_regular_file_is_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "directory").mkdir()
+    for name in ("pipe", "directory"):
+        with pytest.raises(WriteError, match="found no regular file"):
+            write_whole_file(tmp_path / name, b"new")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["directory", "pipe"]
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_written_file_has_the_permissions_of_any_other(tmp_path):
+    write_whole_file(tmp_path / "new", b"new")
+    (tmp_path / "usual").write_bytes(b"")
+    assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
+    write_whole_file(tmp_path / "new", b"newer")
+    assert (tmp_path / "new").read_bytes() == b"newer"
