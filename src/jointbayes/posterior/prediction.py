@@ -9,7 +9,7 @@ from jointbayes.frf import Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.joint import joint_matrix
 
-__all__ = ["FrfPrediction", "predict_frf"]
+__all__ = ["FrfPrediction", "frfs_as_measured", "predict_frf"]
 
 Array = NDArray[np.float64]
 
@@ -47,19 +47,52 @@ class FrfPrediction:
     phase_deg_high: Array
 
 
-def predict_frf(
-    problem: Problem, theta: ArrayLike, ports: Ports, quantity: Quantity, probability: float
-) -> FrfPrediction:
-    """Summarise the FRFs of a set of draws, θ (n, d), line by line: of the structure itself, without gain and noise.
+def frfs_as_measured(
+    problem: Problem, ports: Ports, quantity: Quantity, stiffness: ArrayLike, factors: ArrayLike
+) -> NDArray[np.complex128]:
+    """FRFs as the measurement would show them without its noise: the gain and all else that was fitted is in them.
+
+    Parameters
+    ----------
+    problem
+        Structure, joint, data and prior.
+    ports, quantity
+        Lines, DOFs and quantity.
+    stiffness
+        Joints (k11, k12, k22), shape (n, 3).
+    factors
+        Factors of all uncertain quantities in the order of the prior, shape (n, q).
+
+    Returns
+    -------
+    ndarray, shape (n, lines, outputs, inputs)
+        SI units of the quantity.
 
     Raises
     ------
     ModelError
         If a DOF does not exist.
     """
-    factor = quantity_factor(ports.frequency_hz, quantity)[:, None, None]
-    factors = problem.structural(problem.prior.factors(theta))
-    values = problem.receptance_model(ports).receptance(joint_matrix(problem.prior.stiffness(theta)), factors) * factor
+    known = np.asarray(factors, dtype=float)
+    receptance = problem.receptance_model(ports).receptance(joint_matrix(stiffness), problem.structural(known))
+    names = [nuisance.name for nuisance in problem.prior.nuisances]
+    if "gain" in names:
+        receptance = receptance * known[:, names.index("gain"), None, None, None]
+    found: NDArray[np.complex128] = receptance * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+    return found
+
+
+def predict_frf(
+    problem: Problem, theta: ArrayLike, ports: Ports, quantity: Quantity, probability: float
+) -> FrfPrediction:
+    """Summarise the FRFs of a set of draws, θ (n, d), line by line, see `frfs_as_measured`.
+
+    Raises
+    ------
+    ModelError
+        If a DOF does not exist.
+    """
+    values = frfs_as_measured(problem, ports, quantity, problem.prior.stiffness(theta), problem.prior.factors(theta))
     tail = (1 - probability) / 2
     low, middle, high = np.quantile(np.abs(values), [tail, 0.5, 1 - tail], axis=0)
     centre = values.mean(axis=0)

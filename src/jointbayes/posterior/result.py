@@ -230,7 +230,9 @@ class Posterior:
     def predict_frf(
         self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400
     ) -> FrfPrediction:
-        """Median and interval of FRFs over posterior draws.
+        """Median and interval of FRFs over posterior draws, as the measurement would show them without its noise.
+
+        An uncertain gain is in them, as in the measured FRFs.
 
         Parameters
         ----------

@@ -131,9 +131,10 @@ def _frequencies(posterior: Posterior, initial: Sequence[float], measured: Seque
     count = len(measured) if measured else 3
     problem = posterior.problem
     draws = posterior.predict_natural_frequencies(count)
+    fitted = problem.prior.factors(posterior.estimate.theta)  # the first guess is one of the joint, not of these
     return {
         "measured": list(measured) if measured else None,
-        "initial": problem.natural_frequencies_hz(np.asarray(initial), count)[0].tolist(),
+        "initial": problem.natural_frequencies_hz(np.asarray(initial), count, fitted)[0].tolist(),
         "map": _at_map(posterior, count),
         "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T.tolist(),
     }

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports, quantity_factor
-from jointbayes.joint import joint_matrix
+from jointbayes.frf import Ports
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Knowledge, Posterior
+from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.knowledge_section import check_blocks
@@ -40,10 +40,11 @@ def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Tri
     frf, problem = measurement.frf, posterior.problem
     band = posterior.predict_frf()
     theta, prior = posterior.estimate.theta, problem.prior
-    model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    factors = problem.structural(np.stack([np.ones(len(prior.nuisances)), prior.factors(theta)]))
-    receptance = model.receptance(joint_matrix(np.array([initial, prior.stiffness(theta)])), factors)
-    guess, best = receptance * quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
+    # the first guess is one of the joint: all else is as at the MAP, so that the two curves differ by the joint alone
+    factors = np.stack([prior.factors(theta)] * 2)
+    stiffness = np.array([initial, prior.stiffness(theta)])
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    guess, best = frfs_as_measured(problem, ports, frf.quantity, stiffness, factors)
     label = "synthetic" if measurement.synthetic else "measured"
     blocks: list[Block] = []
     for i, output in enumerate(frf.outputs):
@@ -88,7 +89,7 @@ def _figure(identifier: str, data: figures.Overlay, label: str, title: str, y_la
     )
     return Figure(
         identifier,
-        f"{title}: {label}, first guess, and MAP with the 95 % band of the posterior.",
+        f"{title}: {label}, first guess of the joint, and MAP with the 95 % band of the posterior.",
         f"{title} from {x[0]:g} to {x[-1]:g} Hz: {label}, first guess, MAP and 95 % band.",
         figures.frf_overlay(data, label, y_label, log=log),
         plot,

@@ -1,0 +1,82 @@
+"""What is drawn is what was fitted: gain, accelerometer and all other uncertain quantities are in the curves."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jointbayes.case import case_from_text
+from jointbayes.identification import MapEstimate
+from jointbayes.posterior import Posterior, RunRecord, summarise
+from jointbayes.posterior.storage import draws_tree
+from jointbayes.report.frf_section import fit_section
+from jointbayes.report.model import Figure
+from jointbayes.sampling import Draws, SamplerSettings
+from jointbayes.workflow import sample
+from tests.conftest import TABLE_3, cheap_text, edited
+
+INITIAL = (1e8, 0.0, 0.0)
+FEW = SamplerSettings(walkers=16, max_steps=200)
+TRUTH = "[data.noise]"
+GAIN = edited(cheap_text(), (TRUTH, f"gain = 26.0\n{TRUTH}")) + (
+    "\n[uncertain.gain]\nlow_factor = 0.01\nhigh_factor = 100.0\n"
+)
+HEAVY = edited(
+    cheap_text(),
+    ("length_mm = 383.0", "length_mm = 383.0\naccelerometer_mass_g = 60.0"),
+    (TRUTH, f"accelerometer_mass_g = 120.0\nlength_mm = 391.0\n{TRUTH}"),
+) + ("\n[uncertain.accelerometer_mass]\nlow_factor = 0.5\nhigh_factor = 4.0\n\n[uncertain.length]\nsd_percent = 2.0\n")
+
+
+def near_the_truth(case, truth):
+    """A posterior as sampling would leave it, by a shorter way: the MAP at the truth, draws close about it."""
+    problem, theta = case.problem, np.concatenate([np.log(TABLE_3), np.log(truth)])
+    draws = theta + 1e-4 * np.random.default_rng(1).normal(size=(4, 50, theta.size))
+    density = problem.log_posterior(draws.reshape(-1, theta.size)).reshape(4, 50)
+    at = float(problem.log_posterior(theta)[0])
+    estimate = MapEstimate(theta, TABLE_3, 1e-8 * np.eye(theta.size), at, ())
+    sampler = {"steps": 50}
+    record = RunRecord(case.name, case.text, 1, True, "", sampler, dict.fromkeys(problem.names, 1.0), {})
+    tree = draws_tree(problem, Draws(draws, density, np.arange(4)), problem.prior.sample(np.random.default_rng(2), 99))
+    return Posterior(problem, tree, estimate, theta, at, record)
+
+
+@pytest.fixture(scope="module", params=["gain of 26", "heavy accelerometer on a longer beam"])
+def fitted(request):
+    if request.param == "gain of 26":
+        return sample(case_from_text("gain", GAIN), seed=1, settings=FEW)
+    case = case_from_text("heavy", HEAVY)
+    assert [n.name for n in case.problem.prior.nuisances] == ["length", "accelerometer_mass"]
+    return near_the_truth(case, [391.0 / 383.0, 120.0 / 60.0])
+
+
+def drawn(posterior, initial=INITIAL):
+    """The interactive curves of the magnitude by name."""
+    section = fit_section(posterior, initial, summarise(posterior, initial), SimpleNamespace(check=posterior.check))
+    (figure,) = (b for b in section.blocks if isinstance(b, Figure) and b.identifier == "frf-0-0")
+    return {series.name: series for series in figure.plot.series}
+
+
+def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
+    curves = drawn(fitted)
+    measured, best = np.array(curves["synthetic"].y), np.array(curves["MAP"].y)
+    frf = fitted.problem.measurement.frf.values[:, 0, 0]
+    sd = np.sqrt(fitted.problem.measurement.variance[:, 0, 0]) / np.abs(frf)
+    apart = np.log(measured / best)
+    assert abs(np.median(apart)) < 0.005
+    assert np.abs(apart / sd).max() < 5
+    low, high = np.array(curves["95 % band"].y_low), np.array(curves["95 % band"].y_high)
+    assert ((low <= best * 1.001) & (best <= high * 1.001)).mean() > 0.9
+    assert np.median(high / low) < 1.1
+
+
+def test_the_first_guess_differs_from_the_map_by_the_joint_alone(fitted):
+    curves = drawn(fitted, tuple(fitted.estimate.stiffness))
+    assert curves["first guess"].y == curves["MAP"].y
+
+
+def test_natural_frequencies_of_the_first_guess_are_those_of_the_structure_that_was_fitted(fitted):
+    frequencies = summarise(fitted, tuple(fitted.estimate.stiffness))["natural_frequencies_hz"]
+    assert frequencies["initial"] == pytest.approx(frequencies["map"], rel=1e-12)
+    low, high = np.array(frequencies["interval95"]).T
+    assert ((low < frequencies["map"]) & (frequencies["map"] < high)).all()
