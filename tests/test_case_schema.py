@@ -157,13 +157,13 @@ f_min_hz = 20.0=>f_min_hz = 0 ;; data.f_min_hz ;; in Hz
 f_min_hz = 20.0=> && [data]=>@[data] ;; data.f_min_hz ;; add f_min_hz = 20.0 to [data]
 f_max_hz = 2500.0=>f_max_hz = 20.0 ;; data.f_max_hz ;; not above f_min_hz
 f_step_hz = 1.0=>f_step_hz = 2481.0 ;; data.f_step_hz ;; empty band
-f_step_hz = 1.0=>f_step_hz = 1.0e-300 ;; data.f_step_hz ;; at most 1000000 lines
+f_step_hz = 1.0=>f_step_hz = 1.0e-5 ;; data.f_step_hz ;; at most 1000000 lines
 f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0=> && [data]=>@[data] ;; data ;; no frequencies
 f_min_hz=>frequencies_hz = [1.0, 2.0]\nf_min_hz ;; data.frequencies_hz ;; not both
 f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0=>frequencies_hz = [1] ;; data.frequencies_hz ;; at least two
 f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 1.0=>frequencies_hz = [3,\n@2] ;; data.frequencies_hz ;; after 3.0
 k12 = 3.44e7=>k12 = 1.0e8 ;; data.truth.k12 ;; lower |k12| below 8.76128e+07 N
-k12 = 3.44e7=>k12 = 1.0e300 ;; data.truth.k12 ;; exceeds k11·k22
+k12 = 3.44e7=>k12 = 1.0e300 ;; data.truth.k12 ;; of a magnitude from 1e-12 to 1e15
 relative = 0.03=>relative = -0.03 ;; data.noise.relative ;; at least 0
 floor = 0.01=>floor = 0 && relative = 0.03=>@relative = 0.0 ;; data.noise.relative ;; both 0
 seed = 20150787=>seed = -1 ;; data.noise.seed ;; a whole number from 0

@@ -11,7 +11,15 @@ if TYPE_CHECKING:
     from jointbayes.check import check_posterior
     from jointbayes.comparison import compare
     from jointbayes.comparison_result import Comparison
-    from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, SamplingError
+    from jointbayes.errors import (
+        CaseError,
+        JointBayesError,
+        MeasurementError,
+        ModelError,
+        ReportError,
+        SamplingError,
+        WriteError,
+    )
     from jointbayes.frf import FrfSet, Ports
     from jointbayes.identification import IterationHistory, MapEstimate
     from jointbayes.inference import Problem
@@ -33,7 +41,15 @@ _HOMES = {
     "jointbayes.check": ("check_posterior",),
     "jointbayes.comparison": ("compare",),
     "jointbayes.comparison_result": ("Comparison",),
-    "jointbayes.errors": ("CaseError", "JointBayesError", "MeasurementError", "ModelError", "SamplingError"),
+    "jointbayes.errors": (
+        "CaseError",
+        "JointBayesError",
+        "MeasurementError",
+        "ModelError",
+        "ReportError",
+        "SamplingError",
+        "WriteError",
+    ),
     "jointbayes.frf": ("FrfSet", "Ports"),
     "jointbayes.identification": ("IterationHistory", "MapEstimate"),
     "jointbayes.inference": ("Problem",),
@@ -100,7 +116,9 @@ __all__ = [
     "JointBayesError",
     "MeasurementError",
     "ModelError",
+    "ReportError",
     "SamplingError",
+    "WriteError",
 ]
 
 

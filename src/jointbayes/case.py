@@ -27,6 +27,7 @@ from jointbayes.inference import Problem
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.measurement.measured import MeasuredTest, Provenance
+from jointbayes.plausibility import InputWarning, input_warnings
 from jointbayes.sampling import SamplerSettings
 from jointbayes.toml_text import key_lines, read_text
 
@@ -86,6 +87,13 @@ class Case:
             return tuple(measured.frequency_hz.tolist())
         reference = self.spec.reference
         return reference.natural_frequencies_hz if reference else None
+
+    @cached_property
+    def warnings(self) -> tuple[InputWarning, ...]:
+        """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
+        measured = self.problem.measurement
+        lines = measured.frequency_hz if isinstance(measured, FrequencyMeasurement) else measured.frf.frequency_hz
+        return input_warnings(self.spec, self.text, (float(lines[0]), float(lines[-1])))
 
     @cached_property
     def compliance_fit(self) -> Array | None:
@@ -189,4 +197,9 @@ def _build(
         raise
     except JointBayesError as error:
         raise CaseError(f"{where}:{line}: {error}") from error
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise CaseError(
+            f"{where}:{line}: found numbers that are too far apart to be computed with ({error}); expected those of "
+            "one machine; check sizes, material and stiffnesses"
+        ) from error
     return Case(name, text, spec, problem, joint_frf, test.provenance if test else None)

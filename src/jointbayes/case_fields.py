@@ -11,6 +11,7 @@ import pydantic
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
 
 from jointbayes.case_errors import Finding, raise_findings
+from jointbayes.case_limits import beyond, limit_text
 
 __all__ = [
     "FREQUENCIES",
@@ -102,8 +103,17 @@ class Spec(BaseModel):
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
+        raise_findings(self._beyond_limits())
         raise_findings(self._findings())
         return self
+
+    def _beyond_limits(self) -> Iterator[Finding]:
+        """Yield numbers that no machine has."""
+        fields = type(self).model_fields
+        for loc, value, limits in beyond({name: getattr(self, name) for name in fields}):
+            what = str(fields[str(loc[0])].description).rstrip(".")
+            expected = f"{what}, of a magnitude from {limit_text(limits.least)} to {limit_text(limits.most)}"
+            yield Finding(loc, f"found {value!r}", expected, "correct the number or its unit")
 
     def _findings(self) -> Iterator[Finding]:
         """Yield what is wrong between keys that are each right by themselves."""

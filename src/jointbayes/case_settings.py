@@ -19,6 +19,7 @@ from jointbayes.case_fields import (
     positive,
 )
 from jointbayes.case_joint import StiffnessSpec
+from jointbayes.case_limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_STEPS, MOST_WALKERS
 
 __all__ = ["CompareSpec", "Hypothesis", "IdentificationSpec", "PlanSpec", "ReferenceSpec", "SamplingSpec"]
 
@@ -40,10 +41,10 @@ class SamplingSpec(Spec):
     """The sampler: independent ensembles of walkers, and the most steps of each."""
 
     seed: Annotated[int, count_field("the seed", 1, 0)] = 1
-    ensembles: Annotated[int, count_field("the number of ensembles", 4, 4)] = 4
-    walkers: Annotated[int, count_field("the number of walkers", 48, 8, step=2)] = 48
-    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200)] = 20000
-    processes: Annotated[int, count_field("the number of processes", 2, 1)] = 1
+    ensembles: Annotated[int, count_field("the number of ensembles", 4, 4, MOST_ENSEMBLES)] = 4
+    walkers: Annotated[int, count_field("the number of walkers", 48, 8, MOST_WALKERS, 2)] = 48
+    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200, MOST_STEPS)] = 20000
+    processes: Annotated[int, count_field("the number of processes", 2, 1, MOST_PROCESSES)] = 1
 
 
 class ReferenceSpec(StiffnessSpec):

@@ -83,11 +83,10 @@ def main() -> None:
 @_seed
 def run(config: Path, out: Path | None, seed: int | None) -> None:
     """Identify, sample and write the report of a case file."""
-    from jointbayes.case import load_case
     from jointbayes.kept_draws import draws_kept
     from jointbayes.run_directory import require_writable, write_run
 
-    case = load_case(config)
+    case = _load(config)
     target = out or Path("reports") / case.name
     require_writable(target)
     posterior = _sample(case, seed)
@@ -103,11 +102,10 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
 @_config
 def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
-    from jointbayes.case import load_case
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
-    case = load_case(config)
+    case = _load(config)
     if case.joint_frf is not None:
         history = iterate(case)
         click.echo(f"{'step':>4} {'residual':>10} {'k11 (N/m)':>12} {'k12 (N)':>12} {'k22 (N·m/rad)':>14}")
@@ -134,11 +132,10 @@ def identify(config: Path) -> None:
 @_seed
 def sample(config: Path, out: Path | None, seed: int | None) -> None:
     """Sample a case and write the draws, without a report."""
-    from jointbayes.case import load_case
     from jointbayes.errors import CaseError
     from jointbayes.kept_draws import save_draws
 
-    case = load_case(config)
+    case = _load(config)
     target = out or Path(f"{case.name}.nc")
     if not target.absolute().parent.is_dir():
         raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
@@ -176,10 +173,9 @@ def report(posterior: Path, out: Path | None) -> None:
 @_seed
 def check(config: Path, seed: int | None) -> None:
     """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not."""
-    from jointbayes.case import load_case
     from jointbayes.check import check_posterior, require_reference
 
-    case = load_case(config)
+    case = _load(config)
     require_reference(case)
     result = check_posterior(case, _sample(case, seed))
     click.echo(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
@@ -199,13 +195,12 @@ def check(config: Path, seed: int | None) -> None:
 @_seed
 def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
     """Weigh joints of less and more freedom against each other, in one case file or several of the same data."""
-    from jointbayes.case import load_case
     from jointbayes.comparison import compare as weigh
     from jointbayes.comparison import require_same_data
     from jointbayes.report.comparison import evidence_table, text_table
     from jointbayes.run_directory import COMPARISON_MARK, require_writable, write_comparison
 
-    cases = [load_case(path) for path in config]
+    cases = [_load(path) for path in config]
     require_same_data(cases)
     if out is not None:
         require_writable(out, COMPARISON_MARK)
@@ -236,11 +231,10 @@ def plan(
     """Rank further measurements by what they would tell about the joint."""
     import json
 
-    from jointbayes.case import load_case
     from jointbayes.plan_directory import require_plan_directory, write_plan
     from jointbayes.planning import plan as ranked
 
-    case = load_case(config)
+    case = _load(config)
     if out is not None:
         require_plan_directory(out)
     found = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
@@ -302,6 +296,18 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
         traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in found.hits]
         figure.write_text(inspect_figure(found.frfs, found.modes, traces), encoding="utf-8")
         click.echo(f"Figure: {figure}")
+
+
+def _load(config: Path) -> "Case":
+    """Read a case file; what in it is probably a slip is said on standard error."""
+    from jointbayes.case import load_case
+    from jointbayes.toml_text import fault_line
+
+    case = load_case(config)
+    for warning in case.warnings:
+        place = fault_line(str(config), warning.line, warning.key, warning.text)
+        click.echo(f"jointbayes: warning: {place}", err=True)
+    return case
 
 
 def _sample(case: "Case", seed: int | None) -> "Posterior":

@@ -96,6 +96,7 @@ def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> P
         freed=case.workshop_problem,
         paper_tables=bool(reference and reference.paper_audit),
         provenance=case.provenance,
+        warnings=tuple(map(str, case.warnings)),
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 

@@ -24,6 +24,7 @@ def summarise(
     initial: Sequence[float],
     measured_frequencies_hz: Sequence[float] | None = None,
     knowledge: Knowledge | None = None,
+    warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Summarise a posterior.
 
@@ -37,6 +38,8 @@ def summarise(
         Measured natural frequencies to set beside the predicted ones, if known.
     knowledge
         What `gather_knowledge` found; without it only the check of the model is made here.
+    warnings
+        What in the case is probably a slip, see `Case.warnings`.
 
     Returns
     -------
@@ -50,6 +53,7 @@ def summarise(
         "seed": record.seed,
         "converged": record.converged,
         "reason": record.reason,
+        "warnings": list(warnings),
         "parameters": {
             name: _parameter(posterior, i, name, unit)
             for i, (name, unit) in enumerate(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True))

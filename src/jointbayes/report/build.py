@@ -14,7 +14,7 @@ from jointbayes.report import paper_sections, sections
 from jointbayes.report.frf_section import fit_section
 from jointbayes.report.knowledge_section import knowledge_section, nuisance_section
 from jointbayes.report.measurement_section import measurement_section, mode_table
-from jointbayes.report.model import Block, Report, Section
+from jointbayes.report.model import Block, Callout, Report, Section
 
 __all__ = ["ReportInputs", "build_report"]
 
@@ -43,6 +43,8 @@ class ReportInputs:
         Whether to set the paper's tables beside the results and audit them.
     provenance
         Where data from measurement files come from, None for other data.
+    warnings
+        What in the case is probably a slip.
     """
 
     posterior: Posterior
@@ -55,11 +57,12 @@ class ReportInputs:
     freed: Problem | None = None
     paper_tables: bool = False
     provenance: Provenance | None = None
+    warnings: tuple[str, ...] = ()
 
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The numbers of the run, as in ``summary.json``."""
-        return summarise(self.posterior, self.initial, self.measured_frequencies_hz, self.knowledge)
+        return summarise(self.posterior, self.initial, self.measured_frequencies_hz, self.knowledge, self.warnings)
 
     @cached_property
     def knowledge(self) -> Knowledge:
@@ -90,11 +93,12 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         parts.append(paper_sections.paper_section(inputs.initial, summary))
         parts.append(paper_sections.audit_section(audit()))
     parts.append(sections.settings_section(posterior, summary))
+    notes = tuple(Callout("caution", f"**Check the case file.** {warning}.") for warning in inputs.warnings)
     synthetic = " — synthetic data" if summary["fit"]["synthetic_data"] else ""
     return Report(
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
-        lead=modes + sections.lead(posterior, inputs.reference, inputs.reference_source, summary),
+        lead=notes + modes + sections.lead(posterior, inputs.reference, inputs.reference_source, summary),
         sections=tuple(parts),
         date=date,
         version=posterior.record.versions["jointbayes"],

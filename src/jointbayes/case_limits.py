@@ -1,0 +1,89 @@
+"""Limits of the numbers in a case file: beyond them lies no machine, only a slip of the hand or of the unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+__all__ = [
+    "LIMITS",
+    "MOST_ENSEMBLES",
+    "MOST_PROCESSES",
+    "MOST_STEPS",
+    "MOST_WALKERS",
+    "TABLE",
+    "Limits",
+    "beyond",
+    "limit_text",
+]
+
+#: Of the sampler: beyond these a run fills the memory of any computer, or never ends.
+MOST_ENSEMBLES, MOST_WALKERS, MOST_STEPS, MOST_PROCESSES = 64, 10_000, 10_000_000, 256
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The smallest and the largest magnitude of some keys, in their unit; zero is for the keys themselves to allow."""
+
+    keys: tuple[str, ...]
+    least: float
+    most: float
+
+    def hold(self, value: float) -> bool:
+        """Whether a value is zero or within the limits, whatever its sign."""
+        return value == 0 or self.least <= abs(value) <= self.most
+
+
+def _of(keys: str, least: float, most: float) -> Limits:
+    return Limits(tuple(keys.split()), least, most)
+
+
+#: One row for each kind of number; docs/case-file.md shows the same table.
+TABLE = (
+    _of("length_mm spacing_mm", 1e-3, 1e6),
+    _of("diameter_mm outer_diameter_mm inner_diameter_mm width_mm height_mm wall_mm", 1e-4, 1e5),
+    _of("youngs_modulus_gpa", 1e-6, 1e15),
+    _of("density_kg_m3", 1e-9, 1e9),
+    _of("accelerometer_mass_g added_mass_g", 1e-12, 1e9),
+    _of("loss_factor", 1e-12, 100.0),
+    _of("alpha_per_s", 1e-12, 1e9),
+    _of("beta_s", 1e-20, 1e3),
+    _of("k11 k12 k22 low high median guess", 1e-12, 1e15),
+    _of("sd_log decades", 1e-6, 100.0),
+    _of("sd_percent", 1e-6, 1e3),
+    _of("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
+    _of("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
+    _of("dof scale_dof", 1e-6, 1e9),
+    _of("f_min_hz f_max_hz f_step_hz frequencies_hz natural_frequencies_hz", 1e-6, 1e9),
+    _of("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
+    _of("relative floor", 1e-15, 1e3),
+    _of("sd_relative force_noise response_noise", 1e-15, 10.0),
+    _of("gain", 1e-12, 1e12),
+    _of("threshold", 1e-30, 1e3),
+    _of("line_weight", 1e-6, 10.0),
+    _of("block_s pretrigger_s force_window_s", 1e-9, 1e6),
+    _of("force_range_n", 1e-12, 1e12),
+)
+
+#: Limits by key.
+LIMITS: Mapping[str, Limits] = {key: limits for limits in TABLE for key in limits.keys}
+
+
+def limit_text(value: float) -> str:
+    """A limit as it stands in messages and in the documentation: 0.001, 100, 1e6."""
+    mantissa, e, exponent = f"{value:g}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if e else (mantissa if value < 1e4 else f"1e{len(mantissa) - 1}")
+
+
+def beyond(values: Mapping[str, object]) -> Iterator[tuple[tuple[str | int, ...], float, Limits]]:
+    """Yield place, value and limits of the numbers of a table, and of its lists, that lie beyond their limits."""
+    for key, value in values.items():
+        limits = LIMITS.get(key)
+        if limits is None:
+            continue
+        places: list[tuple[tuple[str | int, ...], object]] = [((key,), value)]
+        if isinstance(value, tuple):
+            places = [((key, index), entry) for index, entry in enumerate(value)]
+        for place, entry in places:
+            if isinstance(entry, int | float) and not isinstance(entry, bool) and not limits.hold(entry):
+                yield place, entry, limits

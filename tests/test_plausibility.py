@@ -1,0 +1,239 @@
+"""Inputs that no machine has are errors with their key; inputs that are probably slips are warnings that name them."""
+
+import datetime
+import json
+import math
+import re
+from typing import get_args
+
+import pytest
+from click.testing import CliRunner
+from pydantic import BaseModel
+
+import jointbayes as jb
+from jointbayes import plausibility
+from jointbayes.case_limits import LIMITS, TABLE, limit_text
+from jointbayes.case_schema import CaseSpec, parse_case
+from jointbayes.cli import main
+from jointbayes.errors import CaseError
+from jointbayes.report import ReportInputs, build_report
+from jointbayes.report.model import Callout
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
+
+GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+UNCERTAIN = (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8")
+LENGTH, DIAMETER = "length_mm = 383.0", "diameter_mm = 25.0"
+MODULUS, DENSITY = "youngs_modulus_gpa = 210.0", "density_kg_m3 = 7800.0"
+
+
+def warnings_of(*changes, text=None):
+    return [str(w) for w in jb.case_from_text("case", edited(text or cheap_text(), *changes)).warnings]
+
+
+# ---- slips
+
+
+@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_no_shipped_case_has_a_warning(config):
+    assert jb.load_case(config).warnings == ()
+
+
+#: What was written, the key to be named, and what is to be said of it.
+SLIPS = {
+    "length in m": ([(LENGTH, "length_mm = 0.383")], "structure.length_mm", "in m, write length_mm = 383"),
+    "length in inches": ([(LENGTH, "length_mm = 15.08")], "structure.length_mm", "in inches, write length_mm = 383.03"),
+    "length in µm": ([(LENGTH, "length_mm = 383000.0")], "structure.length_mm", "in µm, write length_mm = 383"),
+    "section in m": ([(DIAMETER, "diameter_mm = 0.025")], "structure.section.diameter_mm", "write diameter_mm = 25"),
+    "all sizes in m": (
+        [(LENGTH, "length_mm = 0.383"), (DIAMETER, "diameter_mm = 0.025")],
+        "data.f_max_hz",
+        "if length and section are in m, write them in mm: length_mm = 383",
+    ),
+    "E in Pa": ([(MODULUS, "youngs_modulus_gpa = 210e9")], "structure.youngs_modulus_gpa", "in Pa, write youngs_mod"),
+    "E in MPa": ([(MODULUS, "youngs_modulus_gpa = 210e3")], "structure.youngs_modulus_gpa", "gpa = 210"),
+    "E a thousandth": ([(MODULUS, "youngs_modulus_gpa = 0.21")], "structure.youngs_modulus_gpa", "gpa = 210"),
+    "density in g/cm³": ([(DENSITY, "density_kg_m3 = 7.8")], "structure.density_kg_m3", "in g/cm³, write density_kg"),
+    "density in t/mm³": ([(DENSITY, "density_kg_m3 = 7.8e-9")], "structure.density_kg_m3", "t/mm³, write density_kg"),
+    "density a thousandfold": ([(DENSITY, "density_kg_m3 = 7.8e6")], "structure.density_kg_m3", "kg_m3 = 7800"),
+    "no solid": ([(MODULUS, "youngs_modulus_gpa = 1e-5")], "structure.youngs_modulus_gpa", "check both numbers"),
+    "band in kHz": (
+        [("f_min_hz = 20.0", "f_min_hz = 0.02"), ("f_max_hz = 2500.0", "f_max_hz = 2.5"),
+         ("f_step_hz = 10.0", "f_step_hz = 0.01")],
+        "data.f_max_hz",
+        "if the frequencies are in kHz, write them in Hz: 2500",
+    ),
+    "band far above": (
+        [(LENGTH, "length_mm = 1.0e6"), (DIAMETER, "diameter_mm = 500.0")],
+        "data.f_min_hz",
+        "below which the beam has about ",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "key", "words"), SLIPS.values(), ids=SLIPS)
+def test_a_likely_slip_is_a_warning_with_its_key_and_what_was_meant(changes, key, words):
+    (line,) = warnings_of(*changes)
+    assert line.startswith(f"{key}: found ")
+    assert "; expected " in line
+    assert words in line
+    assert line.isprintable()
+
+
+def test_two_slips_that_cancel_in_the_velocity_of_sound_are_both_named():
+    modulus, density = warnings_of((MODULUS, "youngs_modulus_gpa = 0.21"), (DENSITY, "density_kg_m3 = 7.8"))
+    assert "write youngs_modulus_gpa = 210" in modulus
+    assert "write density_kg_m3 = 7800" in density
+
+
+@pytest.mark.parametrize(
+    ("modulus", "density"),
+    [(210, 7850), (70, 2700), (3, 1150), (12, 450), (30, 2400), (1220, 3510), (16, 11340), (411, 19300), (303, 1850)],
+    ids=["steel", "aluminium", "nylon", "spruce", "concrete", "diamond", "lead", "tungsten", "beryllium"],
+)
+def test_solids_have_no_warning(modulus, density):
+    changes = [(MODULUS, f"youngs_modulus_gpa = {modulus}.0"), (DENSITY, f"density_kg_m3 = {density}.0")]
+    assert warnings_of(*changes) == []
+
+
+@pytest.mark.parametrize(
+    ("end", "warned"),
+    [(math.nextafter(25.0, 0), True), (25.0, False), (26.0, False)],
+)
+def test_a_beam_is_longer_than_thick(end, warned):
+    high = (("f_max_hz = 2500.0", "f_max_hz = 1.0e6"), ("f_step_hz = 10.0", "f_step_hz = 1.0e4"))
+    found = warnings_of((LENGTH, f"length_mm = {end!r}"), *high)
+    assert bool(found) == warned
+
+
+def test_measured_natural_frequencies_are_looked_at_as_well():
+    frequencies = "frequencies_hz = [120.0, 762.0, 2101.0]"
+    (line,) = warnings_of((frequencies, "frequencies_hz = [0.12, 0.762, 2.101]"), text=cheap_frequencies_text())
+    assert line.startswith("data.frequencies_hz: found 2.101, while the first natural frequency")
+
+
+def test_a_warning_knows_its_line():
+    text = edited(GOOD, (LENGTH, "length_mm = 0.383"))
+    (warning,) = jb.case_from_text("case", text).warnings
+    assert text.splitlines()[warning.line - 1].startswith("length_mm = 0.383")
+
+
+@pytest.mark.parametrize("command", ["run", "identify", "sample", "check", "compare", "plan"])
+def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(tmp_path, monkeypatch, command):
+    def stop(*_arguments, **_options):
+        raise CaseError("stopped here")
+
+    for name in ("workflow.sample", "workflow.find_map", "comparison.compare", "planning.plan"):
+        monkeypatch.setattr(f"jointbayes.{name}", stop)
+    monkeypatch.setattr("jointbayes.workflow.identify", stop)
+    config = tmp_path / "short.toml"
+    config.write_text(edited(cheap_text(), (LENGTH, "length_mm = 0.383")), encoding="utf-8")
+    result = CliRunner().invoke(main, [command, str(config)])
+    first, last = result.stderr.splitlines()
+    number = 1 + config.read_text(encoding="utf-8").splitlines().index(
+        next(line for line in config.read_text(encoding="utf-8").splitlines() if line.startswith("length_mm"))
+    )
+    assert first.startswith(f"jointbayes: warning: {config}:{number}: structure.length_mm: found 0.383: ")
+    assert (last, result.stdout, result.exit_code) == ("jointbayes: stopped here", "", 2)
+
+
+def test_report_and_summary_keep_the_warnings(frequency_posterior):
+    notes = ("structure.length_mm: found 0.383; expected more; write 383",)
+    inputs = ReportInputs(frequency_posterior, "Clamp", (1e8, 0.0, 0.0), warnings=notes)
+    assert inputs.summary["warnings"] == list(notes)
+    first = build_report(inputs, datetime.date(2026, 1, 5)).lead[0]
+    assert first == Callout("caution", f"**Check the case file.** {notes[0]}.")
+    assert jb.summarise(frequency_posterior, (1e8, 0.0, 0.0))["warnings"] == []
+
+
+def test_a_run_writes_the_warnings_of_its_case(tmp_path, monkeypatch, frequency_posterior):
+    text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))
+    monkeypatch.setattr("jointbayes.run_directory.case_from_text", lambda *_a, **_o: jb.case_from_text("case", text))
+    jb.write_report(frequency_posterior, tmp_path / "out")
+    (line,) = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["warnings"]
+    assert line.startswith("structure.density_kg_m3: found 7.8, ")
+    assert "if it is in g/cm³, write density_kg_m3 = 7800" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+# ---- what no machine has
+
+
+def faults_of(text):
+    """Each fault of a case on a line of its own; none where the schema accepts it."""
+    try:
+        parse_case(text, "case")
+    except CaseError as error:
+        return str(error).splitlines()
+    return []
+
+
+def numbers(text):
+    return list(re.finditer(r"^(\w+) = (-?[\d.]+(?:[eE][-+]?\d+)?)\b", text, re.MULTILINE))
+
+
+@pytest.mark.parametrize("value", ["1e308", "1e-308", "1e110", "1e-110", "4294967296", "1000000000000000000000"])
+@pytest.mark.parametrize("text", [GOOD, UNCERTAIN], ids=["main case", "uncertain case"])
+def test_absurd_numbers_are_one_line_with_the_key_or_do_no_harm(text, value):
+    refused = set()
+    for number in numbers(text):
+        changed = text[: number.start(2)] + value + text[number.end(2) :]
+        line = changed[: number.start()].count("\n") + 1
+        for fault in faults_of(changed):
+            key, _, rest = fault.removeprefix(f"case:{line}: ").partition(": ")
+            if key.endswith(number[1]):  # else a rule between keys names another one
+                assert "; expected " in rest
+                refused.add(number[1])
+    always = {"length_mm", "elements", "diameter_mm", "k11", "k22", "walkers", "ensembles", "max_steps"}
+    if value in ("1e308", "1e110"):
+        assert refused >= always | {"youngs_modulus_gpa", "density_kg_m3", "high", "threshold", "f_max_hz"}
+    assert refused >= {"walkers", "ensembles", "max_steps", "elements"}
+
+
+def test_the_limits_themselves_are_allowed():
+    refused = []
+    for number in numbers(UNCERTAIN):
+        for value in (LIMITS[number[1]].least, LIMITS[number[1]].most) if number[1] in LIMITS else ():
+            changed = UNCERTAIN[: number.start(2)] + repr(value) + UNCERTAIN[number.end(2) :]
+            refused += [fault for fault in faults_of(changed) if "of a magnitude" in fault]
+    assert refused == []
+
+
+def _unbounded_numbers(model):
+    """Keys of numbers that the schema itself does not bound from above."""
+    for key, field in model.model_fields.items():
+        yield from _unbounded_in(key, field.annotation, repr(field.metadata))
+
+
+def _unbounded_in(key, annotation, bounds):
+    bounds += repr(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield from _unbounded_numbers(annotation)
+    elif annotation in (int, float) and "Le(" not in bounds and "Lt(" not in bounds:
+        yield key
+    for part in get_args(annotation):
+        yield from _unbounded_in(key, part, bounds)
+
+
+def test_every_number_of_the_schema_has_limits_on_both_sides():
+    open_ended = set(_unbounded_numbers(CaseSpec))
+    assert open_ended - set(LIMITS) == set()
+    assert len(open_ended) > 30
+
+
+def test_limits_are_stated_as_numbers_a_person_writes():
+    assert [limit_text(v) for v in (1e-3, 1e-12, 10.0, 100.0, 1e3, 1e6, 1e15)] == [
+        "0.001", "1e-12", "10", "100", "1000", "1e6", "1e15"
+    ]  # fmt: skip
+
+
+def test_the_documentation_states_limits_and_thresholds():
+    page = (CONFIGS.parent / "docs" / "case-file.md").read_text(encoding="utf-8")
+    stated = re.findall(
+        r"^\| (\S+) \| (\S+) \| (`.*`) \|$", page[page.index("## Limits") : page.index("## Warnings")], re.M
+    )
+    expected = [(limit_text(t.least), limit_text(t.most), ", ".join(f"`{key}`" for key in t.keys)) for t in TABLE]
+    assert stated == expected
+    warned = page[page.index("## Warnings") :]
+    for ends in (plausibility.WAVE_SPEED, plausibility.YOUNGS_MODULUS, plausibility.DENSITY, plausibility.SLENDERNESS):
+        assert f"| {ends[0]:g} to {ends[1]:g}" in warned
+    assert f"at most {plausibility.ABOVE_BAND:g} times" in warned
+    assert f"at most {plausibility.BELOW_BAND} |" in warned
