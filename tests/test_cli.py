@@ -60,6 +60,21 @@ def test_nothing_heavy_is_loaded_before_it_is_needed(code):
     assert done.stdout.splitlines()[-1] == "loaded:"
 
 
+@pytest.mark.parametrize("command", ["run", "identify", "sample", "check", "plan"])
+def test_what_is_wrong_with_a_case_file_is_said_before_anything_heavy_is_loaded(tmp_path, command):
+    (tmp_path / "bad.toml").write_text(edited(GOOD, ("length_mm = 383.0", "length_mm = -1")), encoding="utf-8")
+    for name in ("missing.toml", "bad.toml"):
+        code = f"""
+import sys
+from click.testing import CliRunner
+from jointbayes.cli import main
+result = CliRunner().invoke(main, [{command!r}, {name!r}])
+print(result.exit_code, len(result.stderr.splitlines()), *sorted(set(sys.modules) & {{"numpy", "numba", "scipy"}}))
+"""
+        done = python(code, tmp_path)
+        assert (done.stdout, done.stderr) == ("2 1\n", "")
+
+
 def test_every_public_name_can_be_had():
     code = """
 import jointbayes as jb

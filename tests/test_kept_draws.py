@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 import shlex
 import subprocess
 import sys
@@ -115,6 +114,14 @@ def test_an_interrupt_after_the_writing_says_what_was_written(config, monkeypatc
     assert (result.exit_code, result.stderr) == (130, f"jointbayes: interrupted; {written} is whole\n")
 
 
+def test_too_little_memory_is_one_line(config, monkeypatch):
+    monkeypatch.setattr("jointbayes.workflow.sample", failing(MemoryError()))
+    result = cli("run", config, "--out", "out")
+    assert (result.exit_code, result.stdout) == (2, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("jointbayes: found too little memory; ")
+
+
 def test_an_earlier_run_and_its_kept_draws_survive_runs_that_fail(config, monkeypatch):
     assert cli("run", config, "--out", "out").exit_code == 0
     before = content(config.parent)
@@ -212,6 +219,7 @@ def test_draws_that_do_not_fit_are_kept_in_the_temporary_directory(
 
 
 def test_a_file_that_does_not_fit_is_one_error_and_leaves_the_old_one(tmp_path):
+    resource = pytest.importorskip("resource")
     # the limit on the size of a file fails a write just as a full disk does; the library that makes netCDF files
     # would end the process
     (tmp_path / "draws.nc").write_bytes(b"old")
@@ -237,6 +245,7 @@ def test_a_file_that_does_not_fit_is_one_error_and_leaves_the_old_one(tmp_path):
     assert content(tmp_path) == {p.relative_to(tmp_path): b"old" for p in tmp_path.iterdir()}
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_only_a_regular_file_is_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "directory").mkdir()

@@ -54,6 +54,9 @@ class _Commands(click.Group):
             what = f"{written} is whole" if written else "nothing was written"
             click.echo(f"jointbayes: interrupted; {what}", err=True)
             sys.exit(INTERRUPTED)
+        except MemoryError:
+            remedy = "lower sampling.walkers or sampling.ensembles, or use fewer lines"
+            click.echo(f"jointbayes: found too little memory; expected room for all walkers; {remedy}", err=True)
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             click.echo(f"jointbayes: {place}{error.strerror or error}", err=True)
@@ -83,10 +86,10 @@ def main() -> None:
 @_seed
 def run(config: Path, out: Path | None, seed: int | None) -> None:
     """Identify, sample and write the report of a case file."""
+    case = _load(config)
     from jointbayes.kept_draws import draws_kept
     from jointbayes.run_directory import require_writable, write_run
 
-    case = _load(config)
     target = out or Path("reports") / case.name
     require_writable(target)
     posterior = _sample(case, seed)
@@ -102,10 +105,10 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
 @_config
 def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
+    case = _load(config)
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
-    case = _load(config)
     if case.joint_frf is not None:
         history = iterate(case)
         click.echo(f"{'step':>4} {'residual':>10} {'k11 (N/m)':>12} {'k12 (N)':>12} {'k22 (N·m/rad)':>14}")
@@ -132,10 +135,10 @@ def identify(config: Path) -> None:
 @_seed
 def sample(config: Path, out: Path | None, seed: int | None) -> None:
     """Sample a case and write the draws, without a report."""
+    case = _load(config)
     from jointbayes.errors import CaseError
     from jointbayes.kept_draws import save_draws
 
-    case = _load(config)
     target = out or Path(f"{case.name}.nc")
     if not target.absolute().parent.is_dir():
         raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
@@ -173,9 +176,9 @@ def report(posterior: Path, out: Path | None) -> None:
 @_seed
 def check(config: Path, seed: int | None) -> None:
     """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not."""
+    case = _load(config)
     from jointbayes.check import check_posterior, require_reference
 
-    case = _load(config)
     require_reference(case)
     result = check_posterior(case, _sample(case, seed))
     click.echo(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
@@ -229,12 +232,12 @@ def plan(
     config: Path, out: Path | None, as_json: bool, assume: tuple[float, float, float] | None, seed: int | None
 ) -> None:
     """Rank further measurements by what they would tell about the joint."""
+    case = _load(config)
     import json
 
     from jointbayes.plan_directory import require_plan_directory, write_plan
     from jointbayes.planning import plan as ranked
 
-    case = _load(config)
     if out is not None:
         require_plan_directory(out)
     found = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
@@ -300,8 +303,11 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
 
 def _load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error."""
-    from jointbayes.case import load_case
+    from jointbayes.case_schema import read_case_file
     from jointbayes.toml_text import fault_line
+
+    read_case_file(config)  # what is wrong with the file itself is said before anything heavy is loaded
+    from jointbayes.case import load_case
 
     case = load_case(config)
     for warning in case.warnings:
