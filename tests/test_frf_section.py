@@ -9,7 +9,7 @@ from jointbayes.case import case_from_text
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.storage import draws_tree
-from jointbayes.report.frf_section import fit_section
+from jointbayes.report.frf_section import fit_section, frf_unit
 from jointbayes.report.model import Figure
 from jointbayes.sampling import Draws, SamplerSettings
 from jointbayes.workflow import sample
@@ -80,3 +80,12 @@ def test_natural_frequencies_of_the_first_guess_are_those_of_the_structure_that_
     assert frequencies["initial"] == pytest.approx(frequencies["map"], rel=1e-12)
     low, high = np.array(frequencies["interval95"]).T
     assert ((low < frequencies["map"]) & (frequencies["map"] < high)).all()
+
+
+def test_the_axis_has_the_unit_of_the_frf():
+    assert frf_unit("receptance", "11:y", "11:y") == "m/N"
+    assert frf_unit("mobility", "11:y", "11:y") == "m/(s N)"
+    assert frf_unit("accelerance", "11:y", "11:y") == "m/(s² N)"
+    assert frf_unit("receptance", "1:rz", "11:y") == "rad/N"
+    assert frf_unit("receptance", "1:rz", "1:rz") == "rad/(N m)"
+    assert frf_unit("accelerance", "1:y", "1:rz") == "m/(s² N m)"

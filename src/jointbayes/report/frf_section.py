@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports
+from jointbayes.frf import Ports, Quantity
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Knowledge, Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
@@ -14,12 +14,12 @@ from jointbayes.report.format import number
 from jointbayes.report.knowledge_section import check_blocks
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series
 
-__all__ = ["fit_section"]
+__all__ = ["fit_section", "frf_unit"]
 
 Summary = dict[str, Any]
 Triple = tuple[float, float, float]
 
-_RESPONSE_UNIT = {"receptance": "m/N", "mobility": "m/(s N)", "accelerance": "m/(s² N)"}
+_PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 
 def fit_section(posterior: Posterior, initial: Triple, summary: Summary, knowledge: Knowledge) -> Section:
@@ -53,12 +53,19 @@ def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Tri
             curves = (frf.values[at], guess[at], best[at])
             magnitude, phase = _magnitude(band, at, curves), _phase(band, at, curves)
             title = f"{frf.quantity} {output}/{input_}"
-            unit = _RESPONSE_UNIT[frf.quantity]
+            unit = frf_unit(frf.quantity, output, input_)
             blocks.append(
                 _figure(f"frf-{i}-{j}", magnitude, label, f"Magnitude of the {title}", f"|H| ({unit})", log=True)
             )
             blocks.append(_figure(f"phase-{i}-{j}", phase, label, f"Phase of the {title}", "Phase (°)", log=False))
     return blocks
+
+
+def frf_unit(quantity: Quantity, output: str, input_: str) -> str:
+    """Unit of an FRF between two DOFs: rad for a rotation, N m for a moment."""
+    response, force = ("rad" if ":r" in output else "m"), ("N m" if ":r" in input_ else "N")
+    below = f"{_PER_TIME[quantity]}{force}"
+    return f"{response}/({below})" if " " in below else f"{response}/{below}"
 
 
 def _magnitude(band: FrfPrediction, at: Any, curves: tuple[NDArray[np.complex128], ...]) -> figures.Overlay:  # noqa: ANN401
