@@ -17,11 +17,22 @@ from jointbayes.sampling import (
     SamplerSettings,
     autocorrelation_time,
     effective_sample_size,
+    quantile_error,
     run_ensembles,
     split_r_hat,
 )
 from jointbayes.sampling.ensemble import EnsembleState, advance
-from jointbayes.sampling.stopping import Check, diagnose, expected_steps, judge, next_check
+from jointbayes.sampling.stopping import (
+    Check,
+    EndError,
+    Quantities,
+    diagnose,
+    expected_steps,
+    judge,
+    next_check,
+    with_end_error,
+    worst_end_error,
+)
 
 SHORT = SamplerSettings(walkers=8, max_steps=300, check_every=100)
 
@@ -173,19 +184,48 @@ class TestSplitRHat:
         assert split_r_hat(np.ones((4, 10, 8, 1)))[0] == np.inf
 
 
+class TestQuantileError:
+    @staticmethod
+    def scatter(chains, probability):
+        """Reported error (root mean square) over the scatter of the quantile itself, of repeated runs."""
+        errors = [quantile_error(one, probability) for one in chains]
+        found = [np.quantile(one, probability) for one in chains]
+        return np.sqrt(np.mean(np.square(errors))) / np.std(found, ddof=1)
+
+    @pytest.mark.parametrize("probability", [0.025, 0.5, 0.975])
+    def test_it_is_the_scatter_of_the_quantile_of_correlated_skewed_draws(self, probability):
+        rng = np.random.default_rng(3)
+        noise = rng.normal(size=(200, 4, 400, 6))
+        draws = np.empty_like(noise)
+        draws[:, :, 0] = noise[:, :, 0]
+        for step in range(1, noise.shape[2]):  # first-order autoregression, τ = 9
+            draws[:, :, step] = 0.8 * draws[:, :, step - 1] + 0.6 * noise[:, :, step]
+        assert self.scatter(np.exp(draws), probability) == pytest.approx(1.0, abs=0.2)
+
+    def test_it_follows_a_monotone_change_of_scale(self):
+        draws = np.random.default_rng(4).normal(size=(4, 2000, 12))
+        slope = 2 * np.exp(2 * np.quantile(draws, 0.975))
+        assert quantile_error(np.exp(2 * draws), 0.975) == pytest.approx(slope * quantile_error(draws, 0.975), rel=0.02)
+
+    def test_draws_that_never_vary_tell_no_error(self):
+        assert quantile_error(np.ones((4, 10, 8)), 0.5) == np.inf
+
+
 class TestStopRule:
     settings = SamplerSettings(max_steps=10_000, check_every=100)
 
     @staticmethod
-    def check(step=6000, burn_in=500, tau=100.0, r_hat=1.002):
-        return Check(step, burn_in, np.array([1.0, tau]), np.array([r_hat, 1.0]))
+    def check(step=6000, burn_in=500, tau=100.0, r_hat=1.002, share=0.0199):
+        end_error = None if share is None else EndError("k11", "upper", share)
+        return Check(step, burn_in, np.array([1.0, tau]), np.array([r_hat, 1.0]), end_error)
 
-    def test_is_met_when_all_three_conditions_hold(self):
+    def test_is_met_when_all_conditions_hold(self):
         verdict = judge(self.settings, [self.check(tau=101.9), self.check()])
         assert verdict.converged
         assert verdict.reason == (
             "converged at 6000 of 10000 steps: τ = 100.0 < 5500/50 (steps after burn-in / 50), "
-            "stable within 2.0%, R̂ ≤ 1.0020 over 4 ensembles"
+            "stable within 2.0%, R̂ ≤ 1.0020 over 4 ensembles, "
+            "each end of each 95 % interval is known to 2.0% of the interval's width or better"
         )
 
     @pytest.mark.parametrize(
@@ -196,6 +236,9 @@ class TestStopRule:
             ({"r_hat": np.nan}, "R̂ = nan"),
             ({"tau": np.nan}, "τ = nan"),
             ({"tau": 98.0}, "τ changed by 2.0% since the check before"),
+            ({"share": 0.0201}, "the upper end of the 95 % interval of k11 is known to 2.0% of the interval's width only"),
+            ({"share": np.nan}, "below 2.0% is needed"),
+            ({"share": None}, "the errors of the ends of the 95 % intervals are unknown"),
         ],
     )
     def test_each_condition_alone_prevents_the_stop(self, change, figure):
@@ -203,6 +246,27 @@ class TestStopRule:
         assert not verdict.converged
         assert verdict.reason.startswith("not converged at 6000 of 10000 steps: ")
         assert figure in verdict.reason
+
+    def test_the_interval_ends_are_looked_at_once_the_rest_is_met(self):
+        theta = np.random.default_rng(1).normal(size=(4, 6000, 2, 2))
+        looked = [self.check(share=None), self.check(share=None)]
+        unmet = [self.check(share=None), self.check(share=None, r_hat=1.02)]
+        assert with_end_error(self.settings, unmet, theta).end_error is None
+        found = with_end_error(self.settings, looked, theta).end_error
+        # sqrt(p (1 - p) / n) / density, over the width of a normal's interval, of n = 4 · 5500 · 2 draws
+        assert found.share == pytest.approx(np.sqrt(0.975 * 0.025 / 44000) / 0.05845 / 3.92, rel=0.2)
+
+    def test_steps_expected_for_the_interval_ends_grow_with_the_square_of_their_error(self):
+        last = self.check(step=1000, burn_in=500, tau=1.0, share=0.04)
+        assert expected_steps(self.settings, last) == 2100  # 4 · 500 kept and 5 τ, in whole blocks
+
+    def test_the_error_is_that_of_the_quantities_asked_for(self):
+        theta = np.random.default_rng(1).normal(size=(4, 1000, 8, 2))
+        heavy = Quantities(("wide",), lambda t: np.sinh(3 * t[..., 1:]))
+        found = worst_end_error(theta, heavy)
+        assert found.name == "wide"
+        assert found.share > 2 * worst_end_error(theta).share
+        assert worst_end_error(np.ones((4, 10, 8, 1))).share == np.inf
 
     def test_one_check_cannot_show_that_tau_is_stable(self):
         assert not judge(self.settings, [self.check()]).converged

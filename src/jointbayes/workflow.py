@@ -22,18 +22,16 @@ from jointbayes.identification import (
     search_further,
     sensitivity_iteration,
 )
-from jointbayes.inference import JointPrior, Problem, ResonanceChart
-from jointbayes.joint import ComplianceChart, CondensedChart, LogStiffness, check_positive_semidefinite
+from jointbayes.inference import JointPrior
+from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
+from jointbayes.posterior.coordinates import charts as charts
+from jointbayes.posterior.coordinates import judged_quantities
 from jointbayes.posterior.storage import draws_tree, read_record, stored_test, with_joint_frf
 from jointbayes.sampling import (
-    BoxChart,
     Chains,
-    Chart,
-    ComposedChart,
     LogDensity,
-    ProductChart,
     Progress,
     Proposal,
     SamplerSettings,
@@ -41,7 +39,6 @@ from jointbayes.sampling import (
     fit_proposal,
     run_ensembles,
 )
-from jointbayes.structure import is_mode_frequency
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
@@ -222,37 +219,17 @@ def sample(
     log_posterior = case.problem.log_posterior
     proposal = fit_proposal(log_posterior, charts(case.problem), starts_of(estimate), rng)
     start = brought_in(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
-    chains = run_ensembles(log_posterior, start, rng, settings, progress, chart=proposal.chart, proposal=proposal)
+    chains = run_ensembles(
+        log_posterior,
+        start,
+        rng,
+        settings,
+        progress,
+        chart=proposal.chart,
+        proposal=proposal,
+        quantities=judged_quantities(case.problem.prior),
+    )
     return _posterior(case, seed, settings, estimate, proposal, chains, rng)
-
-
-def charts(problem: Problem) -> tuple[Chart, ...]:
-    """Coordinates in which the posterior may be near a bell: the joint's compliance, and the prior's normal scores.
-
-    An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends.
-    Errors of natural frequencies are replaced by the frequencies themselves, which data fix whatever the joint is.
-    """
-    prior, count = problem.prior, len(problem.parametrisation.names)
-    low, high = np.array([m.support for m in prior.all_marginals]).reshape(-1, 2).T
-    errors = np.flatnonzero([is_mode_frequency(name) for name in problem.names])
-    low[errors], high[errors] = -np.inf, np.inf
-    compliance: Chart = ComplianceChart(problem.parametrisation)
-    if len(problem.names) > count:
-        compliance = ProductChart(compliance, count, BoxChart(low[count:], high[count:]))
-    if not errors.size:
-        return compliance, BoxChart(low, high)
-
-    def log_frequency(theta: Array) -> Array:
-        k, factors = prior.stiffness(theta), prior.factors(theta)
-        frequency = problem.natural_frequencies_hz(k, errors.size, factors, of_model=True)
-        return np.log(np.maximum(frequency, np.finfo(float).tiny))  # a free body has modes at 0 Hz
-
-    resonances = ResonanceChart(log_frequency, errors, prior.support)
-    scores: tuple[Chart, ...] = (BoxChart(low, high),)
-    if isinstance(problem.parametrisation, LogStiffness):
-        low[2], high[2] = -np.inf, np.inf
-        scores = CondensedChart(), BoxChart(low, high)
-    return ComposedChart(resonances, compliance), ComposedChart(resonances, *scores)
 
 
 def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:

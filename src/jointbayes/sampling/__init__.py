@@ -4,12 +4,12 @@ from jointbayes.sampling.chains import Chains, Draws, Progress
 from jointbayes.sampling.chart import BoxChart, Chart, Identity
 from jointbayes.sampling.composed_chart import ComposedChart
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
+from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, quantile_error, split_r_hat
 from jointbayes.sampling.product_chart import ProductChart
 from jointbayes.sampling.proposal import Proposal, Start, fit_proposal
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
-from jointbayes.sampling.stopping import Check
+from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
 from jointbayes.sampling.student_mixture import StudentMixture
 from jointbayes.sampling.student_t import StudentT
 from jointbayes.sampling.weights import importance_efficiency
@@ -17,6 +17,7 @@ from jointbayes.sampling.weights import importance_efficiency
 __all__ = [
     # Run
     "LogDensity",
+    "Quantities",
     "SamplerSettings",
     "run_ensembles",
     # Coordinates and proposal
@@ -36,8 +37,10 @@ __all__ = [
     "Draws",
     "Progress",
     # Diagnostics
+    "INTERVAL",
     "autocorrelation_time",
     "effective_sample_size",
     "importance_efficiency",
+    "quantile_error",
     "split_r_hat",
 ]

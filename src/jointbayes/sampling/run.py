@@ -16,7 +16,17 @@ from jointbayes.sampling.ensemble import Block, EnsembleState, initial_states
 from jointbayes.sampling.mixture import mixture
 from jointbayes.sampling.proposal import Proposal
 from jointbayes.sampling.settings import SamplerSettings
-from jointbayes.sampling.stopping import Check, Verdict, diagnose, expected_steps, judge, next_check, thinning
+from jointbayes.sampling.stopping import (
+    Check,
+    Quantities,
+    Verdict,
+    diagnose,
+    expected_steps,
+    judge,
+    next_check,
+    thinning,
+    with_end_error,
+)
 from jointbayes.sampling.workers import MoveOn, mover
 
 __all__ = ["run_ensembles"]
@@ -31,6 +41,7 @@ def run_ensembles(
     *,
     chart: Chart | None = None,
     proposal: Proposal | None = None,
+    quantities: Quantities | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
@@ -51,6 +62,8 @@ def run_ensembles(
     proposal : Proposal, optional
         Approximation of the density in coordinates of its own, from :func:`fit_proposal`; the better it is, the
         more of the steps are proposed from it.
+    quantities : Quantities, optional
+        What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
 
     Raises
     ------
@@ -81,7 +94,7 @@ def run_ensembles(
         while not verdict.converged and run.step < settings.max_steps:
             states = run.extend(move_on, states, settings)
             if run.step == run.due(settings):
-                run.check()
+                run.check(settings, quantities)
                 verdict = judge(settings, run.checks)
             if progress is not None:
                 progress(run.report(settings, verdict, time.perf_counter() - began))
@@ -110,9 +123,11 @@ class _Run:
         self.step += size
         return [block.end for block in self.blocks[-1]]
 
-    def check(self) -> None:
+    def check(self, settings: SamplerSettings, quantities: Quantities | None) -> None:
         """Look at all steps so far."""
-        self.checks.append(diagnose(self.theta(), self.checks[-1] if self.checks else None))
+        theta = self.theta()
+        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None))
+        self.checks[-1] = with_end_error(settings, self.checks, theta, quantities)
 
     def theta(self) -> NDArray[np.float64]:
         """All positions, shape (ensembles, steps, walkers, d)."""

@@ -36,6 +36,10 @@ class SamplerSettings:
         250 steps, with 11 000 effective draws or more.
     r_hat_max : float
         R̂ of every parameter must be below this; above 1.
+    end_tolerance : float
+        Monte Carlo standard error of each end of each 95 % interval, as a share of the interval's width on the
+        scale of the coordinate (ln k), must be below this; above 0. A Gaussian asks for 1200 effective draws at
+        0.02, a density with a long tail for ten times as many.
     processes : int
         Number of processes among which the ensembles are divided, at least 1; no more than ensembles are started.
         The draws do not depend on it.
@@ -58,6 +62,7 @@ class SamplerSettings:
     tau_factor: float = 50.0
     tau_tolerance: float = 0.02
     r_hat_max: float = 1.01
+    end_tolerance: float = 0.02
     processes: int = 1
 
     def __post_init__(self) -> None:
@@ -74,6 +79,7 @@ class SamplerSettings:
         self._require_between("tau_factor", 5.0, math.inf, closed=True)
         self._require_between("tau_tolerance", 0.0, 1.0)
         self._require_between("r_hat_max", 1.0, math.inf)
+        self._require_between("end_tolerance", 0.0, math.inf)
 
     def require_dimension(self, dimension: int) -> None:
         """Check that the walkers are enough for a density of this many parameters.

@@ -1,16 +1,32 @@
 """When to look at the chains, and when they are long enough."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.sampling.diagnostics import autocorrelation_time, split_r_hat
+from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_error, split_r_hat
 from jointbayes.sampling.settings import SamplerSettings
 
-__all__ = ["Check", "Verdict", "diagnose", "expected_steps", "judge", "next_check", "thinning"]
+__all__ = [
+    "INTERVAL",
+    "Check",
+    "EndError",
+    "Quantities",
+    "Verdict",
+    "diagnose",
+    "expected_steps",
+    "judge",
+    "next_check",
+    "thinning",
+    "with_end_error",
+    "worst_end_error",
+]
+
+#: Probabilities below the two ends of the 95 % interval.
+INTERVAL = (0.025, 0.975)
 
 # A check costs O(N log N). With checks at a fixed distance their sum would grow as N²; with N growing by 5 %
 # from one to the next, all checks of a run together cost about 21 times the last one.
@@ -20,6 +36,31 @@ _GROWTH = 0.05
 _BURN_IN_FACTOR = 5.0
 
 _RANKED_DRAWS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Quantities:
+    """Functions of θ whose 95 % intervals the stop rule looks at.
+
+    Parameters
+    ----------
+    names : tuple of str
+        One for each of the q quantities.
+    values : callable
+        (..., d) draws of θ to (..., q) values, each on the scale on which its interval is to be narrowly known.
+    """
+
+    names: tuple[str, ...]
+    values: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class EndError:
+    """Monte Carlo standard error of one end of a 95 % interval, as a share of the interval's width."""
+
+    name: str
+    end: str
+    share: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,12 +77,15 @@ class Check:
         Integrated autocorrelation time in steps.
     r_hat : ndarray, shape (d,)
         Rank-normalised split R̂ over the ensembles.
+    end_error : EndError or None
+        The least certain end of a 95 % interval; None where it was not looked at.
     """
 
     step: int
     burn_in: int
     tau: NDArray[np.float64]
     r_hat: NDArray[np.float64]
+    end_error: EndError | None = None
 
     def __post_init__(self) -> None:
         self.tau.setflags(write=False)
@@ -102,6 +146,60 @@ def diagnose(theta: NDArray[np.float64], previous: Check | None) -> Check:
     return Check(step=steps, burn_in=burn_in, tau=tau, r_hat=split_r_hat(kept[:, ::every]))
 
 
+def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = None) -> EndError:
+    """Find the end of a 95 % interval that is least certain relative to the interval's width.
+
+    Parameters
+    ----------
+    kept : ndarray, shape (ensembles, steps, walkers, d)
+        Draws of θ after burn-in.
+    quantities : Quantities, optional
+        What has the intervals; by default the coordinates θ themselves.
+
+    Returns
+    -------
+    EndError
+        Its share is infinite where a quantity's draws are all equal.
+    """
+    values = kept if quantities is None else quantities.values(kept)
+    names = quantities.names if quantities else tuple(f"coordinate {k + 1}" for k in range(values.shape[-1]))
+    errors = []
+    for k, name in enumerate(names):
+        draws = values[..., k]
+        low, high = np.quantile(draws, INTERVAL)
+        for end, probability in zip(("lower", "upper"), INTERVAL, strict=True):
+            share = quantile_error(draws, probability) / (high - low) if high > low else math.inf
+            errors.append(EndError(name, end, share))
+    return max(errors, key=lambda error: error.share)
+
+
+def with_end_error(
+    settings: SamplerSettings,
+    checks: Sequence[Check],
+    theta: NDArray[np.float64],
+    quantities: Quantities | None = None,
+) -> Check:
+    """The last check with the error of the interval ends, if all the rest of the stop rule is met.
+
+    Before that it would cost as much as τ and R̂ together, at every check, and decide nothing.
+
+    Parameters
+    ----------
+    settings : SamplerSettings
+        Limits of the stop rule.
+    checks : sequence of Check
+        All checks so far, at least one.
+    theta : ndarray, shape (ensembles, steps, walkers, d)
+        All steps so far.
+    quantities : Quantities, optional
+        As for :func:`worst_end_error`.
+    """
+    last = checks[-1]
+    if _unmet(settings, checks):
+        return last
+    return replace(last, end_error=worst_end_error(theta[:, last.burn_in :], quantities))
+
+
 def thinning(tau: NDArray[np.float64]) -> int:
     """Return the distance of handed-out draws in steps: half the smallest τ, at least 1.
 
@@ -153,37 +251,35 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     """Apply the stop rule to the last check.
 
     The rule is met if the kept steps exceed ``tau_factor`` τ, if τ has changed by less than
-    ``tau_tolerance`` since the check before (τ that of the slowest parameter), and if R̂ of every parameter
-    is below ``r_hat_max``. A NaN meets none of them.
+    ``tau_tolerance`` since the check before (τ that of the slowest parameter), if R̂ of every parameter
+    is below ``r_hat_max``, and if the Monte Carlo standard error of each end of each 95 % interval is below
+    ``end_tolerance`` of the interval's width. A NaN meets none of them.
 
     Parameters
     ----------
     settings : SamplerSettings
-        The three limits.
+        The four limits.
     checks : sequence of Check
-        All checks so far, at least one.
+        All checks so far, at least one; the last as from :func:`with_end_error`.
 
     Returns
     -------
     Verdict
         Whether the rule is met, and one sentence with the figures in either case.
     """
-    last = checks[-1]
-    change = abs(last.tau_max - checks[-2].tau_max) / last.tau_max if len(checks) > 1 else math.inf
-    tau, r_hat, ensembles = f"{last.tau_max:.1f}", f"{last.r_hat_max:.4f}", settings.ensembles
-    factor, tolerance = f"{settings.tau_factor:g}", f"{settings.tau_tolerance:.1%}"
-    unmet = []
-    if not last.kept > settings.tau_factor * last.tau_max:
-        unmet.append(f"τ = {tau} exceeds {last.kept}/{factor} (steps after burn-in / {factor})")
-    if not change < settings.tau_tolerance:
-        unmet.append(f"τ changed by {change:.1%} since the check before, {tolerance} is allowed")
-    if not last.r_hat_max < settings.r_hat_max:
-        unmet.append(f"R̂ = {r_hat} over {ensembles} ensembles, below {settings.r_hat_max:g} is needed")
+    last, unmet = checks[-1], _unmet(settings, checks)
     where = f"at {last.step} of {settings.max_steps} steps"
+    error = last.end_error
+    if not unmet and not (error is not None and error.share < settings.end_tolerance):
+        unmet.append(_end_sentence(error, settings))
     if unmet:
         return Verdict(False, f"not converged {where}: {'; '.join(unmet)}")
-    met = f"τ = {tau} < {last.kept}/{factor} (steps after burn-in / {factor}), stable within {tolerance}"
-    return Verdict(True, f"converged {where}: {met}, R̂ ≤ {r_hat} over {ensembles} ensembles")
+    assert error is not None
+    factor, tolerance = f"{settings.tau_factor:g}", f"{settings.tau_tolerance:.1%}"
+    met = f"τ = {last.tau_max:.1f} < {last.kept}/{factor} (steps after burn-in / {factor}), stable within {tolerance}"
+    agree = f"R̂ ≤ {last.r_hat_max:.4f} over {settings.ensembles} ensembles"
+    ends = f"each end of each 95 % interval is known to {error.share:.1%} of the interval's width or better"
+    return Verdict(True, f"converged {where}: {met}, {agree}, {ends}")
 
 
 def expected_steps(settings: SamplerSettings, last: Check) -> int:
@@ -200,13 +296,42 @@ def expected_steps(settings: SamplerSettings, last: Check) -> int:
     -------
     int
         The first step in whole blocks, not before the next check, that is ``tau_factor`` τ past a burn-in of
-        5 τ if τ stays as it is; at most ``max_steps``.
+        5 τ if τ stays as it is, and where the errors of interval ends, which fall with the root of the kept steps,
+        are small enough; at most ``max_steps``.
     """
-    needed = (settings.tau_factor + _BURN_IN_FACTOR) * last.tau_max
+    kept = settings.tau_factor * last.tau_max
+    if last.end_error is not None:
+        kept = max(kept, last.kept * (last.end_error.share / settings.end_tolerance) ** 2)
+    needed = kept + _BURN_IN_FACTOR * last.tau_max
     if not needed < settings.max_steps:
         return settings.max_steps
     whole_blocks = math.ceil(needed / settings.check_every) * settings.check_every
     return min(max(whole_blocks, next_check(last.step, settings)), settings.max_steps)
+
+
+def _unmet(settings: SamplerSettings, checks: Sequence[Check]) -> list[str]:
+    """What of the stop rule on τ and R̂ the last check does not meet, in words."""
+    last = checks[-1]
+    change = abs(last.tau_max - checks[-2].tau_max) / last.tau_max if len(checks) > 1 else math.inf
+    factor, unmet = f"{settings.tau_factor:g}", []
+    if not last.kept > settings.tau_factor * last.tau_max:
+        unmet.append(f"τ = {last.tau_max:.1f} exceeds {last.kept}/{factor} (steps after burn-in / {factor})")
+    if not change < settings.tau_tolerance:
+        unmet.append(f"τ changed by {change:.1%} since the check before, {settings.tau_tolerance:.1%} is allowed")
+    if not last.r_hat_max < settings.r_hat_max:
+        unmet.append(
+            f"R̂ = {last.r_hat_max:.4f} over {settings.ensembles} ensembles, below {settings.r_hat_max:g} is needed"
+        )
+    return unmet
+
+
+def _end_sentence(error: EndError | None, settings: SamplerSettings) -> str:
+    if error is None:
+        return "the errors of the ends of the 95 % intervals are unknown"
+    return (
+        f"the {error.end} end of the 95 % interval of {error.name} is known to {error.share:.1%} of the interval's "
+        f"width only, below {settings.end_tolerance:.1%} is needed"
+    )
 
 
 def _one_distance_on(step: int, settings: SamplerSettings) -> int:
