@@ -33,7 +33,7 @@ __all__ = ["RandomCase", "Row", "analyse", "random_case", "table"]
 
 WITHIN = 0.15
 #: About 2000 effective draws: a standard deviation to 2 %.
-SETTINGS = jb.SamplerSettings(walkers=24, max_steps=4000, tau_factor=25.0, tau_tolerance=0.05)
+SETTINGS = jb.SamplerSettings(walkers=24, max_steps=4000, tau_factor=25.0, tau_tolerance=0.05, end_tolerance=0.1)
 #: Uncertain quantity: standard deviation in per cent; the damping ratio is between a third and three times its value.
 QUANTITIES = {"youngs_modulus": 2.0, "length": 0.5, "density": 1.0, "damping_ratio": None}
 NOMINAL = {"youngs_modulus": 210.0, "length": 383.0, "density": 7800.0, "damping_ratio": 0.01}

@@ -17,6 +17,7 @@ from jointbayes.check import check_posterior
 from jointbayes.cli import main
 from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.rounding import rounded
 from jointbayes.workflow import load_posterior
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
 
@@ -153,8 +154,12 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     lines = result.stdout.splitlines()
     assert lines[0] == summary["reason"]
     for line, (name, p) in zip(lines[1:4], summary["parameters"].items(), strict=True):
-        low, high = p["interval95"]
-        assert line == f"{name}: {p['mode']:.3e} {p['unit']}, 95 % {low:.3e} to {high:.3e}: {p['verdict']}"
+        median, ends = rounded(p["median"], p["median_error"]), zip(p["interval95"], p["interval95_error"], strict=True)
+        low, high = (rounded(end, error) for end, error in ends)
+        assert line == (
+            f"{name}: median {median} {p['unit']}, 95 % credible interval {low} to {high}: {p['verdict']} "
+            f"({p['verdict_reason']})"
+        )
     assert lines[4] == summary["check"]["sentence"]
     assert str(place / "out" / "report.html") in lines[5]
     assert all(line.startswith("sampling: step ") for line in result.stderr.splitlines())

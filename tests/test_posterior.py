@@ -375,11 +375,11 @@ def test_arviz_summarises_the_draws(cheap_posterior):
 # ---- summary
 
 PARAMETER_KEYS = {
-    "unit", "map", "mode", "median", "mean", "sd_log", "interval95", "prior_interval95", "contraction", "verdict",
-    "r_hat", "ess_bulk", "ess_tail",
+    "unit", "map", "mode", "median", "median_error", "mean", "sd_log", "interval95", "interval95_error",
+    "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "limit95", "limit95_error", "r_hat", "ess_bulk", "ess_tail",
 }  # fmt: skip
 KEYS = {
-    "schema_version", "case", "seed", "converged", "reason", "parameters", "map", "natural_frequencies_hz", "fit",
+    "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map", "natural_frequencies_hz", "fit",
     "sampler", "versions", "data_sha256", "measurement", "nuisances", "check", "identifiability",
 }  # fmt: skip
 
@@ -401,7 +401,7 @@ def test_the_summary_has_exactly_the_documented_keys_and_is_strict_json(cheap_po
 
 def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
     summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ)
-    assert (summary["schema_version"], summary["case"], summary["seed"]) == (1, "cheap", 1)
+    assert (summary["schema_version"], summary["case"], summary["seed"]) == (2, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(STIFFNESS_NAMES):
         p, values = summary["parameters"][name], cheap_posterior.values(name)

@@ -236,7 +236,10 @@ class TestStopRule:
             ({"r_hat": np.nan}, "R̂ = nan"),
             ({"tau": np.nan}, "τ = nan"),
             ({"tau": 98.0}, "τ changed by 2.0% since the check before"),
-            ({"share": 0.0201}, "the upper end of the 95 % interval of k11 is known to 2.0% of the interval's width only"),
+            (
+                {"share": 0.0201},
+                "upper end of the 95 % interval of k11 is known to 2.01% of the interval's width only",
+            ),
             ({"share": np.nan}, "below 2.0% is needed"),
             ({"share": None}, "the errors of the ends of the 95 % intervals are unknown"),
         ],

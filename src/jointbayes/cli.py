@@ -335,15 +335,14 @@ def _note_written(path: Path) -> None:
 
 
 def _print_summary(posterior: "Posterior") -> None:
-    from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+    from jointbayes.joint import STIFFNESS_NAMES
+    from jointbayes.posterior.verdicts import verdict_line
 
     if not posterior.converged:
         click.echo("NOT CONVERGED: do not use these numbers.")
     click.echo(posterior.reason)
-    for name, unit in zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True):
-        known = posterior.identifiability(name)
-        low, high = known.interval95
-        click.echo(f"{name}: {posterior.mode[name]:.3e} {unit}, 95 % {low:.3e} to {high:.3e}: {known.verdict}")
+    for name in STIFFNESS_NAMES:
+        click.echo(verdict_line(posterior, name))
     if posterior.estimate.sentence:
         click.echo(posterior.estimate.sentence)
 

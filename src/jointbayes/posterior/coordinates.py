@@ -45,8 +45,8 @@ def charts(problem: Problem) -> tuple[Chart, ...]:
 def judged_quantities(prior: JointPrior) -> Quantities:
     """What the stop rule's bound on the errors of interval ends holds for: each coordinate of the joint and k12.
 
-    Stiffnesses by their logarithm, ρ as it is. Where k12 is no coordinate it is taken by the logarithm of its amount
-    if all draws have one sign, and as it is otherwise.
+    Stiffnesses by their logarithm, ρ as it is. A k12 that may have either sign is taken by its signed logarithm
+    arsinh(k12/s), with s the median of |k12|: its draws may spread over decades to both sides.
     """
     names = prior.parametrisation.names
 
@@ -55,7 +55,7 @@ def judged_quantities(prior: JointPrior) -> Quantities:
         if "rho" not in names:
             return joint
         k12 = prior.stiffness(theta)[..., 1:2]
-        one_sign = bool((k12 > 0).all() or (k12 < 0).all())
-        return np.concatenate([joint, np.log(np.abs(k12)) if one_sign else k12], axis=-1)
+        scale = float(np.median(np.abs(k12))) or 1.0
+        return np.concatenate([joint, np.arcsinh(k12 / scale)], axis=-1)
 
     return Quantities(names if "rho" not in names else (*names, "k12"), values)

@@ -1,4 +1,4 @@
-"""Which stiffness do the data determine? One documented rule."""
+"""Which stiffness do the data determine? One documented rule, for draws of one stiffness."""
 
 import math
 from dataclasses import dataclass
@@ -7,9 +7,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["IDENTIFIED_RATIO", "LEAST_CONTRACTION", "WEAK_RATIO", "Identifiability", "Verdict", "assess"]
+from jointbayes.posterior.rounding import factor
 
-Verdict = Literal["identified", "weakly identified", "not identified"]
+__all__ = [
+    "IDENTIFIED_RATIO",
+    "LEAST_CONTRACTION",
+    "RULE",
+    "WEAK_RATIO",
+    "Identifiability",
+    "Verdict",
+    "assess",
+    "verdict_by_rule",
+]
+
+Verdict = Literal["identified", "weakly identified", "not identified", "bounded below", "bounded above", "no verdict"]
 
 #: Largest upper/lower ratio of the 95 % interval of an identified stiffness.
 IDENTIFIED_RATIO = 1.25
@@ -17,6 +28,13 @@ IDENTIFIED_RATIO = 1.25
 WEAK_RATIO = 3.0
 #: Least contraction 1 − var(posterior)/var(prior) of ln k: below it the prior speaks, not the data.
 LEAST_CONTRACTION = 0.5
+
+#: The rule in words, as reports print it.
+RULE = (
+    f"Identified: upper end of the 95 % credible interval at most {IDENTIFIED_RATIO:g} times the lower end; weakly "
+    f"identified: at most {WEAK_RATIO:g} times; not identified: beyond that, or if the variance of ln k shrank by "
+    f"less than {100 * LEAST_CONTRACTION:g} % from prior to posterior"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +44,7 @@ class Identifiability:
     Parameters
     ----------
     interval95
-        Equal-tailed 95 % posterior interval, in the stiffness's unit.
+        Equal-tailed 95 % credible interval, in the stiffness's unit.
     ratio
         Upper end over lower end; infinite where the interval holds zero or both signs.
     sd_log
@@ -34,7 +52,20 @@ class Identifiability:
     contraction
         1 − var(posterior)/var(prior) of ln |k| (of k itself where draws have both signs).
     verdict
-        By the rule of this module.
+        By the rule of this module, and of `jointbayes.posterior.verdicts` where a whole posterior was judged.
+    verdict_reason
+        Why, in one sentence without full stop.
+    median
+        Posterior median, in the stiffness's unit.
+    median_error, interval95_error
+        Monte Carlo standard errors of the median and of the two ends, in the stiffness's unit; NaN where nothing is
+        known of the draws' order.
+    limit95
+        For a stiffness that is bounded below (above): it is larger (smaller) with 95 % probability; else NaN.
+    limit95_error
+        Monte Carlo standard error of the limit.
+    if_model_right
+        Whether the verdict holds only if the model were right: the model does not explain the data.
     """
 
     interval95: tuple[float, float]
@@ -42,6 +73,34 @@ class Identifiability:
     sd_log: float
     contraction: float
     verdict: Verdict
+    verdict_reason: str
+    median: float
+    median_error: float = math.nan
+    interval95_error: tuple[float, float] = (math.nan, math.nan)
+    limit95: float = math.nan
+    limit95_error: float = math.nan
+    if_model_right: bool = False
+
+
+def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:
+    """Verdict on a stiffness and the reason for it, from the ends' ratio and the contraction.
+
+    Examples
+    --------
+    >>> verdict_by_rule(1.1, 0.99)[0], verdict_by_rule(1.1, 0.3)[0]
+    ('identified', 'not identified')
+    """
+    if not contraction >= LEAST_CONTRACTION:
+        shrunk = f"the data shrink the prior's variance by {100 * max(contraction, 0.0):.0f} % only"
+        return "not identified", f"{shrunk}, {100 * LEAST_CONTRACTION:g} % is needed"
+    if math.isinf(ratio):
+        return "not identified", "its 95 % credible interval holds zero"
+    spread = f"the upper end is {factor(ratio)} times the lower end"
+    if ratio <= IDENTIFIED_RATIO:
+        return "identified", f"{spread}, at most {IDENTIFIED_RATIO:g}"
+    if ratio <= WEAK_RATIO:
+        return "weakly identified", f"{spread}, at most {WEAK_RATIO:g}"
+    return "not identified", f"{spread}, more than {WEAK_RATIO:g}"
 
 
 def assess(posterior: NDArray[np.float64], prior: NDArray[np.float64]) -> Identifiability:
@@ -57,7 +116,7 @@ def assess(posterior: NDArray[np.float64], prior: NDArray[np.float64]) -> Identi
     >>> assess(np.exp(0.01 * rng.normal(size=4000)), np.exp(rng.normal(size=4000))).verdict
     'identified'
     """
-    low, high = (float(q) for q in np.quantile(posterior, [0.025, 0.975]))
+    low, median, high = (float(q) for q in np.quantile(posterior, [0.025, 0.5, 0.975]))
     one_sign = bool((posterior > 0).all() or (posterior < 0).all())
     if one_sign:
         ratio = max(high / low, low / high)
@@ -66,7 +125,5 @@ def assess(posterior: NDArray[np.float64], prior: NDArray[np.float64]) -> Identi
     else:
         ratio, sd_log = math.inf, math.nan
         contraction = 1 - float(posterior.var() / prior.var())
-    verdict: Verdict = "not identified"
-    if contraction >= LEAST_CONTRACTION and ratio <= WEAK_RATIO:
-        verdict = "identified" if ratio <= IDENTIFIED_RATIO else "weakly identified"
-    return Identifiability((low, high), ratio, sd_log, contraction, verdict)
+    verdict, reason = verdict_by_rule(ratio, contraction)
+    return Identifiability((low, high), ratio, sd_log, contraction, verdict, reason, median)

@@ -20,10 +20,12 @@ from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
-from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.mesh import MeshCheck, check_mesh
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
+from jointbayes.posterior.verdicts import judge_stiffness
+from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 
 __all__ = ["Posterior", "RunRecord", "data_sha256"]
 
@@ -184,9 +186,27 @@ class Posterior:
         low, high = np.quantile(self.values(name), [tail, 1 - tail])
         return float(low), float(high)
 
+    def by_ensemble(self, name: str) -> Array:
+        """All draws of one quantity with walkers of an ensemble together, shape (ensembles, draws, walkers).
+
+        Raises
+        ------
+        ModelError
+            If there is no such quantity.
+        """
+        values = self.values(name)
+        ensembles = len(np.unique(self.draws["ensemble"].values))
+        draws: Array = values.reshape(ensembles, -1, values.shape[1]).swapaxes(1, 2)
+        return draws
+
+    @cached_property
+    def widened(self) -> WidenedPosterior | None:
+        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
+        return widen_posterior(self)
+
     def identifiability(self, name: str) -> Identifiability:
-        """Verdict on one stiffness, by the rule of `jointbayes.posterior.identifiability.assess`."""
-        return assess(self.values(name), self.prior_values(name))
+        """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`."""
+        return judge_stiffness(self, name)
 
     @cached_property
     def check(self) -> PredictiveCheck:

@@ -12,11 +12,12 @@ from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.result import Posterior, data_sha256
+from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 
 __all__ = ["SCHEMA_VERSION", "summarise"]
 
 #: Raised when a reader of the older form would misread the newer one.
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 def summarise(
@@ -54,6 +55,7 @@ def summarise(
         "converged": record.converged,
         "reason": record.reason,
         "warnings": list(warnings),
+        "no_verdict": list(reasons_for_no_verdict(posterior)),
         "parameters": {
             name: _parameter(posterior, i, name, unit)
             for i, (name, unit) in enumerate(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True))
@@ -82,13 +84,19 @@ def _parameter(posterior: Posterior, index: int, name: str, unit: str) -> dict[s
         "unit": unit,
         "map": float(posterior.estimate.stiffness[index]),
         "mode": posterior.mode[name],
-        "median": float(np.median(values)),
+        "median": known.median,
+        "median_error": known.median_error,
         "mean": float(values.mean()),
         "sd_log": known.sd_log,
         "interval95": list(known.interval95),
+        "interval95_error": list(known.interval95_error),
         "prior_interval95": np.quantile(posterior.prior_values(name), [0.025, 0.975]).tolist(),
         "contraction": known.contraction,
         "verdict": known.verdict,
+        "verdict_reason": known.verdict_reason,
+        "if_model_right": known.if_model_right,
+        "limit95": known.limit95,
+        "limit95_error": known.limit95_error,
         "r_hat": r_hat[name if name in r_hat else "rho"],
         "ess_bulk": ess_bulk,
         "ess_tail": ess_tail,
@@ -125,6 +133,7 @@ def _map(posterior: Posterior) -> dict[str, Any]:
         "theta": estimate.theta.tolist(),
         "covariance": estimate.covariance.tolist(),
         "mode_agrees": posterior.mode_agrees,
+        "mode_sentence": mode_sentence(posterior),
         "at_prior_edge": list(posterior.at_prior_edge),
         "mode_distance_sd": posterior.mode_distance,
         "starts": [{"name": s.name, "reached_mode": s.reached_mode} for s in estimate.starts],

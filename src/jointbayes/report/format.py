@@ -4,24 +4,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["fixed", "interval", "number"]
+from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
+
+__all__ = ["contraction", "fixed", "factor", "interval", "number", "rounded", "rounded_interval"]
 
 
-def number(value: float | None, digits: int = 3) -> str:
-    """Format with so many significant digits; powers of ten only for very large or small numbers.
+def contraction(value: float | None, decimals: int) -> str:
+    """Share of the prior's variance that the data removed; "none" where the posterior is as wide as the prior or wider.
 
     Examples
     --------
-    >>> number(5.05e9), number(0.1234), number(None)
-    ('5.05e9', '0.123', '–')
+    >>> contraction(0.98765, 4), contraction(-4.1, 4)
+    ('0.9877', 'none')
     """
-    if value is None or not np.isfinite(value):
-        return "–"
-    text = f"{value:.{digits}g}"
-    if "e" not in text:
-        return text
-    mantissa, exponent = text.split("e")
-    return f"{mantissa}e{int(exponent)}"
+    return "none" if value is not None and value <= 0 else fixed(value, decimals)
 
 
 def fixed(value: float | None, decimals: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.report import figures
-from jointbayes.report.format import fixed, interval, number
+from jointbayes.report.format import contraction, fixed, interval, number
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 __all__ = ["check_blocks", "coordinate_label", "knowledge_section", "nuisance_section"]
@@ -161,13 +161,13 @@ def nuisance_section(summary: Summary) -> Section | None:
             number(n["median"], 4),
             interval(n["interval95"], 4),
             n["unit"],
-            fixed(n["contraction"], 2),
+            contraction(n["contraction"], 2),
             fixed(n["r_hat"], 3),
         )
         for name, n in summary["nuisances"].items()
     )
     head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
-    note = "Contraction 0: the data say nothing about it and it keeps its prior; 1: they say all."
+    note = "Contraction 0: the data say nothing about it and it keeps its prior; 1: they say all; none: as wide as its prior."
     return Section(
         "nuisances",
         "What else was uncertain",

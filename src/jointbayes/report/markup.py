@@ -7,6 +7,8 @@ user's text, so neither ``<script>`` nor ``#panic()`` in a case name can do anyt
 import re
 from dataclasses import dataclass
 
+from jointbayes.posterior.identifiability import Verdict
+from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report.model import Kind
 
 __all__ = ["SYMBOLS", "Badge", "Run", "badge", "clean", "format_numbers", "parse", "plain"]
@@ -57,10 +59,18 @@ class Badge:
 SYMBOLS: dict[Kind, str] = {"good": "✓", "caution": "!", "bad": "✗"}
 """Mark of a callout of each kind."""
 
-_BADGES = {
+_BADGES: dict[Verdict, Badge] = {
     "identified": Badge("good", "✓"),
     "weakly identified": Badge("caution", "~"),
     "not identified": Badge("bad", "✗"),
+    "bounded below": Badge("caution", "≥"),
+    "bounded above": Badge("caution", "≤"),
+    "no verdict": Badge("bad", "✗"),
+}
+_BY_TEXT = {verdict_text(verdict, if_model_right=False): mark for verdict, mark in _BADGES.items()} | {
+    # never a green tick for what a model says that does not explain the data
+    verdict_text(verdict, if_model_right=True): Badge("bad" if mark.kind == "bad" else "caution", "~")
+    for verdict, mark in _BADGES.items()
 }
 
 
@@ -74,7 +84,7 @@ def badge(cell: str) -> Badge | None:
     >>> badge("5.05e9") is None
     True
     """
-    return _BADGES.get(cell.strip())
+    return _BY_TEXT.get(cell.strip())
 
 
 def clean(text: str) -> str:

@@ -8,9 +8,12 @@ from jointbayes.identification import IterationHistory
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.identifiability import RULE
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
 from jointbayes.report import figures
-from jointbayes.report.format import fixed, interval, number
+from jointbayes.report.format import contraction, factor, fixed, interval, number, rounded, rounded_interval
 from jointbayes.report.knowledge_section import coordinate_label
+from jointbayes.report.markup import badge
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Section, Table
 
 __all__ = [
@@ -28,11 +31,12 @@ Triple = tuple[float, float, float]
 
 
 def lead(posterior: Posterior, reference: Triple | None, source: str, summary: Summary) -> tuple[Block, ...]:
-    """Banner, verdict table and the sentence on the coupling stiffness."""
+    """Banner, verdict table with the reason of each verdict, and the sentence on the coupling stiffness."""
     return (
         *_banners(posterior, summary),
         _verdict_table(reference, source, summary),
-        Paragraph(coupling_sentence(summary)),
+        Paragraph(verdict_sentences(summary)),
+        *([] if summary["no_verdict"] else [Paragraph(coupling_sentence(summary))]),
         *([Paragraph(_bold_head(summary["check"]["sentence"]))] if summary["check"]["explains"] else []),
     )
 
@@ -55,6 +59,8 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
                 "standard deviations away: the MAP search missed it.",
             )
         )
+    if summary["no_verdict"]:
+        banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary['no_verdict'])}."))
     if posterior.at_prior_edge:
         names = ", ".join(posterior.at_prior_edge)
         text = f"**The mode lies on an edge of the prior: {names}.** There the prior decides, not the data; widen it."
@@ -75,36 +81,53 @@ def _bold_head(sentence: str) -> str:
 
 
 def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> Table:
-    head = ["Stiffness", "Mode", "Median", "95 % interval", "Unit", "Verdict"]
+    head = ["Stiffness", "Median", "95 % credible interval", "Unit", "Verdict"]
     rows = []
     for i, (name, p) in enumerate(summary["parameters"].items()):
-        row = [
-            name,
-            number(p["mode"]),
-            number(p["median"]),
-            interval(p["interval95"]),
-            p["unit"],
-            p["verdict"],
-        ]
+        row = [name, rounded(p["median"], _error(p["median_error"])), _interval(p), p["unit"], _verdict(p)]
         if reference is not None:
             row.insert(1, number(reference[i]))
         rows.append(tuple(row))
     if reference is not None:
         head.insert(1, "Published")
-    kinds = {"identified": "good", "weakly identified": "caution", "not identified": "bad"}
-    note = (
-        "Equal-tailed interval. Identified: upper/lower end at most 1.25; weakly: at most 3; not identified: "
-        "beyond that, or if the variance of ln k shrank by less than half from prior to posterior."
-    )
+    note = f"Equal-tailed interval; the digits shown are those that the Monte Carlo errors support. {RULE}."
     if reference is not None:
         note += f" Published: {source}."
+    marks = [badge(_verdict(p)) for p in summary["parameters"].values()]
     return Table(
         "Stiffness of the joint",
         tuple(head),
         tuple(rows),
         note=note,
-        row_kinds=tuple(kinds[p["verdict"]] for p in summary["parameters"].values()),
+        row_kinds=tuple(mark.kind if mark else "" for mark in marks),
     )
+
+
+def _error(value: float | None) -> float:
+    """A number of the summary, where ``None`` stands for one that does not exist."""
+    return float("nan") if value is None else value
+
+
+def _interval(p: Summary) -> str:
+    low, high = (_error(error) for error in p["interval95_error"])
+    return rounded_interval(p["interval95"], (low, high))
+
+
+def _verdict(p: Summary) -> str:
+    return verdict_text(p["verdict"], if_model_right=p["if_model_right"])
+
+
+def verdict_sentences(summary: Summary) -> str:
+    """Each stiffness's verdict with its reason, a sentence each."""
+    sentences = []
+    for name, p in summary["parameters"].items():
+        reason = p["verdict_reason"].removeprefix(f"{IF_MODEL_RIGHT}: ")
+        limit = ""
+        if p["limit95"] is not None:
+            side = "above" if p["verdict"] == "bounded below" else "below"
+            limit = f" {side} {rounded(p['limit95'], _error(p['limit95_error']))} {p['unit']} with 95 % probability,"
+        sentences.append(f"**{name}**:{limit} {_verdict(p)} ({reason}).")
+    return " ".join(sentences)
 
 
 def coupling_sentence(summary: Summary) -> str:
@@ -113,12 +136,12 @@ def coupling_sentence(summary: Summary) -> str:
     low, high = k12["interval95"]
     if low <= 0 <= high:
         return (
-            f"**The coupling stiffness k12 is {k12['verdict']}**: its 95 % interval, {interval([low, high])} N, holds "
+            f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval, {_interval(k12)} N, holds "
             "zero, so that not even its sign is known."
         )
     text = (
-        f"**The coupling stiffness k12 is {k12['verdict']}**: its 95 % interval spans a factor of "
-        f"{number(max(high / low, low / high))} ({interval([low, high])} N)"
+        f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval spans a factor of "
+        f"{factor(max(high / low, low / high))} ({_interval(k12)} N)"
     )
     if k12["sd_log"] and k22["sd_log"]:
         ratio = k12["sd_log"] / k22["sd_log"]
@@ -165,6 +188,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
     """Marginals, pairs, prior and the full table."""
     head = (
         "Stiffness",
+        "Joint mode",
         "MAP",
         "Mean",
         "sd of ln k",
@@ -177,18 +201,27 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
     rows = tuple(
         (
             name,
+            number(p["mode"], 4),
             number(p["map"], 4),
             number(p["mean"], 4),
             number(p["sd_log"]),
             interval(p["prior_interval95"], 2),
-            fixed(p["contraction"], 4),
+            contraction(p["contraction"], 4),
             fixed(p["r_hat"], 4),
             fixed(p["ess_bulk"], 0),
             fixed(p["ess_tail"], 0),
         )
         for name, p in summary["parameters"].items()
     )
-    blocks: list[Block] = [Table("Posterior in numbers", head, rows, note="Mean in the stiffness's unit, see above.")]
+    note = (
+        "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
+        "of ln k (of k12 itself where it has both signs) that the data removed; none where the posterior is as wide as "
+        "the prior or wider, because the data favour the prior's outskirts."
+    )
+    blocks: list[Block] = [
+        Table("Posterior in numbers", head, rows, note=note),
+        Paragraph(summary["map"]["mode_sentence"]),
+    ]
     prior_stiffness = np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1)
     if "k12" in posterior.problem.parametrisation.names:
         draws, prior = np.log10(posterior.stiffness), np.log10(prior_stiffness)

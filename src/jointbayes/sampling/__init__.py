@@ -4,7 +4,13 @@ from jointbayes.sampling.chains import Chains, Draws, Progress
 from jointbayes.sampling.chart import BoxChart, Chart, Identity
 from jointbayes.sampling.composed_chart import ComposedChart
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, quantile_error, split_r_hat
+from jointbayes.sampling.diagnostics import (
+    autocorrelation_time,
+    effective_sample_size,
+    quantile_error,
+    quantile_spread,
+    split_r_hat,
+)
 from jointbayes.sampling.product_chart import ProductChart
 from jointbayes.sampling.proposal import Proposal, Start, fit_proposal
 from jointbayes.sampling.run import run_ensembles
@@ -42,5 +48,6 @@ __all__ = [
     "effective_sample_size",
     "importance_efficiency",
     "quantile_error",
+    "quantile_spread",
     "split_r_hat",
 ]

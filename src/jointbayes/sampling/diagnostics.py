@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 
-__all__ = ["autocorrelation_time", "effective_sample_size", "quantile_error", "split_r_hat"]
+__all__ = ["autocorrelation_time", "effective_sample_size", "quantile_error", "quantile_spread", "split_r_hat"]
 
 # Sokal's window: the sum over lags stops at this many τ, where its noise outweighs what it still misses.
 _WINDOW = 5.0
@@ -135,11 +135,8 @@ def effective_sample_size(draws: int, tau: NDArray[np.float64]) -> NDArray[np.fl
 def quantile_error(draws: NDArray[np.float64], probability: float) -> float:
     """Monte Carlo standard error of a quantile of one quantity's draws.
 
-    The effective sample size S of the indicator "draw ≤ quantile" comes from its own τ, pooled over walkers and
-    ensembles: the tails of a skewed density mix more slowly than its middle. The probability below the quantile is
-    then as uncertain as that of a Beta(S p + 1, S (1 − p) + 1) variable, and half the distance of the draws that
-    stand at its 16 % and 84 % quantiles is the error. No density has to be estimated, and the error follows any
-    monotone change of the quantity's scale.
+    The effective sample size of the indicator "draw ≤ quantile" comes from its own τ, pooled over walkers and
+    ensembles: the tails of a skewed density mix more slowly than its middle. With it, see :func:`quantile_spread`.
 
     Parameters
     ----------
@@ -169,15 +166,35 @@ def quantile_error(draws: NDArray[np.float64], probability: float) -> float:
     >>> round(quantile_error(white, 0.5) / (1.2533 / np.sqrt(white.size)), 1)
     1.0
     """
+    _require_draws(draws[..., None])
+    tau = _tau((draws <= np.quantile(draws, probability)).astype(np.float64))
+    return quantile_spread(draws, probability, draws.size / tau) if np.isfinite(tau) else float("inf")
+
+
+def quantile_spread(draws: NDArray[np.float64], probability: float, effective: float) -> float:
+    """Standard error of a quantile of draws that are worth so many independent ones.
+
+    The probability below the quantile is as uncertain as a Beta(S p + 1, S (1 − p) + 1) variable, with S the effective
+    sample size, and half the distance of the draws that stand at its 16 % and 84 % quantiles is the error. No density
+    has to be estimated, and the error follows any monotone change of the quantity's scale.
+
+    Parameters
+    ----------
+    draws : ndarray
+        Draws of one quantity, any shape.
+    probability : float
+        Probability below the quantile, above 0 and below 1.
+    effective : float
+        Effective sample size, above 0.
+
+    References
+    ----------
+    A. Vehtari et al., Rank-normalization, folding, and localization: an improved R̂ (2021),
+    DOI 10.1214/20-BA1221, section 4.3.
+    """
     from scipy.stats import beta
 
-    _require_draws(draws[..., None])
-    below = draws <= np.quantile(draws, probability)
-    tau = _tau(below.astype(np.float64))
-    if not np.isfinite(tau):
-        return float("inf")
-    effective = draws.size / tau
-    ends = beta.ppf(_ONE_SD, effective * probability + 1, effective * (1 - probability) + 1)
+    ends = np.asarray(beta.ppf(_ONE_SD, effective * probability + 1, effective * (1 - probability) + 1))
     ranks = np.clip([np.floor(ends[0] * draws.size), np.ceil(ends[1] * draws.size)], 0, draws.size - 1).astype(int)
     down, up = np.partition(draws, ranks, axis=None)[ranks]
     return float(up - down) / 2

@@ -329,7 +329,7 @@ def _end_sentence(error: EndError | None, settings: SamplerSettings) -> str:
     if error is None:
         return "the errors of the ends of the 95 % intervals are unknown"
     return (
-        f"the {error.end} end of the 95 % interval of {error.name} is known to {error.share:.1%} of the interval's "
+        f"the {error.end} end of the 95 % interval of {error.name} is known to {error.share:.2%} of the interval's "
         f"width only, below {settings.end_tolerance:.1%} is needed"
     )
 

@@ -1,0 +1,77 @@
+"""How numbers are rounded, on the terminal as in reports: to the digits that their errors support."""
+
+import math
+
+__all__ = ["factor", "number", "rounded", "rounded_interval"]
+
+_MOST_DIGITS = 5
+_DIGITS_WITHOUT_ERROR = 3
+
+
+def rounded(value: float, error: float = math.nan) -> str:
+    """Format a number with the digits that its Monte Carlo standard error supports.
+
+    The last digit shown stands where the first digit of the error does; at least one digit and at most five are
+    shown, three where the error is not known. Powers of ten only for large or small numbers.
+
+    Examples
+    --------
+    >>> rounded(1.4552e10, 2.1e8), rounded(3.532e9, 5.1e6), rounded(0.9302, 0.0012), rounded(8.7e7)
+    ('1.46e10', '3.532e9', '0.930', '8.70e7')
+    """
+    if not math.isfinite(value):
+        return "–"
+    digits = _DIGITS_WITHOUT_ERROR
+    if value == 0:
+        return "0"
+    if error > 0 and math.isfinite(error):
+        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1
+    elif error == 0:
+        digits = _MOST_DIGITS
+    digits = min(max(digits, 1), _MOST_DIGITS)
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    power = int(exponent)
+    if -4 <= power < 5 and digits > power:
+        return f"{float(f'{mantissa}e{power}'):.{digits - 1 - power}f}"
+    return f"{mantissa}e{power}"
+
+
+def rounded_interval(ends: tuple[float, float], errors: tuple[float, float], between: str = " … ") -> str:
+    """Format the ends of an interval, each with the digits that its own error supports.
+
+    Examples
+    --------
+    >>> rounded_interval((3.532e9, 1.4552e10), (5.1e6, 2.1e8))
+    '3.532e9 … 1.46e10'
+    """
+    return between.join(rounded(end, error) for end, error in zip(ends, errors, strict=True))
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Format a number without an error: so many significant digits, powers of ten only for very large or small ones.
+
+    Examples
+    --------
+    >>> number(5.05e9), number(0.1234), number(None)
+    ('5.05e9', '0.123', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}g}"
+    if "e" not in text:
+        return text
+    mantissa, exponent = text.split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def factor(ratio: float) -> str:
+    """Format the ratio of an interval's ends, near 1 with two digits of what is above 1.
+
+    Examples
+    --------
+    >>> factor(4.053), factor(1.0423), factor(1.00083), factor(float("inf"))
+    ('4.05', '1.042', '1.00083', '–')
+    """
+    if 1 < ratio < 2:
+        return f"{ratio:.{1 - math.floor(math.log10(ratio - 1))}f}"
+    return number(ratio)

@@ -1,0 +1,224 @@
+"""The verdict on each stiffness of a posterior: the rule for its draws, and what may stand against it.
+
+In order: the draws are judged by `jointbayes.posterior.identifiability`; the same posterior with every prior of the
+joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
+otherwise; a model that does not explain the data makes the verdict conditional; a run that failed has none.
+"""
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.inference import Uniform
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.posterior.identifiability import Identifiability, Verdict, assess, verdict_by_rule
+from jointbayes.posterior.rounding import number, rounded, rounded_interval
+from jointbayes.posterior.widened import WidenedPosterior
+from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.result import Posterior
+
+__all__ = [
+    "BEYOND",
+    "IF_MODEL_RIGHT",
+    "LEAST_EXCLUDED",
+    "judge_stiffness",
+    "mode_sentence",
+    "reasons_for_no_verdict",
+    "verdict_line",
+    "verdict_text",
+]
+
+Array = NDArray[np.float64]
+
+#: Posterior mass beyond a stated bound, once priors are a decade wider, from which on the bound holds the stiffness.
+BEYOND = 0.025
+#: Least share of the prior that a one-sided 95 % limit must exclude to be a statement about the data.
+LEAST_EXCLUDED = 0.1
+#: What is added to a verdict where the model does not explain the data.
+IF_MODEL_RIGHT = "if the model were right"
+
+_SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
+_CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
+_WIDER = "every prior of the joint a decade wider on each side"
+
+
+def reasons_for_no_verdict(posterior: "Posterior") -> tuple[str, ...]:
+    """Why a run gives no verdict on any stiffness, one phrase for each reason; empty where it does."""
+    reasons = []
+    if not posterior.converged:
+        reasons.append("the sampler has not converged")
+    if not posterior.mode_agrees:
+        gain = posterior.mode_log_density - posterior.estimate.log_posterior
+        if gain > _SAME_DENSITY:
+            reasons.append(f"the MAP search missed the mode: the best draw leads {gain:.3g} higher in log density")
+        else:
+            reasons.append(
+                f"joint mode and MAP are {posterior.mode_distance:.2g} Laplace standard deviations apart, the joint "
+                f"mode {-gain:.3g} lower in log density"
+            )
+    return tuple(reasons)
+
+
+def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
+    """Median, interval with errors, and verdict of one stiffness or other quantity.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    name
+        Of the quantity, as in its draws.
+
+    Raises
+    ------
+    ModelError
+        If there is no such quantity.
+    """
+    known = assess(posterior.values(name), posterior.prior_values(name))
+    draws = posterior.by_ensemble(name)
+    low, high = (quantile_error(draws, probability) for probability in INTERVAL)
+    known = replace(known, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
+    if name in STIFFNESS_NAMES and posterior.widened is not None:
+        known = _with_wider_priors(posterior, posterior.widened, name, known)
+    if not posterior.check.explains and known.verdict != "not identified":
+        known = replace(known, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {known.verdict_reason}")
+    reasons = reasons_for_no_verdict(posterior)
+    if reasons:
+        reason = "; ".join(reasons)
+        return replace(known, verdict="no verdict", verdict_reason=reason, if_model_right=False, limit95=math.nan)
+    return known
+
+
+def verdict_text(verdict: Verdict, *, if_model_right: bool) -> str:
+    """The verdict as it is printed, with the condition it stands under.
+
+    Examples
+    --------
+    >>> verdict_text("identified", if_model_right=True)
+    'identified, if the model were right'
+    """
+    return f"{verdict}, {IF_MODEL_RIGHT}" if if_model_right else verdict
+
+
+def verdict_line(posterior: "Posterior", name: str) -> str:
+    """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal."""
+    known = posterior.identifiability(name)
+    unit = STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]
+    words = verdict_text(known.verdict, if_model_right=known.if_model_right)
+    reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+    if math.isfinite(known.limit95):
+        side = "above" if known.verdict == "bounded below" else "below"
+        limit = rounded(known.limit95, known.limit95_error)
+        return f"{name}: {side} {limit} {unit} with 95 % probability: {words} ({reason})"
+    interval = rounded_interval(known.interval95, known.interval95_error, " to ")
+    median = rounded(known.median, known.median_error)
+    return f"{name}: median {median} {unit}, 95 % credible interval {interval}: {words} ({reason})"
+
+
+def mode_sentence(posterior: "Posterior") -> str:
+    """In which coordinates the joint mode is one, and why it lies outside the 95 % interval of a stiffness if it does."""
+    names = posterior.problem.parametrisation.names
+    coordinates = ", ".join("ρ" if name == "rho" else f"ln {name}" for name in names)
+    others = ", and the logarithms of what else is uncertain" if posterior.problem.prior.nuisances else ""
+    text = f"The joint mode is the point of highest posterior density over {coordinates}{others}; in other "
+    text += "coordinates it is another point."
+    outside = [name for name in STIFFNESS_NAMES if not _holds(posterior.interval(name), posterior.mode[name])]
+    if outside:
+        text += (
+            f" It lies outside the 95 % credible interval of {' and '.join(outside)}: the posterior is skewed, and the "
+            "highest point of a joint density is not the middle of any one quantity's distribution. Quote the median."
+        )
+    return text
+
+
+def _holds(interval: tuple[float, float], value: float) -> bool:
+    return interval[0] <= value <= interval[1]
+
+
+def _with_wider_priors(
+    posterior: "Posterior", wide: WidenedPosterior, name: str, known: Identifiability
+) -> Identifiability:
+    """The verdict after a look at what wider priors make of it: never more certain, and never changed in silence."""
+    place = STIFFNESS_NAMES.index(name)
+    values = wide.prior.stiffness(wide.theta)[:, place]
+    wider = assess(values, wide.prior.stiffness(wide.prior_theta)[:, place])
+    if not wide.reliable:
+        return _less_certain(known, "not identified", f"rests on the prior: the posterior with {_WIDER} was not found")
+    below, above = _beyond_bounds(posterior, wide, name)
+    if below > BEYOND or above > BEYOND:
+        return _bounded(posterior, name, known, wider.verdict, below, above)
+    if not _holds(known.interval95, wider.median):
+        ratio = _joined_ratio(known.interval95, wider.interval95)
+        verdict, _ = verdict_by_rule(ratio, known.contraction)
+        moved = f"its median goes from {rounded(known.median)} to {rounded(wider.median)} with {_WIDER}"
+        return replace(known, verdict=verdict, verdict_reason=f"rests on the prior: {moved}")
+    if _same_verdict(known, wider, _log_ratio_error(known, wider, values, wide.effective)):
+        return known
+    changed = f"rests on the prior: {known.verdict} with the priors as stated, {wider.verdict} with {_WIDER}"
+    return _less_certain(known, wider.verdict, changed)
+
+
+def _less_certain(known: Identifiability, verdict: Verdict, reason: str) -> Identifiability:
+    worst = min(known.verdict, verdict, key=lambda one: _CERTAINTY.get(one, 0))
+    return replace(known, verdict=worst, verdict_reason=reason)
+
+
+def _beyond_bounds(posterior: "Posterior", wide: WidenedPosterior, name: str) -> tuple[float, float]:
+    """Mass of the wider posterior below and above the stated bounds of a stiffness; 0 where it has none."""
+    prior = posterior.problem.prior
+    names = prior.parametrisation.names
+    if name not in names or not isinstance(prior.marginals[names.index(name)], Uniform):
+        return 0.0, 0.0
+    column = names.index(name)
+    low, high = prior.marginals[column].support
+    return float((wide.theta[:, column] < low).mean()), float((wide.theta[:, column] > high).mean())
+
+
+def _bounded(
+    posterior: "Posterior", name: str, known: Identifiability, wider: Verdict, below: float, above: float
+) -> Identifiability:
+    """What the draws say of a stiffness that a bound of its prior holds: a limit to the other side."""
+    prior = posterior.problem.prior
+    low, high = np.exp(prior.marginals[prior.parametrisation.names.index(name)].support)
+    unit = STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]
+    if below > BEYOND and above > BEYOND:
+        reason = f"the prior's bounds {number(low)} and {number(high)} {unit} hold it on both sides"
+        return replace(known, verdict="not identified", verdict_reason=reason)
+    side, bound, probability = ("upper", high, 0.05) if above > BEYOND else ("lower", low, 0.95)
+    reason = f"the prior's {side} bound {number(bound)} {unit} holds it"
+    limit = float(np.quantile(posterior.values(name), probability))
+    drawn = posterior.prior_values(name)
+    excluded = float(((drawn < limit) if side == "upper" else (drawn > limit)).mean())
+    if excluded < LEAST_EXCLUDED:
+        reason += f", and the data exclude {100 * excluded:.0f} % of the prior only"
+        return replace(known, verdict="not identified", verdict_reason=reason)
+    if wider in _CERTAINTY:
+        reason += f"; with {_WIDER} it would be {wider}"
+    error = quantile_error(posterior.by_ensemble(name), probability)
+    verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
+    return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit, limit95_error=error)
+
+
+def _joined_ratio(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Upper over lower end of the smallest interval that holds both."""
+    low, high = min(one[0], other[0]), max(one[1], other[1])
+    return max(high / low, low / high) if low * high > 0 else math.inf
+
+
+def _log_ratio_error(known: Identifiability, wider: Identifiability, values: Array, effective: float) -> float:
+    """Monte Carlo standard error of the difference of two ln (upper/lower end)."""
+    errors = [error / abs(end) for end, error in zip(known.interval95, known.interval95_error, strict=True)]
+    for end, probability in zip(wider.interval95, INTERVAL, strict=True):
+        errors.append(quantile_spread(values, probability, effective) / abs(end))
+    return math.hypot(*errors)
+
+
+def _same_verdict(known: Identifiability, wider: Identifiability, error: float) -> bool:
+    """Whether wider priors leave the verdict, within twice the Monte Carlo error of the ratio it hangs on."""
+    near = (wider.ratio * math.exp(step * error) for step in (-2.0, 0.0, 2.0))
+    return known.verdict in {verdict_by_rule(ratio, wider.contraction)[0] for ratio in near}

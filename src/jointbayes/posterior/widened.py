@@ -1,0 +1,178 @@
+"""The posterior with every prior of the joint a decade wider on each side: what of a verdict rests on the prior."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.identification import refine
+from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, Uniform
+from jointbayes.posterior.coordinates import charts, judged_quantities
+from jointbayes.posterior.evidence import WeightedDraws
+from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.result import Posterior
+
+__all__ = ["DECADE", "WidenedPosterior", "widen_posterior", "widened_prior", "within_reach"]
+
+Array = NDArray[np.float64]
+
+#: By how much each bound of ln k is moved out.
+DECADE = math.log(10)
+_NORMAL_95 = 1.959963984540054
+
+#: Mass that a further decade would hold if the density stayed as it is at the bound: less cannot matter.
+REACH = 0.01
+_EDGE = 0.1  # of a decade, or of ρ's range: the part of the prior's range that counts as its edge
+
+_DRAWS = 8000
+_ENOUGH_SHARE = 0.25  # effective, of draws that are reweighted
+_UNCHANGED_SHARE = 0.99  # effective: the weights are all but equal
+_LEAST_EFFECTIVE = 400.0  # importance draws; with fewer a short run takes their place
+_PRIOR_DRAWS = 8000
+_STREAM = 3  # of random numbers, so that no other draws depend on these
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WidenedPosterior:
+    """Draws from the posterior under wider priors of the joint.
+
+    Parameters
+    ----------
+    prior
+        The wider priors.
+    theta
+        Equally weighted draws of θ, shape (n, d).
+    prior_theta
+        Draws from the wider prior, shape (m, d).
+    effective
+        Number of independent draws that `theta` is worth.
+    reliable
+        Whether the draws may be trusted: a run that did not converge gives none that may.
+    """
+
+    prior: JointPrior
+    theta: Array
+    prior_theta: Array
+    effective: float
+    reliable: bool = True
+
+    def __post_init__(self) -> None:
+        self.theta.setflags(write=False)
+        self.prior_theta.setflags(write=False)
+
+
+def widened_prior(prior: JointPrior) -> JointPrior:
+    """The prior with each marginal of the joint a decade wider on each side; ρ uniform over all that is possible.
+
+    Bounds move by ln 10; a normal's standard deviation grows so that its 95 % range grows by a decade on each side.
+    """
+    names = prior.parametrisation.names
+    marginals = tuple(_wider(name, marginal) for name, marginal in zip(names, prior.marginals, strict=True))
+    return dataclasses.replace(prior, marginals=marginals)
+
+
+def _wider(name: str, marginal: Marginal) -> Marginal:
+    if name == "rho":
+        return Uniform(-1.0, 1.0)
+    if isinstance(marginal, Uniform):
+        return Uniform(marginal.low - DECADE, marginal.high + DECADE)
+    return Normal(marginal.mean, marginal.sd + DECADE / _NORMAL_95)
+
+
+def within_reach(prior: JointPrior, theta: Array) -> bool:
+    """Whether a wider prior could hold mass of any consequence beyond a bound of a uniform prior of the joint.
+
+    It could if the density of the draws at the bound, kept up over the decade beyond it, would hold more than
+    `REACH` of the mass.
+
+    Parameters
+    ----------
+    prior
+        The prior as it is stated.
+    theta
+        Draws of θ, shape (n, d).
+    """
+    wide = widened_prior(prior)
+    pairs = zip(prior.marginals, wide.marginals, strict=True)
+    for column, (stated, wider) in enumerate(pairs):
+        if not isinstance(stated, Uniform) or not isinstance(wider, Uniform):
+            continue
+        draws = theta[:, column]
+        edge = _EDGE * min(DECADE, stated.high - stated.low)
+        below, above = (draws < stated.low + edge).mean(), (draws > stated.high - edge).mean()
+        if below / edge * (stated.low - wider.low) > REACH or above / edge * (wider.high - stated.high) > REACH:
+            return True
+    return False
+
+
+def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
+    """Draws under wider priors: reweighted where the draws at hand suffice, drawn anew where they do not.
+
+    Uniform priors whose bounds are out of the posterior's reach, and normal priors that hardly vary over it, change
+    nothing when they are widened; then nothing is done.
+
+    Returns
+    -------
+    WidenedPosterior or None
+        None where wider priors give the same posterior.
+
+    References
+    ----------
+    Kallioinen, N. et al. (2024). Detecting and diagnosing prior and likelihood sensitivity with power-scaling.
+    Statistics and Computing 34, 57. DOI 10.1007/s11222-023-10366-5
+    """
+    problem = posterior.problem
+    prior, wide = problem.prior, widened_prior(problem.prior)
+    if wide.marginals == prior.marginals:
+        return None
+    rng = np.random.default_rng([posterior.record.seed, _STREAM])
+    theta = posterior.theta
+    if within_reach(prior, theta):
+        return _drawn_anew(posterior, wide, rng)
+    weighted = WeightedDraws(theta, wide.log_density(theta) - prior.log_density(theta))
+    share = float(1 / (weighted.weight**2).sum() / len(theta))
+    if share > _UNCHANGED_SHARE:
+        return None
+    if share < _ENOUGH_SHARE:
+        return _drawn_anew(posterior, wide, rng)
+    effective = share * min(float(e) for e in posterior.record.sampler["ess"].values())
+    return _widened(wide, weighted.resample(rng, _DRAWS), effective, rng)
+
+
+def _drawn_anew(posterior: "Posterior", wide: JointPrior, rng: np.random.Generator) -> WidenedPosterior:
+    """Importance draws from a proposal fitted to the wider posterior; a short run of the ensembles where they fail."""
+    problem = dataclasses.replace(posterior.problem, prior=wide)
+    log_posterior = LogPosterior(wide, posterior.problem.log_posterior.likelihood)
+    mode, _ = refine(log_posterior, posterior.mode_theta)
+    covariance = np.atleast_2d(np.cov(posterior.theta.T))
+    proposal = fit_proposal(log_posterior, charts(problem), [(mode, covariance)], rng)
+    weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
+    effective = float(1 / (weighted.weight**2).sum())
+    if effective >= _LEAST_EFFECTIVE:
+        return _widened(wide, weighted.resample(rng, _DRAWS), effective, rng)
+    chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
+    theta = chains.draws().theta.reshape(-1, len(problem.names))
+    return _widened(wide, theta, float(chains.ess.min()), rng, reliable=chains.converged)
+
+
+def _short_run(log_posterior: LogPosterior, proposal: Proposal, around: Array, rng: np.random.Generator) -> Chains:
+    """Run of the ensembles from points θ, shape (n, d), the first of which are the better places to start."""
+    dimension = around.shape[1]
+    settings = SamplerSettings(walkers=max(32, 4 * dimension), max_steps=2000, tau_factor=20.0, end_tolerance=0.05)
+    start = around[: settings.ensembles * settings.walkers]
+    start = rng.permutation(start).reshape(settings.ensembles, settings.walkers, dimension)
+    quantities = judged_quantities(log_posterior.prior)
+    return run_ensembles(
+        log_posterior, start, rng, settings, chart=proposal.chart, proposal=proposal, quantities=quantities
+    )
+
+
+def _widened(
+    wide: JointPrior, theta: Array, effective: float, rng: np.random.Generator, *, reliable: bool = True
+) -> WidenedPosterior:
+    return WidenedPosterior(wide, theta, wide.sample(rng, _PRIOR_DRAWS), effective, reliable)
