@@ -32,7 +32,9 @@ PARTIAL = ROOT / "build" / "calibration"
 ENTROPY = 20220322
 
 #: The default stop rule with more walkers and shorter runs: 1500 effective draws and more.
-SETTINGS = jb.SamplerSettings(walkers=64, check_every=25, max_steps=2000, tau_factor=6.0, tau_tolerance=0.1, end_tolerance=0.1)
+SETTINGS = jb.SamplerSettings(
+    walkers=64, check_every=25, max_steps=2000, tau_factor=6.0, tau_tolerance=0.1, end_tolerance=0.1
+)
 
 #: Draws among which a truth is ranked.
 KEPT = 63

@@ -41,7 +41,9 @@ _DRAWS, _MORE = 4000, 5
 _LEAST = 400.0  # effective draws of the present posterior
 _KEPT = 4000
 #: Good enough for truths to simulate, not for figures to quote.
-_SHORT = SamplerSettings(walkers=32, max_steps=3000, tau_factor=20.0, tau_tolerance=0.1, r_hat_max=1.05, end_tolerance=0.1)
+_SHORT = SamplerSettings(
+    walkers=32, max_steps=3000, tau_factor=20.0, tau_tolerance=0.1, r_hat_max=1.05, end_tolerance=0.1
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,9 @@ def posterior():
     found = sample(
         case_from_text("rigid", rigid_text()),
         seed=2,
-        settings=SamplerSettings(walkers=48, check_every=25, max_steps=2000, tau_factor=8.0, tau_tolerance=0.1, end_tolerance=0.1),
+        settings=SamplerSettings(
+            walkers=48, check_every=25, max_steps=2000, tau_factor=8.0, tau_tolerance=0.1, end_tolerance=0.1
+        ),
     )
     assert found.converged
     return found

@@ -1,0 +1,354 @@
+"""The verdict on a stiffness: failed runs have none, priors cannot identify, and numbers carry their errors."""
+
+import dataclasses
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from benchmarks.prior_bounds import OUTPUTS, outside_cases
+
+from jointbayes.case import case_from_text
+from jointbayes.inference import JointPrior, Normal, Uniform
+from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, SignedCoupling
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.identifiability import (
+    IDENTIFIED_RATIO,
+    LEAST_CONTRACTION,
+    RULE,
+    WEAK_RATIO,
+    verdict_by_rule,
+)
+from jointbayes.posterior.rounding import factor, rounded, rounded_interval
+from jointbayes.posterior.verdicts import (
+    BEYOND,
+    LEAST_EXCLUDED,
+    mode_sentence,
+    reasons_for_no_verdict,
+    verdict_line,
+    verdict_text,
+)
+from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, widened_prior, within_reach
+from jointbayes.report.markup import badge
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import sample
+from tests.conftest import cheap_text, edited
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+SHORT = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
+
+
+def with_cached(posterior: Posterior, **cached: object) -> Posterior:
+    """A copy of a posterior in which cached properties have other values."""
+    copy = dataclasses.replace(posterior)
+    copy.__dict__.update(cached)
+    return copy
+
+
+def unexplained(posterior: Posterior) -> Posterior:
+    return with_cached(posterior, check=SimpleNamespace(explains=False))
+
+
+def widened_by(posterior: Posterior, theta: np.ndarray, *, reliable: bool = True) -> Posterior:
+    wide = widened_prior(posterior.problem.prior)
+    prior_theta = wide.sample(np.random.default_rng(1), 4000)
+    return with_cached(posterior, widened=WidenedPosterior(wide, theta.copy(), prior_theta, 4000.0, reliable))
+
+
+# ---- digits
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (1.4552e10, 2.1e8, "1.46e10"),
+        (1.4552e10, 9.9e8, "1.46e10"),
+        (1.4552e10, 1.01e9, "1.5e10"),
+        (3.5321e9, 5.1e6, "3.532e9"),
+        (-1.883e8, 4e6, "-1.88e8"),
+        (0.9302, 0.0012, "0.930"),
+        (1234.5, 0.4, "1234.5"),
+        (1234.5, 30.0, "1.23e3"),
+        (5.0, 80.0, "5"),
+        (8.7e7, math.nan, "8.70e7"),
+        (8.7e7, math.inf, "8.70e7"),
+        (8.654321e7, 1e-9, "8.6543e7"),
+        (0.0, 1.0, "0"),
+        (math.nan, 1.0, "–"),
+    ],
+)
+def test_a_number_has_the_digits_that_its_error_supports(value, error, shown):
+    assert rounded(value, error) == shown
+
+
+def test_each_end_has_its_own_digits_and_a_factor_near_one_shows_its_excess():
+    assert rounded_interval((3.5321e9, 1.4552e10), (5.1e6, 2.1e8), " to ") == "3.532e9 to 1.46e10"
+    assert [factor(ratio) for ratio in (1.0, 1.00083, 1.0423, 1.25, 4.053)] == ["1", "1.00083", "1.042", "1.25", "4.05"]
+
+
+def test_errors_of_median_and_ends_are_of_the_size_that_the_effective_draws_allow(cheap_posterior):
+    known = cheap_posterior.identifiability("k22")
+    values = cheap_posterior.values("k22")
+    errors = (known.interval95_error[0], known.median_error, known.interval95_error[1])
+    for probability, error in zip((0.025, 0.5, 0.975), errors, strict=True):
+        step = math.sqrt(probability * (1 - probability) / values.size)  # of independent draws
+        independent = np.ptp(np.quantile(values, [probability - step, probability + step])) / 2
+        assert 0.9 * independent < error < 3 * independent
+    assert max(errors) < 0.03 * (known.interval95[1] - known.interval95[0])
+
+
+# ---- failed runs
+
+
+def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
+    assert reasons_for_no_verdict(cheap_posterior) == ()
+    record = dataclasses.replace(cheap_posterior.record, converged=False)
+    failed = dataclasses.replace(cheap_posterior, record=record)
+    for name in STIFFNESS_NAMES:
+        known = failed.identifiability(name)
+        assert (known.verdict, known.verdict_reason) == ("no verdict", "the sampler has not converged")
+        assert verdict_line(failed, name).endswith(": no verdict (the sampler has not converged)")
+
+
+@pytest.mark.parametrize(
+    ("gain", "words"),
+    [(7.25, "missed the mode: the best draw leads 7.25 higher"), (-3.0, "2.5 Laplace standard deviat")],
+)
+def test_a_run_whose_mode_is_elsewhere_has_no_verdict(cheap_posterior, gain, words):
+    sd = np.sqrt(np.diag(cheap_posterior.estimate.covariance))
+    moved = dataclasses.replace(
+        cheap_posterior,
+        mode_theta=cheap_posterior.estimate.theta + sd * np.array([0.0, 2.5, 0.0]),
+        mode_log_density=cheap_posterior.estimate.log_posterior + gain,
+    )
+    known = moved.identifiability("k22")
+    assert known.verdict == "no verdict"
+    assert words in known.verdict_reason
+    assert not known.if_model_right
+    assert unexplained(moved).identifiability("k22").verdict == "no verdict"
+
+
+# ---- a model that does not explain the data
+
+
+def test_verdicts_of_a_model_that_does_not_explain_the_data_are_conditional(cheap_posterior):
+    wrong = unexplained(cheap_posterior)
+    for name, verdict in zip(STIFFNESS_NAMES, ("not identified", "weakly identified", "identified"), strict=True):
+        known, before = wrong.identifiability(name), cheap_posterior.identifiability(name)
+        assert known.verdict == before.verdict == verdict
+        assert not before.if_model_right
+        assert known.if_model_right == (verdict != "not identified")
+    assert known.verdict_reason == f"if the model were right: {before.verdict_reason}"
+    assert ": identified, if the model were right (the upper end is " in verdict_line(wrong, "k22")
+
+
+@pytest.mark.parametrize("verdict", ["identified", "weakly identified", "bounded below", "bounded above"])
+def test_a_conditional_verdict_is_never_green(verdict):
+    plain = badge(verdict_text(verdict, if_model_right=False))
+    conditional = badge(verdict_text(verdict, if_model_right=True))
+    assert plain is not None
+    assert conditional is not None
+    assert (conditional.kind, conditional.symbol) == ("caution", "~")
+    assert plain.kind == ("good" if verdict == "identified" else "caution")
+    assert badge("no verdict").kind == "bad"
+
+
+# ---- priors a decade wider
+
+
+def test_every_marginal_grows_by_a_decade_on_each_side():
+    prior = JointPrior(LogStiffness(), (Uniform(0.0, 5.0), Normal(17.0, 0.5), Uniform(-3.0, 4.0)))
+    first, second, third = widened_prior(prior).marginals
+    assert (first.low, first.high) == (-DECADE, 5.0 + DECADE)
+    assert second.mean == 17.0
+    assert second.ppf(0.975) - Normal(17.0, 0.5).ppf(0.975) == pytest.approx(math.log(10))
+    assert (third.low, third.high) == (-3.0 - math.log(10), 4.0 + math.log(10))
+    signed = JointPrior(SignedCoupling(), (Uniform(0.0, 5.0), Uniform(0.0, 5.0), Uniform(-0.3, 0.3)))
+    assert widened_prior(signed).marginals[2] == Uniform(-1.0, 1.0)
+
+
+@pytest.mark.parametrize("column", [0, 1])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_bound_is_within_reach_by_the_mass_at_it_and_not_by_the_mode(column, sign):
+    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
+    theta = np.random.default_rng(1).normal(scale=0.2, size=(20000, 3))
+    assert not within_reach(prior, theta)
+    edge = 0.1 * DECADE
+    for share, reached in ((0.5, False), (1.5, True)):
+        theta[:, column] = 0.0
+        count = round(share * REACH * edge / DECADE * len(theta))
+        theta[:count, column] = sign * (6.0 - edge / 2)
+        assert within_reach(prior, theta) == reached
+
+
+def test_the_limits_of_rho_are_physics_and_no_bound_of_a_prior():
+    theta = np.column_stack([np.zeros((500, 2)), np.full(500, 0.999)])
+    prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
+    assert not within_reach(prior, theta)
+    narrow = dataclasses.replace(prior, marginals=(*prior.marginals[:2], Uniform(-1.0, 0.5)))
+    assert within_reach(narrow, np.where(theta == 0.999, 0.499, theta))
+
+
+def test_a_posterior_far_from_all_bounds_is_not_drawn_again(cheap_posterior):
+    assert cheap_posterior.widened is None
+
+
+def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
+    high = cheap_posterior.problem.prior.marginals[2].high
+    theta = cheap_posterior.theta[:4000].copy()
+    for share, verdict in ((BEYOND - 0.01, "identified"), (BEYOND + 0.01, "bounded below")):
+        theta[:, 2] = cheap_posterior.theta[:4000, 2]
+        theta[: round(share * 4000), 2] = high + 0.1
+        known = widened_by(cheap_posterior, theta).identifiability("k22")
+        assert known.verdict == verdict
+        assert math.isfinite(known.limit95) == (verdict == "bounded below")
+    values = cheap_posterior.values("k22")
+    assert known.limit95 == np.quantile(values, 0.05)
+    assert known.verdict_reason.startswith("the prior's upper bound 1e8 N·m/rad holds it")
+    line = verdict_line(widened_by(cheap_posterior, theta), "k22")
+    limit = rounded(known.limit95, known.limit95_error)
+    assert line.startswith(
+        f"k22: above {limit} N·m/rad with 95 % probability: bounded below (the prior's upper bound 1e8"
+    )
+
+
+def test_mass_beyond_the_lower_bound_bounds_above_and_beyond_both_identifies_nothing(cheap_posterior):
+    theta = cheap_posterior.theta[:4000].copy()
+    theta[:400, 2] = cheap_posterior.problem.prior.marginals[2].low - 0.1
+    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    assert known.verdict == "bounded above"
+    assert known.limit95 == np.quantile(cheap_posterior.values("k22"), 0.95)
+    theta[400:800, 2] = cheap_posterior.problem.prior.marginals[2].high + 0.1
+    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    assert known.verdict == "not identified"
+    assert "hold it on both sides" in known.verdict_reason
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.01, "bounded below"), (-0.01, "not identified")])
+def test_a_limit_that_the_prior_gives_by_itself_is_no_finding(cheap_posterior, share, verdict):
+    theta = cheap_posterior.theta[:4000].copy()
+    theta[:400, 2] = cheap_posterior.problem.prior.marginals[2].high + 0.1
+    limit = np.quantile(cheap_posterior.values("k22"), 0.05)
+    tree = cheap_posterior.tree.copy(deep=True)
+    drawn = tree["prior"].to_dataset()["k22"]
+    below = np.arange(drawn.size) < (LEAST_EXCLUDED + share) * drawn.size
+    tree["prior/k22"] = drawn.copy(data=np.where(below, limit / 2, limit * 20.0)[None])
+    known = widened_by(dataclasses.replace(cheap_posterior, tree=tree), theta).identifiability("k22")
+    assert known.verdict == verdict
+    assert ("the data exclude 9 % of the prior only" in known.verdict_reason) == (verdict == "not identified")
+
+
+def test_a_verdict_that_wider_priors_change_becomes_the_less_certain_one_and_says_so(cheap_posterior):
+    theta = cheap_posterior.theta[:4000].copy()
+    middle = np.median(theta[:, 2])
+    theta[:, 2] = middle + 20 * (theta[:, 2] - middle)
+    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    assert known.verdict != "identified"
+    assert known.verdict_reason.startswith("rests on the prior: identified with the priors as stated, ")
+    theta = cheap_posterior.theta[:4000].copy()
+    middle = np.median(theta[:, 0])
+    theta[:, 0] = middle + 0.05 * (theta[:, 0] - middle)
+    known = widened_by(cheap_posterior, theta).identifiability("k11")
+    assert known.verdict == "not identified"
+    assert known.verdict_reason.startswith(
+        "rests on the prior: not identified with the priors as stated, identified wi"
+    )
+
+
+def test_a_stiffness_that_moves_away_under_wider_priors_is_judged_by_both_intervals(cheap_posterior):
+    theta = cheap_posterior.theta[:4000] - np.array([0.0, 0.0, 5.0])
+    known = widened_by(cheap_posterior, theta).identifiability("k22")
+    assert known.verdict == "not identified"
+    assert "rests on the prior: its median goes from " in known.verdict_reason
+
+
+def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_posterior):
+    lost = widened_by(cheap_posterior, cheap_posterior.theta[:4000], reliable=False)
+    known = lost.identifiability("k22")
+    assert known.verdict == "not identified"
+    assert known.verdict_reason.startswith("rests on the prior: the posterior with every prior")
+    same = widened_by(cheap_posterior, cheap_posterior.theta[:4000])
+    assert same.identifiability("k22") == cheap_posterior.identifiability("k22")
+
+
+def test_a_lower_bound_on_k11_is_not_silently_better():
+    text = edited(cheap_text(), ("high = 1.0e11", "high = 1.0e10"))
+    posterior = sample(case_from_text("lowered", text), settings=SHORT)
+    assert posterior.interval("k11")[1] < 1e10
+    known = posterior.identifiability("k11")
+    assert known.verdict == "bounded below"
+    assert "the prior's upper bound 1e10 N/m holds it" in verdict_line(posterior, "k11")
+    assert (np.exp(posterior.widened.theta[:, 0]) > 1e10).mean() > BEYOND
+
+
+def test_a_normal_prior_that_does_the_work_is_named():
+    block = 'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\nlow = 1.0e6\n'
+    narrow = 'distribution = "log_normal"\nmedian = 5.0e9\nsd_log = 0.3\n'
+    text = edited(cheap_text(), (f"{block}high = 1.0e11", narrow))
+    posterior = sample(case_from_text("narrow", text), settings=SHORT)
+    assert posterior.widened is not None
+    known = posterior.identifiability("k11")
+    assert known.verdict == "not identified"
+    assert "rests on the prior" in known.verdict_reason or known.contraction < LEAST_CONTRACTION
+
+
+@pytest.mark.parametrize(
+    "wanted", ["truth k22 10 times above", "bound k11 10 times below", "truth k12 100 times below"]
+)
+def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
+    one = next(case for case in outside_cases("tip") if case.name == f"tip, {wanted}")
+    posterior = sample(case_from_text("beyond", one.text), settings=SHORT)
+    known = posterior.identifiability(one.stiffness)
+    assert known.verdict in ("bounded below", "bounded above", "not identified")
+    assert "bound" in verdict_line(posterior, one.stiffness)
+
+
+def test_the_cases_beyond_the_prior_are_what_they_say():
+    cases = [one for outputs in OUTPUTS for one in outside_cases(outputs)]
+    assert len({one.name for one in cases}) == len(cases) == 44
+    for one in cases:
+        case = case_from_text("beyond", one.text)
+        prior = getattr(case.spec.prior, one.stiffness)
+        truth = getattr(case.spec.data.truth, one.stiffness)
+        beyond = 100.0 if " 100 times" in one.name else 10.0
+        expected = prior.high * beyond if one.name.endswith("above") else prior.low / beyond
+        assert truth == pytest.approx(expected)
+
+
+# ---- words
+
+
+def test_the_rule_in_words_has_the_constants_of_the_rule():
+    for limit in (IDENTIFIED_RATIO, WEAK_RATIO, 100 * LEAST_CONTRACTION):
+        assert f"{limit:g}" in RULE
+    assert f"at most {IDENTIFIED_RATIO:g}" in verdict_by_rule(1.2, 1.0)[1]
+    assert f"more than {WEAK_RATIO:g}" in verdict_by_rule(4.0, 1.0)[1]
+    assert f"{100 * LEAST_CONTRACTION:g} % is needed" in verdict_by_rule(1.0, -0.3)[1]
+
+
+def test_the_rule_on_the_pages_has_the_constants_of_the_rule():
+    method = (DOCS / "method.md").read_text(encoding="utf-8")
+    for row in (
+        f"| identified | at most {IDENTIFIED_RATIO:g} | at least {LEAST_CONTRACTION:g} |",
+        f"| weakly identified | at most {WEAK_RATIO:g} | at least {LEAST_CONTRACTION:g} |",
+        f"| not identified | above {WEAK_RATIO:g}, *or* | below {LEAST_CONTRACTION:g} |",
+    ):
+        assert row in method
+    page = (DOCS / "identifiability.md").read_text(encoding="utf-8")
+    for words in (
+        f"more than {100 * BEYOND:g} %",
+        f"{100 * REACH:g} % of the mass",
+        f"{100 * LEAST_EXCLUDED:g} % of the",
+    ):
+        assert words in page
+    assert f"identified up to {IDENTIFIED_RATIO:g} (s ≤ {math.log(IDENTIFIED_RATIO) / 3.92:.3f})" in page
+    assert f"weakly identified up to {WEAK_RATIO:g} (s ≤ {math.log(WEAK_RATIO) / 3.92:.2f})" in page
+
+
+def test_the_joint_mode_is_named_with_its_coordinates_and_explained_outside_its_interval(cheap_posterior):
+    text = mode_sentence(cheap_posterior)
+    assert "over ln k11, ln k12, ln k22;" in text
+    assert "outside" not in text
+    outside = dataclasses.replace(cheap_posterior, mode_theta=cheap_posterior.mode_theta + np.array([0.0, 0.0, 1.0]))
+    assert "lies outside the 95 % credible interval of k22: the posterior is skewed" in mode_sentence(outside)
