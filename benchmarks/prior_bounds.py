@@ -49,6 +49,8 @@ def outside_cases(outputs: str, coarse: bool = True) -> Iterator[OutsideCase]:
                 if name != "k12":
                     moved["k12"] = min(moved["k12"], _COUPLING * float(np.sqrt(moved["k11"] * moved["k22"])))
                 yield OutsideCase(f"{outputs}, truth {label}", name, _with(text, "[data.truth]", moved))
+            if (name, side, factor) == ("k12", "low", FACTORS[-1]):
+                continue  # no such prior: it would leave hardly a positive definite joint
             by = truth[name] / shift / prior[name][side]  # both bounds move: as many decades lie between them
             bounds = {end: by * prior[name][end] for end in ("low", "high")}
             yield OutsideCase(f"{outputs}, bound {label}", name, _with(text, f"[prior.{name}]", bounds))

@@ -376,11 +376,12 @@ def test_arviz_summarises_the_draws(cheap_posterior):
 
 PARAMETER_KEYS = {
     "unit", "map", "mode", "median", "median_error", "mean", "sd_log", "interval95", "interval95_error",
-    "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "limit95", "limit95_error", "r_hat", "ess_bulk", "ess_tail",
+    "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "limit95", "limit95_error",
+    "r_hat", "ess_bulk", "ess_tail",
 }  # fmt: skip
 KEYS = {
-    "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map", "natural_frequencies_hz", "fit",
-    "sampler", "versions", "data_sha256", "measurement", "nuisances", "check", "identifiability",
+    "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map", "natural_frequencies_hz",
+    "fit", "sampler", "versions", "data_sha256", "measurement", "nuisances", "check", "identifiability",
 }  # fmt: skip
 
 

@@ -121,7 +121,7 @@ def verdict_line(posterior: "Posterior", name: str) -> str:
 
 
 def mode_sentence(posterior: "Posterior") -> str:
-    """In which coordinates the joint mode is one, and why it lies outside the 95 % interval of a stiffness if it does."""
+    """In which coordinates the joint mode is one, and why it lies outside a 95 % interval if it does."""
     names = posterior.problem.parametrisation.names
     coordinates = ", ".join("ρ" if name == "rho" else f"ln {name}" for name in names)
     others = ", and the logarithms of what else is uncertain" if posterior.problem.prior.nuisances else ""

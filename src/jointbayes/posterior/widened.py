@@ -150,7 +150,10 @@ def _drawn_anew(posterior: "Posterior", wide: JointPrior, rng: np.random.Generat
     log_posterior = LogPosterior(wide, posterior.problem.log_posterior.likelihood)
     mode, _ = refine(log_posterior, posterior.mode_theta)
     covariance = np.atleast_2d(np.cov(posterior.theta.T))
-    proposal = fit_proposal(log_posterior, charts(problem), [(mode, covariance)], rng)
+    # The mode may stand at the end of a plateau, where no curvature tells its size; the middle of the draws does not.
+    away = (posterior.theta - np.median(posterior.theta, axis=0)) / np.sqrt(np.diag(covariance))
+    middle = posterior.theta[np.argmin((away**2).sum(axis=1))]
+    proposal = fit_proposal(log_posterior, charts(problem), [(mode, covariance), (middle, covariance)], rng)
     weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
     effective = float(1 / (weighted.weight**2).sum())
     if effective >= _LEAST_EFFECTIVE:

@@ -167,7 +167,10 @@ def nuisance_section(summary: Summary) -> Section | None:
         for name, n in summary["nuisances"].items()
     )
     head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
-    note = "Contraction 0: the data say nothing about it and it keeps its prior; 1: they say all; none: as wide as its prior."
+    note = (
+        "Contraction 0: the data say nothing about it and it keeps its prior; 1: they say all; none: it is as wide as "
+        "its prior or wider."
+    )
     return Section(
         "nuisances",
         "What else was uncertain",
