@@ -380,8 +380,9 @@ PARAMETER_KEYS = {
     "r_hat", "ess_bulk", "ess_tail",
 }  # fmt: skip
 KEYS = {
-    "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map", "natural_frequencies_hz",
-    "fit", "sampler", "versions", "data_sha256", "measurement", "nuisances", "check", "identifiability",
+    "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",
+    "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "nuisances", "check",
+    "identifiability",
 }  # fmt: skip
 
 

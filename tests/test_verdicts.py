@@ -1,9 +1,11 @@
 """The verdict on a stiffness: failed runs have none, priors cannot identify, and numbers carry their errors."""
 
 import dataclasses
+import datetime
 import math
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,12 +14,13 @@ from benchmarks.prior_bounds import OUTPUTS, outside_cases
 from jointbayes.case import case_from_text
 from jointbayes.inference import JointPrior, Normal, Uniform
 from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, SignedCoupling
-from jointbayes.posterior import Posterior
+from jointbayes.posterior import Posterior, summarise
 from jointbayes.posterior.identifiability import (
     IDENTIFIED_RATIO,
     LEAST_CONTRACTION,
     RULE,
     WEAK_RATIO,
+    Verdict,
     verdict_by_rule,
 )
 from jointbayes.posterior.rounding import factor, rounded, rounded_interval
@@ -30,7 +33,10 @@ from jointbayes.posterior.verdicts import (
     verdict_text,
 )
 from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, widened_prior, within_reach
+from jointbayes.report import render_html, render_pdf
 from jointbayes.report.markup import badge
+from jointbayes.report.model import Callout, Paragraph, Report, Table
+from jointbayes.report.sections import lead
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import cheap_text, edited
@@ -152,6 +158,60 @@ def test_a_conditional_verdict_is_never_green(verdict):
     assert (conditional.kind, conditional.symbol) == ("caution", "~")
     assert plain.kind == ("good" if verdict == "identified" else "caution")
     assert badge("no verdict").kind == "bad"
+
+
+# ---- on paper
+
+
+def lead_of(posterior):
+    return lead(posterior, None, "", summarise(posterior, (1e8, 0.0, 0.0)))
+
+
+def table_of(posterior):
+    return next(block for block in lead_of(posterior) if isinstance(block, Table))
+
+
+def test_a_failed_run_has_no_verdict_on_paper(cheap_posterior):
+    record = dataclasses.replace(cheap_posterior.record, converged=False)
+    failed = dataclasses.replace(cheap_posterior, record=record)
+    table = table_of(failed)
+    assert {row[-1] for row in table.rows} == {"no verdict"}
+    assert set(table.row_kinds) == {"bad"}
+    callouts = [block for block in lead_of(failed) if isinstance(block, Callout)]
+    assert Callout("bad", "**No verdict on any stiffness**: the sampler has not converged.") in callouts
+    summary = summarise(failed, (1e8, 0.0, 0.0))
+    assert summary["no_verdict"] == ["the sampler has not converged"]
+    assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
+
+
+def test_nothing_is_green_where_the_model_does_not_explain_the_data(cheap_posterior):
+    assert "good" in table_of(cheap_posterior).row_kinds
+    misfit = dataclasses.replace(cheap_posterior.check, chi2_p_value=0.0, chi2_per_line=9.0)
+    wrong = with_cached(cheap_posterior, check=misfit)
+    assert not wrong.check.explains
+    table = table_of(wrong)
+    assert [row[-1] for row in table.rows] == [
+        "not identified",
+        "weakly identified, if the model were right",
+        "identified, if the model were right",
+    ]
+    assert table.row_kinds == ("bad", "caution", "caution")
+    reasons = next(block.text for block in lead_of(wrong) if isinstance(block, Paragraph))
+    assert "**k22**: identified, if the model were right (the upper end is 1.0" in reasons
+
+
+def test_every_verdict_is_a_badge_in_html_and_pdf():
+    texts = [verdict_text(one, if_model_right=flag) for one in get_args(Verdict) for flag in (False, True)]
+    table = Table("Verdicts", ("Stiffness", "Verdict"), tuple((f"k{i}", text) for i, text in enumerate(texts)))
+    report = Report("Clamp", "", (table,), (), datetime.date(2026, 1, 5), "0")
+    page = render_html(report)
+    for text in texts:
+        mark = badge(text)
+        assert mark is not None
+        shown = f'<span class="badge {mark.kind}"><span aria-hidden="true">{mark.symbol} </span>{text}</span>'
+        assert shown in page
+    assert page.count('class="badge good"') == 1
+    assert render_pdf(report).startswith(b"%PDF-")
 
 
 # ---- priors a decade wider
