@@ -83,14 +83,13 @@ def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
     draws = posterior.by_ensemble(name)
     low, high = (quantile_error(draws, probability) for probability in INTERVAL)
     known = replace(known, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
+    reasons = reasons_for_no_verdict(posterior)
+    if reasons:
+        return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
     if name in STIFFNESS_NAMES and posterior.widened is not None:
         known = _with_wider_priors(posterior, posterior.widened, name, known)
     if not posterior.check.explains and known.verdict != "not identified":
         known = replace(known, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {known.verdict_reason}")
-    reasons = reasons_for_no_verdict(posterior)
-    if reasons:
-        reason = "; ".join(reasons)
-        return replace(known, verdict="no verdict", verdict_reason=reason, if_model_right=False, limit95=math.nan)
     return known
 
 

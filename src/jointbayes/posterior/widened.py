@@ -140,7 +140,7 @@ def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
         return None
     if share < _ENOUGH_SHARE:
         return _drawn_anew(posterior, wide, rng)
-    effective = share * min(float(e) for e in posterior.record.sampler["ess"].values())
+    effective = max(1.0, share * min(float(e) for e in posterior.record.sampler["ess"].values()))
     return _widened(wide, weighted.resample(rng, _DRAWS), effective, rng)
 
 
