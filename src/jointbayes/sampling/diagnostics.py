@@ -163,8 +163,8 @@ def quantile_error(draws: NDArray[np.float64], probability: float) -> float:
     Examples
     --------
     >>> white = np.random.default_rng(1).normal(size=(4, 500, 24))
-    >>> round(quantile_error(white, 0.5) / (1.2533 / np.sqrt(white.size)), 1)
-    1.0
+    >>> bool(abs(quantile_error(white, 0.5) / (1.2533 / np.sqrt(white.size)) - 1) < 0.2)
+    True
     """
     _require_draws(draws[..., None])
     tau = _tau((draws <= np.quantile(draws, probability)).astype(np.float64))
