@@ -23,7 +23,7 @@ from jointbayes.posterior.identifiability import (
     Verdict,
     verdict_by_rule,
 )
-from jointbayes.posterior.rounding import factor, rounded, rounded_interval
+from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.verdicts import (
     BEYOND,
     LEAST_EXCLUDED,
@@ -32,7 +32,7 @@ from jointbayes.posterior.verdicts import (
     verdict_line,
     verdict_text,
 )
-from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, widened_prior, within_reach
+from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, bounds_within_reach, widened_prior
 from jointbayes.report import render_html, render_pdf
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Report, Table
@@ -115,6 +115,20 @@ def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
         known = failed.identifiability(name)
         assert (known.verdict, known.verdict_reason) == ("no verdict", "the sampler has not converged")
         assert verdict_line(failed, name).endswith(": no verdict (the sampler has not converged)")
+
+
+def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_posterior):
+    prior = cheap_posterior.problem.prior
+    high = float(cheap_posterior.theta[:, 2].max())
+    low11, low22 = prior.marginals[0], Uniform(prior.marginals[2].low, high)
+    problem = dataclasses.replace(
+        cheap_posterior.problem, prior=dataclasses.replace(prior, marginals=(low11, prior.marginals[1], low22))
+    )
+    record = dataclasses.replace(cheap_posterior.record, converged=False)
+    failed = dataclasses.replace(cheap_posterior, problem=problem, record=record)
+    bound = f"its draws reach the prior's upper bound {number(math.exp(high))} N·m/rad"
+    assert failed.identifiability("k22").verdict_reason == f"the sampler has not converged; {bound}"
+    assert failed.identifiability("k11").verdict_reason == "the sampler has not converged"
 
 
 @pytest.mark.parametrize(
@@ -233,21 +247,22 @@ def test_every_marginal_grows_by_a_decade_on_each_side():
 def test_a_bound_is_within_reach_by_the_mass_at_it_and_not_by_the_mode(column, sign):
     prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
     theta = np.random.default_rng(1).normal(scale=0.2, size=(20000, 3))
-    assert not within_reach(prior, theta)
+    assert not bounds_within_reach(prior, theta)
     edge = 0.1 * DECADE
     for share, reached in ((0.5, False), (1.5, True)):
         theta[:, column] = 0.0
         count = round(share * REACH * edge / DECADE * len(theta))
         theta[:count, column] = sign * (6.0 - edge / 2)
-        assert within_reach(prior, theta) == reached
+        expected = ((("k11", "k22")[column], "upper" if sign > 0 else "lower"),) if reached else ()
+        assert bounds_within_reach(prior, theta) == expected
 
 
 def test_the_limits_of_rho_are_physics_and_no_bound_of_a_prior():
     theta = np.column_stack([np.zeros((500, 2)), np.full(500, 0.999)])
     prior = JointPrior(SignedCoupling(), (Uniform(-6.0, 6.0), Uniform(-6.0, 6.0), Uniform(-1.0, 1.0)))
-    assert not within_reach(prior, theta)
+    assert not bounds_within_reach(prior, theta)
     narrow = dataclasses.replace(prior, marginals=(*prior.marginals[:2], Uniform(-1.0, 0.5)))
-    assert within_reach(narrow, np.where(theta == 0.999, 0.499, theta))
+    assert bounds_within_reach(narrow, np.where(theta == 0.999, 0.499, theta))
 
 
 def test_a_posterior_far_from_all_bounds_is_not_drawn_again(cheap_posterior):

@@ -16,7 +16,7 @@ from jointbayes.inference import Uniform
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess, verdict_by_rule
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
-from jointbayes.posterior.widened import WidenedPosterior
+from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 
 if TYPE_CHECKING:
@@ -85,6 +85,9 @@ def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
     known = replace(known, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
     reasons = reasons_for_no_verdict(posterior)
     if reasons:
+        reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
+        at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
+        reasons += tuple(f"its draws reach {bound}" for bound in at_bound)
         return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
     if name in STIFFNESS_NAMES and posterior.widened is not None:
         known = _with_wider_priors(posterior, posterior.widened, name, known)
@@ -182,14 +185,12 @@ def _bounded(
     posterior: "Posterior", name: str, known: Identifiability, wider: Verdict, below: float, above: float
 ) -> Identifiability:
     """What the draws say of a stiffness that a bound of its prior holds: a limit to the other side."""
-    prior = posterior.problem.prior
-    low, high = np.exp(prior.marginals[prior.parametrisation.names.index(name)].support)
-    unit = STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]
     if below > BEYOND and above > BEYOND:
-        reason = f"the prior's bounds {number(low)} and {number(high)} {unit} hold it on both sides"
-        return replace(known, verdict="not identified", verdict_reason=reason)
-    side, bound, probability = ("upper", high, 0.05) if above > BEYOND else ("lower", low, 0.95)
-    reason = f"the prior's {side} bound {number(bound)} {unit} holds it"
+        both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
+        return replace(known, verdict="not identified", verdict_reason=f"{both} hold it on both sides")
+    side: Side = "upper" if above > BEYOND else "lower"
+    probability = 0.05 if side == "upper" else 0.95
+    reason = f"{_bound_in_words(posterior, name, side)} holds it"
     limit = float(np.quantile(posterior.values(name), probability))
     drawn = posterior.prior_values(name)
     excluded = float(((drawn < limit) if side == "upper" else (drawn > limit)).mean())
@@ -201,6 +202,14 @@ def _bounded(
     error = quantile_error(posterior.by_ensemble(name), probability)
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
     return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit, limit95_error=error)
+
+
+def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:
+    """Such as "the prior's upper bound 1e8 N·m/rad"."""
+    prior = posterior.problem.prior
+    low, high = np.exp(prior.marginals[prior.parametrisation.names.index(name)].support)
+    unit = STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]
+    return f"the prior's {side} bound {number(low if side == 'lower' else high)} {unit}"
 
 
 def _joined_ratio(one: tuple[float, float], other: tuple[float, float]) -> float:

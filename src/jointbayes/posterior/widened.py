@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,10 @@ from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal,
 if TYPE_CHECKING:
     from jointbayes.posterior.result import Posterior
 
-__all__ = ["DECADE", "WidenedPosterior", "widen_posterior", "widened_prior", "within_reach"]
+__all__ = ["DECADE", "REACH", "Side", "WidenedPosterior", "bounds_within_reach", "widen_posterior", "widened_prior"]
 
 Array = NDArray[np.float64]
+Side = Literal["lower", "upper"]
 
 #: By how much each bound of ln k is moved out.
 DECADE = math.log(10)
@@ -84,8 +85,8 @@ def _wider(name: str, marginal: Marginal) -> Marginal:
     return Normal(marginal.mean, marginal.sd + DECADE / _NORMAL_95)
 
 
-def within_reach(prior: JointPrior, theta: Array) -> bool:
-    """Whether a wider prior could hold mass of any consequence beyond a bound of a uniform prior of the joint.
+def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Side], ...]:
+    """Bounds of uniform priors of the joint beyond which a wider prior could hold mass of any consequence.
 
     It could if the density of the draws at the bound, kept up over the decade beyond it, would hold more than
     `REACH` of the mass.
@@ -96,18 +97,26 @@ def within_reach(prior: JointPrior, theta: Array) -> bool:
         The prior as it is stated.
     theta
         Draws of θ, shape (n, d).
+
+    Returns
+    -------
+    tuple of (name, side)
+        Coordinate and ``"lower"`` or ``"upper"``.
     """
-    wide = widened_prior(prior)
-    pairs = zip(prior.marginals, wide.marginals, strict=True)
-    for column, (stated, wider) in enumerate(pairs):
+    found: list[tuple[str, Side]] = []
+    names = prior.parametrisation.names
+    marginals = zip(names, prior.marginals, widened_prior(prior).marginals, strict=True)
+    for column, (name, stated, wider) in enumerate(marginals):
         if not isinstance(stated, Uniform) or not isinstance(wider, Uniform):
             continue
         draws = theta[:, column]
         edge = _EDGE * min(DECADE, stated.high - stated.low)
         below, above = (draws < stated.low + edge).mean(), (draws > stated.high - edge).mean()
-        if below / edge * (stated.low - wider.low) > REACH or above / edge * (wider.high - stated.high) > REACH:
-            return True
-    return False
+        if below / edge * (stated.low - wider.low) > REACH:
+            found.append((name, "lower"))
+        if above / edge * (wider.high - stated.high) > REACH:
+            found.append((name, "upper"))
+    return tuple(found)
 
 
 def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
@@ -132,7 +141,7 @@ def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
         return None
     rng = np.random.default_rng([posterior.record.seed, _STREAM])
     theta = posterior.theta
-    if within_reach(prior, theta):
+    if bounds_within_reach(prior, theta):
         return _drawn_anew(posterior, wide, rng)
     weighted = WeightedDraws(theta, wide.log_density(theta) - prior.log_density(theta))
     share = float(1 / (weighted.weight**2).sum() / len(theta))
