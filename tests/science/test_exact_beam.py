@@ -1,0 +1,171 @@
+"""The exact beam of benchmarks/exact_beam.py against closed forms, and the finite elements against the exact beam."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.exact_beam import ExactBeam, circle, rectangle, tube
+
+from jointbayes.frf import DirectSolve, Ports
+from jointbayes.joint import Joint, joint_matrix
+from jointbayes.structure import BeamMaterial, BeamRecipe, DampingLaw, LossFactor, ModalDamping, Rayleigh, Section
+from tests.conftest import TABLE_3
+
+pytestmark = pytest.mark.science
+
+LENGTH = 0.383
+POINTS = {1: 0.0, 6: LENGTH / 2, 11: LENGTH}
+BEAM = ExactBeam(LENGTH, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, POINTS, tuple(TABLE_3))
+EI = 2.1e11 * BEAM.section.inertia
+#: Of the lines below a frequency that is nearly zero: a static load.
+STATIC_HZ = 1e-4
+
+
+def test_frequencies_of_the_papers_beam_with_its_joint_are_the_checked_ones():
+    # computed with p-version elements up to order 14, to all digits printed
+    found = BEAM.modes(7000.0).omega / (2 * np.pi)
+    np.testing.assert_allclose(found, [121.5355, 752.3930, 2063.7317, 3927.7317, 6266.2214], rtol=0, atol=5.1e-5)
+
+
+def test_shear_coefficients_are_cowpers():
+    assert circle(0.025, 0.3).shear_coefficient == pytest.approx(0.886364, abs=5e-7)
+    assert tube(0.025, 0.0, 0.3) == circle(0.025, 0.3)
+    assert tube(1.0, 0.999999, 0.3).shear_coefficient == pytest.approx(2 * 1.3 / (4 + 3 * 0.3), rel=1e-5)
+    assert rectangle(0.02, 0.04, 0.0).shear_coefficient == pytest.approx(5 / 6)
+    assert rectangle(0.02, 0.04, 0.3).inertia == pytest.approx(0.02 * 0.04**3 / 12)
+
+
+@pytest.mark.parametrize("points", [{1: 0.0, 2: 1.0}, {1: 0.0, 5: 0.01, 6: 0.5, 2: 1.0}])
+def test_a_slender_clamped_beam_is_euler_bernoullis_cantilever(points):
+    section = circle(1 / 3000, 0.3)
+    bending = 2.1e11 * section.inertia
+    clamp = (1e12 * bending, 0.0, 1e12 * bending)
+    clamped = ExactBeam(1.0, section, 2.1e11, 0.3, 7800.0, points, clamp)
+    roots = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613, 10.995540734875467])
+    expected = roots**2 * np.sqrt(bending / (7800.0 * section.area))
+    found = clamped.modes(1.1 * expected[-1] / (2 * np.pi)).omega
+    # what shear and rotary inertia leave falls with the square of diameter over length
+    np.testing.assert_allclose(found, expected, rtol=4e-6)
+    assert (found < expected).all()
+
+
+@pytest.mark.parametrize("at_joint", [(1, 1.0), (6, 0.5), (11, 0.0)])
+def test_static_compliance_of_the_tip_is_that_of_bending_shear_and_joint(at_joint):
+    point, share = at_joint
+    one = replace(BEAM, joint_point=point, points=POINTS | {2: 0.1})
+    arm = share * LENGTH
+    c11, c12, _, c22 = np.linalg.inv(joint_matrix(TABLE_3)).ravel()
+    shear = BEAM.section.shear_coefficient * 2.1e11 / 2.6 * BEAM.section.area
+    tip = arm**3 / (3 * EI) + arm / shear + c11 + 2 * c12 * arm + c22 * arm**2
+    slope = arm**2 / (2 * EI) + c12 + c22 * arm
+    found = one.receptance([STATIC_HZ], ["11:y", "11:rz"], ["11:y"])[0, :, 0]
+    np.testing.assert_allclose(found, [tip, slope], rtol=1e-9)
+
+
+def test_on_a_soft_joint_the_beam_is_a_rigid_body():
+    mass = 7800.0 * BEAM.section.area * LENGTH
+    inertia = mass * LENGTH**2 / 3 + 7800.0 * BEAM.section.inertia * LENGTH
+    hinged = replace(BEAM, stiffness=(1e6 * EI / LENGTH**3, 0.0, 1e-6 * EI / LENGTH))
+    assert hinged.modes(50.0).omega[0] == pytest.approx(np.sqrt(1e-6 * EI / LENGTH / inertia), rel=1e-5)
+    free = replace(BEAM, stiffness=(1e-9, 0.0, 1e-9))
+    line = 0.01
+    tip = free.receptance([line], ["11:y"], ["11:y"])[0, 0, 0]
+    about_centre = mass * LENGTH**2 / 12 + 7800.0 * BEAM.section.inertia * LENGTH
+    assert -tip * (2 * np.pi * line) ** 2 == pytest.approx(1 / mass + (LENGTH / 2) ** 2 / about_centre, rel=1e-5)
+
+
+def test_a_heavy_mass_at_the_tip_swings_on_the_static_stiffness():
+    loaded = replace(BEAM, masses={11: 1e5})
+    static = BEAM.receptance([STATIC_HZ], ["11:y"], ["11:y"])[0, 0, 0].real
+    assert loaded.modes(5.0).omega[0] == pytest.approx(1 / np.sqrt(1e5 * static), rel=1e-5)
+
+
+def test_receptances_are_reciprocal_and_do_not_depend_on_where_the_spans_end():
+    lines = np.array([0.1, 20.0, 121.5, 2500.0, 60e3])
+    labels = ["1:y", "1:rz", "6:y", "6:rz", "11:y", "11:rz"]
+    values = BEAM.receptance(lines, labels, labels, loss_factor=0.02)
+    np.testing.assert_allclose(values, values.swapaxes(1, 2), rtol=0, atol=1e-9 * np.abs(values).max())
+    finer = replace(BEAM, points=POINTS | {n: 0.0031 * n for n in (2, 3, 4, 5, 80)})
+    again = finer.receptance(lines, labels, labels, loss_factor=0.02)
+    np.testing.assert_allclose(again, values, rtol=1e-9)
+
+
+def test_modes_sum_to_the_exact_receptance_without_damping():
+    lines = np.arange(20.0, 2500.5, 7.0)
+    labels = ["11:y", "6:y", "1:y", "1:rz"]
+    exact = BEAM.receptance(lines, labels, ["11:y"])
+    np.testing.assert_allclose(BEAM.modal_receptance(lines, labels, ["11:y"], [0.0]), exact, rtol=1e-8)
+
+
+@pytest.mark.parametrize("stiffness", [tuple(TABLE_3), (1e6, 1e4, 1e3), (1e13, 1e9, 1e10), (1e5, -1e4, 2e3)])
+def test_more_modes_do_not_change_the_modal_sum(stiffness):
+    one, lines = replace(BEAM, stiffness=stiffness), np.arange(20.0, 2500.5, 1.0)
+    found, more = (one.modal_receptance(lines, ["11:y", "6:y"], ["11:y"], [0.02, 0.01], reach) for reach in (60, 400))
+    assert np.abs(found - more).max() < 1e-9 * np.abs(found).max()
+
+
+def test_the_number_of_modes_rises_one_by_one_through_clamped_spans_and_the_cut_off():
+    # 77.2 kHz is the cut-off above which all four waves travel
+    omega = 2 * np.pi * np.linspace(100.0, 150e3, 3000)
+    counts = [replace(BEAM, points=p).count_below(omega) for p in (POINTS, {1: 0.0, 2: 0.01, 11: LENGTH})]
+    np.testing.assert_array_equal(counts[0], counts[1])
+    assert (np.diff(counts[0]) >= 0).all()
+    assert counts[0][-1] > 50
+
+
+def _finite_elements(elements: int, law: DampingLaw, lines: np.ndarray, mass: float = 0.0) -> np.ndarray:
+    """Receptances of jointbayes at (tip, middle, middle's and joint's rotation) × (tip, middle's rotation)."""
+    middle, end = elements // 2 + 1, elements + 1
+    recipe = BeamRecipe(
+        LENGTH,
+        Section.circle(0.025),
+        BeamMaterial(2.1e11, 0.3, 7800.0),
+        law,
+        elements,
+        accelerometer_mass=mass,
+        accelerometer_dofs=(f"{end}:y", f"{middle}:y"),
+    )
+    ports = Ports(lines, (f"{end}:y", f"{middle}:y", f"{middle}:rz", "1:rz"), (f"{end}:y", f"{middle}:rz"))
+    return DirectSolve(recipe.structure(), Joint(("1:y", "1:rz")), ports).receptance(joint_matrix(TABLE_3))[0]
+
+
+def _exact(law: DampingLaw, lines: np.ndarray, mass: float = 0.0) -> np.ndarray:
+    loaded = replace(BEAM, masses={11: mass, 6: mass} if mass else {})
+    labels = ["11:y", "6:y", "6:rz", "1:rz"], ["11:y", "6:rz"]
+    match law:
+        case ModalDamping():
+            return loaded.modal_receptance(lines, *labels, law.ratios)
+        case LossFactor():
+            return loaded.receptance(lines, *labels, loss_factor=law.loss_factor)
+        case Rayleigh():
+            return loaded.receptance(lines, *labels, alpha=law.alpha, beta=law.beta)
+
+
+LAWS = [ModalDamping((0.02, 0.01)), LossFactor(0.02), Rayleigh(10.0, 2e-6)]
+
+
+@pytest.mark.parametrize(("law", "mass"), [*((law, 0.0) for law in LAWS), (LAWS[1], 0.05)])
+def test_finite_elements_converge_to_the_exact_receptances(law, mass):
+    lines = np.linspace(20.0, 2500.0, 60)
+    exact = _exact(law, lines, mass)
+    coarse, fine = (_finite_elements(n, law, lines, mass) for n in (50, 100))
+    peak = np.abs(exact).max(axis=0)
+    errors = [(np.abs(found - exact) / peak).max(axis=0) for found in (coarse, fine)]
+    # all eight, cross receptances and rotations with their signs included
+    assert (errors[1] < 1e-3).all()
+    np.testing.assert_allclose(np.log2(errors[0] / errors[1]), 2.0, atol=0.1)
+    # what is left of the leading error falls with the fourth power of the length
+    extrapolated = np.abs((4 * fine - coarse) / 3 - exact) / peak
+    assert extrapolated.max() < 2e-5
+
+
+def test_another_shear_coefficient_or_a_flipped_coupling_would_be_noticed():
+    lines, law = np.linspace(20.0, 2500.0, 60), LAWS[1]
+    fine, exact = _finite_elements(100, law, lines), _exact(law, lines)
+    peak = np.abs(exact).max(axis=0)
+    for wrong in (
+        replace(BEAM, section=replace(BEAM.section, shear_coefficient=0.9)),
+        replace(BEAM, stiffness=(TABLE_3[0], -TABLE_3[1], TABLE_3[2])),
+    ):
+        found = wrong.receptance(lines, ["11:y", "6:y", "6:rz", "1:rz"], ["11:y", "6:rz"], loss_factor=0.02)
+        assert (np.abs(found - fine) / peak).max() > 10 * (np.abs(exact - fine) / peak).max()
