@@ -48,6 +48,7 @@ numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README an
 
 science: $(VENV)/.stamp-test  ## the long studies against known truths: hours
 	$(BIN)/python -m benchmarks.mode_found
+	$(BIN)/python -m benchmarks.exact_study
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.planning

@@ -32,6 +32,7 @@ def test_shear_coefficients_are_cowpers():
     assert tube(0.025, 0.0, 0.3) == circle(0.025, 0.3)
     assert tube(1.0, 0.999999, 0.3).shear_coefficient == pytest.approx(2 * 1.3 / (4 + 3 * 0.3), rel=1e-5)
     assert rectangle(0.02, 0.04, 0.0).shear_coefficient == pytest.approx(5 / 6)
+    assert rectangle(0.02, 0.04, 0.3).shear_coefficient == pytest.approx(0.849673, abs=5e-7)
     assert rectangle(0.02, 0.04, 0.3).inertia == pytest.approx(0.02 * 0.04**3 / 12)
 
 
