@@ -75,6 +75,7 @@ def bounds_summary(found: Outcomes) -> dict[str, Any]:
     return {
         "count": len(found),
         "failed": [one["error"] for one in found if one["error"]],
+        "bounded": sum(one["verdict"] in ("bounded below", "bounded above") for one in judged),
         "called_identified": sum(one["verdict"] in ("identified", "weakly identified") for one in judged),
         "verdicts": rows,
         "reasons": [
@@ -195,7 +196,8 @@ def _bounds(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
     lines = [
         *table(("bound, and truth beyond it", "verdicts"), rows),
         "",
-        f'Called "identified" or "weakly identified": {data["called_identified"]} of {data["count"]}.',
+        f'Called "identified" or "weakly identified": {data["called_identified"]} of {data["count"]}; '
+        f'"bounded below" or "bounded above": {data["bounded"]}.',
         "",
         *_failures(subjects),
     ]
