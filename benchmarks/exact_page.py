@@ -70,6 +70,8 @@ def bounds_summary(found: Outcomes) -> dict[str, Any]:
         name, end, factor = one["bound"]
         verdicts = rows.setdefault(f"{name} {end} × {factor:g}", {})
         verdict = one["stiffness"][name]["verdict"]
+        if one["stiffness"][name]["if_model_right"]:
+            verdict += ", if the model were right"
         verdicts[verdict] = verdicts.get(verdict, 0) + 1
     judged = [one["stiffness"][one["bound"][0]] for one in ended]
     return {

@@ -59,6 +59,7 @@ class StiffnessOutcome:
     interval999: tuple[float, float]
     verdict: str
     verdict_reason: str
+    if_model_right: bool
     error95: tuple[float, float] | None
 
 
@@ -106,6 +107,7 @@ def analyse(case: jb.Case, seed: int, index: int, truth: np.ndarray | None, boun
             posterior.interval(name, 0.999),
             one["verdict"],
             one.get("verdict_reason") or "",
+            bool(one.get("if_model_right")),
             None if error95 is None or None in error95 else tuple(error95),
         )
     flags = posterior.converged, posterior.mode_agrees, posterior.check.explains

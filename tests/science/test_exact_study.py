@@ -125,6 +125,7 @@ def _stiffness(verdict, low, high, error=None):
         "interval999": [low / 1.1, high * 1.1],
         "verdict": verdict,
         "verdict_reason": "",
+        "if_model_right": verdict == "weakly identified",
         "error95": error,
     }
 
@@ -147,8 +148,10 @@ def test_summaries_count_what_they_say():
     bounded = _stiffness("bounded below", 0.5, 0.6)
     over = [_outcome(i, far, bounded, good, bound=["k12", "high", 10.0]) for i in range(2)]
     over += [_outcome(2, far, bounded, good, bound=["k11", "low", 100.0])]
+    over += [_outcome(3, _stiffness("weakly identified", 0.5, 0.9), good, good, bound=["k11", "low", 10.0])]
     bounds = exact_page.bounds_summary(over)
-    assert (bounds["called_identified"], bounds["bounded"]) == (1, 2)
+    # also a verdict under the condition that the model is right counts
+    assert (bounds["called_identified"], bounds["bounded"]) == (2, 2)
     ends = [_outcome(i, *[_stiffness("identified", 0.9 + 0.01 * i, 2 + i, [0.01, 2.0])] * 3) for i in (-1, 0, 1)]
     upper = exact_page.seeds_summary(ends)["ends"]["k11, upper end"]
     assert (upper["scatter"], upper["stated"], upper["ratio"]) == pytest.approx((1.0, 2.0, 2.0))
@@ -157,6 +160,7 @@ def test_summaries_count_what_they_say():
     text = exact_page.page_text({part: {**where, "subjects": {"main": one}} for part, one in data.items()})
     assert "In all 1 of 2." in text
     assert "- Missed, main, data set 1: 15.0 below." in text
+    assert "| k11 low × 10 | weakly identified, if the model were right: 1 |" in text
     assert "| k12 high × 10 | bounded below: 2 |" in text
     assert "| k11, upper end | 2.000 | 1.00 | 2.00 | 2.00 |" in text
 
