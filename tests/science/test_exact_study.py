@@ -14,17 +14,16 @@ from jointbayes.joint import joint_matrix
 
 pytestmark = pytest.mark.science
 
-#: Bands with two modes each, and as many elements as make the error of the mesh small in them.
-MESH = (("elements", "20"), ("inputs", '["21:y"]'), ("outputs", '["21:y", "11:y"]'))
-BANDS = {"main": (1000.0, 4.0), "small rod": (10000.0, 20.0), "tube": (400.0, 1.0), "bar": (1600.0, 3.0)}
-EACH = 6
+#: Fewer lines, walkers that are enough for three stiffnesses, and as many elements as make the error of the mesh small.
+MESH = (("elements", "40"), ("inputs", '["41:y"]'), ("outputs", '["41:y", "21:y"]'))
+STEPS = {"main": 10.0, "small rod": 60.0, "tube": 4.0, "bar": 12.0}
+EACH = 4
 #: A sample this improbable is no chance.
 IMPROBABLE = 1e-3
 
 
 def _edits(subject):
-    highest, step = BANDS[subject]
-    return (*MESH, ("f_max_hz", str(highest)), ("f_step_hz", str(step)))
+    return (*MESH, ("f_step_hz", str(STEPS[subject])), ("walkers", "16"))
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +44,8 @@ def test_intervals_hold_the_truth_of_an_exact_beam(judged):
         assert row["wrong_identified"] == 0, name
 
 
-def test_intervals_that_miss_two_of_three_truths_would_be_noticed(judged):
-    assert stats.binom.cdf(judged["count"] // 3, judged["count"], 0.95) < IMPROBABLE
+def test_intervals_that_miss_three_of_four_truths_would_be_noticed(judged):
+    assert stats.binom.cdf(judged["count"] // 4, judged["count"], 0.95) < IMPROBABLE
 
 
 def test_every_run_of_the_sample_converges_and_explains_the_data(judged):
@@ -56,7 +55,7 @@ def test_every_run_of_the_sample_converges_and_explains_the_data(judged):
 
 
 def test_the_mode_is_found():
-    found = exact_page.mode_summary(outcomes("mode", "main", 2, edits=_edits("main")))
+    found = exact_page.mode_summary(outcomes("mode", "main", 1, edits=_edits("main")))
     assert found["failed"] == []
     assert found["missed"] == {}
 
@@ -69,8 +68,8 @@ def test_data_differ_from_the_true_joints_frf_by_the_stated_noise(subject):
         problem = data.case.problem
         z = problem.log_posterior.likelihood.standardised(joint_matrix(data.truth)[None], np.ones((1, 0)))
         squares.append(np.mean(np.abs(z) ** 2))
-    # 3000 complex values and more; a mesh, section or material that is not the exact beam's shows here
-    assert np.mean(squares) == pytest.approx(1.0, abs=0.06)
+    # 2000 complex values and more; a mesh, section or material that is not the exact beam's shows here
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.08)
     assert len({tuple(draw(subject, i, _edits(subject)).truth) for i in (0, 1)}) == 2
 
 
