@@ -96,7 +96,9 @@ class _Maker:
         if recipe.accelerometer_mass > 0 and kind != "hammer":
             structure, family = recipe.structure(), family_of(recipe, problem.prior)
         ports = Ports(self._lines, outputs, inputs)
-        return Candidate(name, kind, words, structure, family, ports, self._data.quantity, self._law)
+        placed = (outputs if kind != "hammer" else ()) + (inputs if kind != "accelerometer" else ())
+        where = self._positions(placed)
+        return Candidate(name, kind, words, structure, family, ports, self._data.quantity, self._law, position=where)
 
     def _band(self) -> Iterator[Candidate]:
         top, data, problem = self._spec.plan.f_max_hz, self._data, self._case.problem
@@ -135,14 +137,21 @@ class _Maker:
             Ports(self._lines, data.outputs, data.inputs),
             data.quantity,
             self._law,
+            position=self._positions(translations),
         )
+
+    def _positions(self, dofs: tuple[str, ...]) -> str:
+        """Where nodes are along the beam, each place once."""
+        spec = self._spec.structure
+        shares = dict.fromkeys((int(dof.split(":")[0]) - 1) / spec.elements for dof in dofs)
+        return " / ".join(f"{spec.length_mm * share:.4g} mm" for share in shares)
 
     def _sensor(self, dof: str) -> str:
         kind = "a rotational accelerometer" if ":r" in dof else "an accelerometer"
-        return f"{kind} {self._place(dof)} ({dof})"
+        return f"{kind} {self._place(dof)} ({dof}, {self._positions((dof,))})"
 
     def _hammer(self, dof: str) -> str:
-        return f"{'a moment' if ':r' in dof else 'a hammer'} {self._place(dof)} ({dof})"
+        return f"{'a moment' if ':r' in dof else 'a hammer'} {self._place(dof)} ({dof}, {self._positions((dof,))})"
 
     def _place(self, dof: str) -> str:
         """Where a node is, in words."""
@@ -154,7 +163,7 @@ class _Maker:
             return "at the joint"
         if share in (0.0, 1.0) and nodes <= {1, spec.nodes} and len(nodes) == 1:
             return "at the tip"
-        return "at mid-span" if share == 0.5 else f"at {spec.length_mm * share:.0f} mm along the beam"
+        return "at mid-span" if share == 0.5 else "on the beam"
 
 
 def _heavier(recipe: BeamRecipe, mass: float) -> BeamRecipe:

@@ -231,7 +231,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
 def plan(
     config: Path, out: Path | None, as_json: bool, assume: tuple[float, float, float] | None, seed: int | None
 ) -> None:
-    """Rank further measurements by what they would tell about the joint."""
+    """Recommend what to measure next, from simulated further measurements."""
     case = _load(config)
     import json
 
@@ -245,11 +245,13 @@ def plan(
         write_plan(found, case, out)
     if as_json:
         click.echo(json.dumps(found.summary(), indent=2, ensure_ascii=False, allow_nan=False))
-        return
-    for line in found.text():
-        click.echo(line)
-    if out is not None:
-        click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+    else:
+        for line in found.text():
+            click.echo(line)
+        if out is not None:
+            click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+    if not found.converged:
+        sys.exit(NOT_CONVERGED)
 
 
 @main.command()

@@ -1,8 +1,8 @@
-"""What to measure next: the plan of a case."""
+"""What to measure next: the plan of a case, ranked by simulated measurements."""
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,41 +14,100 @@ from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.candidates import Candidate
 from jointbayes.posterior.directions import spread_in_words
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.identifiability import Verdict
-from jointbayes.posterior.planning import (
-    Forecast,
-    choose,
-    forecast,
-    measurement_information,
-    plan_sentence,
-    verdict_on,
-)
-from jointbayes.posterior.planning_check import Confirmation, assumed_truth, confirm, weighted_posterior
+from jointbayes.posterior.planning import FirstLook, Linearised, sets_of, worth_simulating
+from jointbayes.posterior.planning_simulation import SimulatedPosterior, Simulation, Simulator, assumed_truth
 from jointbayes.report.plan import candidate_table
-from jointbayes.sampling import SamplerSettings
-from jointbayes.workflow import charts, find_map, sample
+from jointbayes.workflow import charts, sample
 
-__all__ = ["Plan", "plan", "present_draws"]
+__all__ = ["Plan", "PlannedMeasurement", "plan"]
 
 Array = NDArray[np.float64]
+Names = tuple[str, ...]
 
-#: Candidates that nested Monte Carlo is asked about, beside the chosen set.
-CONFIRMED = 3
-#: Fisher's standard deviation is confirmed if the expected one of simulated measurements lies within this factor.
-AGREE = 1.25
-_DRAWS, _MORE = 4000, 5
-_LEAST = 400.0  # effective draws of the present posterior
-_KEPT = 4000
-#: Good enough for truths to simulate, not for figures to quote.
-_SHORT = SamplerSettings(
-    walkers=32, max_steps=3000, tau_factor=20.0, tau_tolerance=0.1, r_hat_max=1.05, end_tolerance=0.1
-)
+#: Simulated truths of each candidate at first, and of those that could still come first after that.
+FIRST, ALL = 9, 19
+#: So many candidates are simulated whatever the first look says of them; of sets of several, so many at most.
+MOST_SINGLES, MOST_SETS = 12, 8
+#: A measurement helps if it leaves at most this share of the present standard deviation, in the median.
+HELPS = 0.9
+#: Another is about as good as the first if it did better for at least this share of the truths.
+AS_GOOD = 1 / 3
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMeasurement:
+    """A candidate, or a set of them, and what is forecast of it.
+
+    Parameters
+    ----------
+    candidates
+        The measurements to be made together.
+    linearised
+        First look by Fisher information about draws of the present posterior.
+    simulation
+        What simulated measurements say; None where none was made.
+    """
+
+    candidates: tuple[Candidate, ...]
+    linearised: Linearised
+    simulation: Simulation | None = None
+
+    @property
+    def names(self) -> Names:
+        """Names of the candidates."""
+        return tuple(one.name for one in self.candidates)
+
+    @property
+    def label(self) -> str:
+        """The names in one."""
+        return " + ".join(self.names)
+
+    @property
+    def words(self) -> str:
+        """The candidates for a sentence."""
+        words = [one.words for one in self.candidates]
+        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+    @property
+    def ranked(self) -> bool:
+        """Whether simulations stand behind it, so that it may be recommended."""
+        return self.simulation is not None and self.simulation.valid
+
+    @property
+    def sd_after(self) -> float:
+        """Median simulated standard deviation; NaN where it is not ranked."""
+        return self.simulation.median if self.simulation is not None and self.simulation.valid else math.nan
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of `plan.json`."""
+        low, high = self.linearised.ends
+        return {
+            "names": list(self.names),
+            "words": self.words,
+            "positions": [one.position for one in self.candidates],
+            "simulated": None if self.simulation is None else _simulated(self.simulation),
+            "linearised": {"median": _finite(self.linearised.median), "range": [_finite(low), _finite(high)]},
+        }
+
+
+def _simulated(one: Simulation) -> dict[str, Any]:
+    return {
+        "valid": one.valid,
+        "sd_median": _finite(one.median),
+        "sd_range80": [_finite(end) for end in one.range80],
+        "sds": [_finite(sd) for sd in one.sds.tolist()],
+        "verdict": one.verdict if one.found else None,
+        "verdict_count": one.agreeing if one.found else 0,
+        "truths": len(one.posteriors),
+        "lost": one.lost,
+        "reweighted": one.reweighted,
+        "least_effective": min((found.effective for found in one.found), default=None),
+    }
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Further measurements of a case, ranked.
+    """Further measurements of a case, ranked by simulation.
 
     Parameters
     ----------
@@ -58,142 +117,131 @@ class Plan:
         Seed of the one random generator.
     parameter
         The stiffness to be known best.
-    fisher
-        Present information, at the mode.
-    forecasts
-        Each candidate alone, the one that leaves the least standard deviation of ln of the parameter first.
-    best_set, best_by_gain
-        The sets of at most `max_measurements` that leave the least standard deviation, and that tell most about the
-        joint.
-    confirmations
-        What simulated measurements say, by names of a set.
-    note
-        What is wrong with the simulations, if anything is.
+    now
+        What the present posterior says of it.
+    measurements
+        Candidates and sets: simulated ones first, by their median standard deviation; then the others, by their
+        linearised one.
+    converged, reason
+        Whether the sampler of the present posterior converged, and why it stopped.
     assumed
-        Whether the joint was assumed, rather than taken from the present posterior.
+        Whether the joint of the simulated measurements was stated, rather than drawn from the present posterior.
+    left_out
+        Sets that could come first by their linearised range and were not simulated, for there are too many.
     """
 
     case_name: str
     title: str
     seed: int
     parameter: str
-    fisher: FisherInformation
-    forecasts: tuple[Forecast, ...]
-    best_set: Forecast
-    best_by_gain: Forecast
-    confirmations: Mapping[tuple[str, ...], Confirmation]
-    note: str
+    now: SimulatedPosterior
+    measurements: tuple[PlannedMeasurement, ...]
+    converged: bool
+    reason: str
     assumed: bool = False
+    left_out: int = 0
 
     @property
-    def best(self) -> Forecast:
-        """The set to measure: of those that simulated measurements confirm, the one with the least expected spread."""
-        valid = [f for f in self._asked if (c := self.confirmations.get(f.names)) is not None and c.valid]
-        full = [f for f in valid if len(f.names) == len(self.best_set.names)]
-        return min(full, key=lambda f: self.confirmations[f.names].sd_after, default=self.best_set)
+    def ranked(self) -> tuple[PlannedMeasurement, ...]:
+        """Measurements with simulations behind them, the best first."""
+        return tuple(one for one in self.measurements if one.ranked)
 
     @property
-    def _asked(self) -> tuple[Forecast, ...]:
-        sets = (*self.forecasts, self.best_set, self.best_by_gain)
-        return tuple({f.names: f for f in sets}.values())
+    def recommended(self) -> PlannedMeasurement | None:
+        """The measurement to make next.
+
+        That of the least median simulated standard deviation, if it leaves at most nine tenths of the present one.
+        None if no simulation stands behind any, or if the present posterior had not converged.
+        """
+        best = next(iter(self.ranked), None)
+        if best is None or not self.converged or best.sd_after > HELPS * self.now.sd:
+            return None
+        return best
+
+    @property
+    def as_good(self) -> tuple[PlannedMeasurement, ...]:
+        """Measurements that did better than the recommended one for a third of the same truths or more."""
+        best = self.recommended
+        if best is None:
+            return ()
+        return tuple(one for one in self.ranked[1:] if _share_better(one, best) >= AS_GOOD)
 
     @property
     def sentence(self) -> str:
-        """What the best measurement does; see `sentence_of`."""
-        return self.sentence_of(self.best)
-
-    def sentence_of(self, one: Forecast) -> str:
-        """What a set does by Fisher information, and what simulated measurements make of it, in plain words."""
-        said = plan_sentence(one.words, self.parameter, one.sd_before, one.sd_after)
-        where = "at the assumed joint" if self.assumed else "at the mode"
-        said = f"{said[:-1]} by Fisher information {where}."
-        found = self.confirmations.get(one.names)
-        if found is None or not found.valid:
-            return f"{said} No simulated measurements stand behind this."
-        low, high = found.sd_range
-        heard = "bear this out" if self.confirmed(one) else "say otherwise"
-        return (
-            f"{said} Simulated measurements {heard}: from {spread_in_words(found.sd_before)} to "
-            f"{spread_in_words(found.sd_after)}, in 80 % of them between {spread_in_words(low)} and "
-            f"{spread_in_words(high)}."
+        """The recommendation in plain words."""
+        if not self.converged:
+            return f"No recommendation: the draws of the present posterior have not converged ({self.reason})."
+        if not self.ranked:
+            return "No recommendation: no measurement was simulated with success."
+        best = self.recommended
+        now = f"{spread_in_words(self.now.sd)} ({self.now.verdict})"
+        if best is None:
+            first = self.ranked[0]
+            return (
+                f"None of the {len(self.ranked)} simulated measurements makes {self.parameter} much better known than "
+                f"it is now, to {now}: the best, {first.words}, would leave {spread_in_words(first.sd_after)}."
+            )
+        assert best.simulation is not None
+        low, high = best.simulation.range80
+        said = (
+            f"Measure next: {best.words}. It is expected to make {self.parameter} known to "
+            f"{spread_in_words(best.sd_after)} ({best.simulation.verdict}); now it is known to {now}. In 80 % of "
+            f"simulated measurements: {spread_in_words(low)} to {spread_in_words(high)}."
         )
+        others = ", ".join(one.words for one in self.as_good)
+        return f"{said} About as good: {others}." if others else said
 
-    def confirmed(self, one: Forecast) -> bool | None:
-        """Whether simulated measurements say the same as Fisher information, within a factor of 1.25; None if unasked.
-
-        A confirmation whose posteriors were not found confirms nothing.
-        """
-        found = self.confirmations.get(one.names)
-        if found is None:
-            return None
-        return found.valid and 1 / AGREE <= found.sd_after / one.sd_after <= AGREE
-
-    def verdict_after(self, names: tuple[str, ...]) -> Verdict:
-        """Verdict on the parameter after a set: by simulated measurements where they were made, else by Fisher."""
-        found = self.confirmations.get(names)
-        if found is not None and found.valid:
-            return verdict_on(self.fisher, self.parameter, found.sd_after)
-        return next(f.verdict_after for f in self._asked if f.names == names)
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader must know to trust the plan."""
+        found = []
+        if self.assumed:
+            found.append("The measurements were simulated for a stated joint, not for what the present data allow.")
+        lost = [one.label for one in self.measurements if one.simulation is not None and not one.simulation.valid]
+        if lost:
+            found.append(f"Too many simulated posteriors were not found, so these are not ranked: {', '.join(lost)}.")
+        if self.left_out:
+            found.append(
+                f"{self.left_out} further sets could come first by the linearised first look and were not simulated."
+            )
+        return tuple(found)
 
     def text(self) -> list[str]:
-        """The plan as lines of text: table, then a sentence for each set that was asked about."""
+        """The plan as lines of text: the recommendation, notes and the table."""
         table = candidate_table(self.summary())
         rows = [table.head, *table.rows]
         widths = [max(len(row[i]) for row in rows) for i in range(len(table.head))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        asked = [f for f in self._asked if f.names in self.confirmations and f.names != self.best.names]
-        lines += ["", self.sentence, *(self.sentence_of(f) for f in asked)]
-        if len(self.best_set.names) > 1 or self.best_by_gain.names != self.best_set.names:
-            lines.append(f"Least spread by Fisher information: {' + '.join(self.best_set.names)}; most information "
-                         f"about the joint: {' + '.join(self.best_by_gain.names)}.")  # fmt: skip
-        return [*lines, self.note] if self.note else lines
+        return [*lines, table.note, "", self.sentence, *self.notes]
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
+        best = self.recommended
         return {
-            "schema_version": 1,
+            "schema_version": 2,
             "case": self.case_name,
             "title": self.title,
             "seed": self.seed,
             "parameter": self.parameter,
             "assumed": self.assumed,
-            "theta": dict(zip(self.fisher.names, self.fisher.theta.tolist(), strict=True)),
-            "candidates": [self._entry(f) for f in self.forecasts],
-            "best_set": self._entry(self.best_set),
-            "best_by_gain": self._entry(self.best_by_gain),
-            "best": list(self.best.names),
+            "converged": self.converged,
+            "reason": self.reason,
+            "now": {"sd": _finite(self.now.sd), "verdict": self.now.verdict},
+            "measurements": [one.as_json() for one in self.measurements],
+            "recommended": None if best is None else list(best.names),
+            "as_good": [list(one.names) for one in self.as_good],
             "sentence": self.sentence,
-            "note": self.note,
-        }
-
-    def _entry(self, one: Forecast) -> dict[str, Any]:
-        found = self.confirmations.get(one.names)
-        return {
-            "names": list(one.names),
-            "words": list(one.words),
-            "gain_bits": one.gain_bits,
-            "sd_before": _finite(one.sd_before),
-            "sd_after": _finite(one.sd_after),
-            "verdict_before": one.verdict_before,
-            "verdict_after": self.verdict_after(one.names),
-            "confirmed": self.confirmed(one),
-            "simulated": None if found is None else _confirmed(found),
+            "notes": list(self.notes),
         }
 
 
-def _confirmed(found: Confirmation) -> dict[str, Any]:
-    return {
-        "valid": found.valid,
-        "sd_before": found.sd_before,
-        "sd_after": _finite(found.sd_after),
-        "sd_after_error": _finite(found.sd_after_error),
-        "sd_range80": [_finite(value) for value in found.sd_range],
-        "gain_bits": _finite(found.gain_bits),
-        "gain_bits_error": _finite(found.gain_bits_error),
-        "simulated": found.simulated,
-        "lost": found.lost,
-        "efficiency": found.efficiency,
-    }
+def _share_better(one: PlannedMeasurement, best: PlannedMeasurement) -> float:
+    """Share of the truths that both were simulated for in which the first leaves less than the second."""
+    assert one.simulation is not None and best.simulation is not None
+    count = min(len(one.simulation.sds), len(best.simulation.sds))
+    mine, other = one.simulation.sds[:count], best.simulation.sds[:count]
+    both = np.isfinite(mine) & np.isfinite(other)
+    return float((mine < other)[both].mean()) if both.any() else 0.0
 
 
 def _finite(value: float) -> float | None:
@@ -206,7 +254,7 @@ def plan(
     seed: int | None = None,
     *,
     assume: ArrayLike | None = None,
-    simulations: int = 12,
+    simulations: int = ALL,
     progress: Callable[[str], None] | None = None,
 ) -> Plan:
     """Rank the further measurements that a case could be given.
@@ -216,21 +264,22 @@ def plan(
     case
         Case with FRF data; its `[plan]` names the stiffness to be known best and the candidates.
     posterior
-        Posterior of the case. Without one the mode is found and the posterior is drawn by importance sampling.
+        Posterior of the case; by default it is sampled.
     seed
         Seed of the one random generator; by default the case's.
     assume
-        (k11, k12, k22), shape (3,), of the joint that makes the simulated measurements, and about which the information
-        is taken. By default the mode for the information, and draws of the present posterior for the simulations.
+        (k11, k12, k22), shape (3,), of the joint that makes every simulated measurement. By default joints are drawn
+        from the present posterior.
     simulations
-        Measurements to simulate of each of the best three candidates and of the best set; 0 for Fisher alone.
+        Measurements to simulate of each candidate that could come first; 9 at most of the others. 0 leaves the
+        linearised first look, which recommends nothing.
     progress
         Called with a line of text at each step.
 
     Returns
     -------
     Plan
-        ``.forecasts``, ``.best``, ``.sentence``, ``.confirmations``, ``.summary()``.
+        ``.recommended``, ``.sentence``, ``.measurements``, ``.summary()``.
 
     Raises
     ------
@@ -244,85 +293,83 @@ def plan(
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
     seed = case.spec.sampling.seed if seed is None else seed
-    rng = np.random.default_rng([seed, 7])
-    problem = case.problem
+    problem, settings = case.problem, case.spec.plan
     if posterior is None:
-        tell("finding the mode")
-        mode = find_map(case, seed=seed).theta
-    else:
-        mode = posterior.mode_theta
-    truth = None if assume is None else assumed_truth(problem, mode, assume)
-    fisher = fisher_information(problem, mode if truth is None else truth)
-    ranking = _ranked(case, candidates, fisher)
-    found: dict[tuple[str, ...], Confirmation] = {}
-    note = "No measurement was simulated."
-    if simulations:
-        tell("drawing from the present posterior")
-        draws, note = present_draws(case, mode, rng) if posterior is None else (posterior.theta, "")
-        parameter, coordinates = case.spec.plan.parameter, charts(problem)
-        for names in dict.fromkeys([*(f.names for f in ranking.singles[:CONFIRMED]), ranking.best.names]):
-            tell(f"simulating {' + '.join(names)}")
-            chosen = [candidates[name] for name in names]
-            found[names] = confirm(
-                problem, chosen, parameter, draws, coordinates, rng, truth=truth, simulations=simulations
-            )
+        tell("sampling the present posterior")
+        posterior = sample(case, seed)
+    truth = None if assume is None else assumed_truth(problem, posterior.mode_theta, assume)
+    simulator = Simulator(
+        problem, settings.parameter, posterior.theta, charts(problem), np.random.default_rng([seed, 7]),
+        truths=max(simulations, FIRST), assumed=truth,
+    )  # fmt: skip
+    tell(f"first look at {len(candidates)} candidates")
+    look = FirstLook(problem, candidates, settings.parameter, simulator.truths[:FIRST])
+    chosen, others, left_out = _chosen(candidates, look, settings.max_measurements)
+    simulated = _Race(simulator, candidates, seed, tell).run(chosen, simulations)
+    planned = [
+        PlannedMeasurement(tuple(candidates[name] for name in one.names), one, simulated.get(one.names))
+        for one in (*chosen, *others)
+    ]
+    planned.sort(key=lambda one: (not one.ranked, one.sd_after if one.ranked else one.linearised.median))
     return Plan(
-        case.name,
-        case.title,
-        seed,
-        case.spec.plan.parameter,
-        fisher,
-        ranking.singles,
-        ranking.best,
-        ranking.by_gain,
-        found,
-        note,
-        assumed=truth is not None,
-    )
+        case.name, case.title, seed, settings.parameter, simulator.now, tuple(planned), posterior.converged,
+        posterior.reason, truth is not None, left_out,
+    )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Ranking:
-    """Candidates alone, and the best sets by spread and by information."""
-
-    singles: tuple[Forecast, ...]
-    best: Forecast
-    by_gain: Forecast
-
-
-def _ranked(case: Case, candidates: Mapping[str, Candidate], fisher: FisherInformation) -> _Ranking:
-    settings = case.spec.plan
-    parameter, count = settings.parameter, settings.max_measurements
-    information = {name: measurement_information(c, case.problem, fisher.theta) for name, c in candidates.items()}
-
-    def looked_at(names: tuple[str, ...]) -> Forecast:
-        return forecast(fisher, information, [candidates[name] for name in names], parameter)
-
-    singles = sorted((looked_at((name,)) for name in candidates), key=lambda f: (f.sd_after, -f.gain_nats))
-    best = looked_at(choose(fisher, information, count, parameter))
-    return _Ranking(tuple(singles), best, looked_at(choose(fisher, information, count, parameter, by="gain")))
+def _chosen(
+    candidates: Mapping[str, Candidate], look: FirstLook, size: int
+) -> tuple[tuple[Linearised, ...], tuple[Linearised, ...], int]:
+    """What is simulated, single candidates that are not, and the number of sets that could come first and are not."""
+    singles = [look.at((name,)) for name in candidates]
+    chosen = worth_simulating(singles, MOST_SINGLES)
+    others = tuple(one for one in singles if one not in chosen)
+    if size < 2 or len(candidates) < 2:
+        return chosen, others, 0
+    sets = [look.at(names) for names in sets_of(tuple(candidates), size, lambda names: look.at(names).median)]
+    worth = worth_simulating(sets, MOST_SETS)
+    return (*chosen, *worth[:MOST_SETS]), others, len(worth[MOST_SETS:])
 
 
-def present_draws(case: Case, mode: Array, rng: np.random.Generator) -> tuple[Array, str]:
-    """Draws of θ from the present posterior, shape (n, d), equally weighted, and what is wrong with them, if anything.
+class _Race:
+    """Simulates all entrants for a few truths, then those that could still come first for all truths."""
 
-    By importance sampling about the mode; where that finds too few, by a short run of the sampler.
-    """
-    fisher, coordinates = fisher_information(case.problem, mode), charts(case.problem)
-    information: Array = fisher.total() + np.diag(1 / np.square(fisher.prior_sd))
-    covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    for count in (_DRAWS, _MORE * _DRAWS):
-        theta, log_weight = weighted_posterior(case.problem.log_posterior, mode, covariance, coordinates, rng, count)
-        if len(theta) == 0:
-            break
-        weight = np.exp(log_weight - log_weight.max())
-        if weight.sum() ** 2 / (weight**2).sum() >= _LEAST:
-            return theta[rng.choice(len(theta), _KEPT, p=weight / weight.sum())], ""
-    sampled = sample(case, int(rng.integers(2**31)), settings=_SHORT)
-    if sampled.converged:
-        return sampled.theta, ""
-    return sampled.theta, (
-        "The present posterior was found neither by importance sampling nor by a short run of the sampler, which had "
-        "not converged: what stands as known now, and the truths simulated, are rough. Sample the case and give the "
-        "posterior to plan."
-    )
+    def __init__(
+        self, simulator: Simulator, candidates: Mapping[str, Candidate], seed: int, tell: Callable[[str], None]
+    ) -> None:
+        self._simulator, self._candidates, self._seed, self._tell = simulator, candidates, seed, tell
+
+    def run(self, entrants: tuple[Linearised, ...], simulations: int) -> dict[Names, Simulation]:
+        """Simulations by names of a set."""
+        first = min(FIRST, simulations)
+        if first == 0:
+            return {}
+        found = self._round([one.names for one in entrants], range(first), {})
+        if simulations > first:
+            found |= self._round(could_come_first(found), range(first, simulations), found)
+        return found
+
+    def _round(
+        self, names: list[Names], truths: range, before: Mapping[Names, Simulation]
+    ) -> dict[Names, Simulation]:
+        found = {}
+        for number, one in enumerate(names, start=1):
+            self._tell(f"simulating candidate {number} of {len(names)}: {' + '.join(one)}, measurements "
+                       f"{truths.start + 1} to {truths.stop}")  # fmt: skip
+            measured = [self._candidates[name] for name in one]
+            label = [*" + ".join(one).encode()]  # the same noise whatever else is simulated
+            posteriors = tuple(
+                self._simulator.after(measured, i, np.random.default_rng([self._seed, 8, i, *label])) for i in truths
+            )
+            found[one] = replace(before[one], posteriors=before[one].posteriors + posteriors) if one in before \
+                else Simulation(posteriors)  # fmt: skip
+        return found
+
+
+def could_come_first(found: Mapping[Names, Simulation]) -> list[Names]:
+    """Sets whose range begins below the end of the range of that with the least median."""
+    valid = {names: one for names, one in found.items() if one.valid}
+    if not valid:
+        return []
+    leader = min(valid.values(), key=lambda one: one.median)
+    return [names for names, one in valid.items() if one.range80[0] <= leader.range80[1]]

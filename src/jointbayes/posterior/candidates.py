@@ -92,6 +92,8 @@ class Candidate:
     above_hz
         Only lines above this frequency are new; the noise law sees all lines, since its floor is relative to their
         median.
+    position
+        Where on the structure: ``"191.5 mm"``; empty where nothing is placed.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Candidate:
     quantity: Quantity
     law: VarianceLaw
     above_hz: float = 0.0
+    position: str = ""
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The candidate measured where θ, shape (d,), is the truth: a problem over the same parameters.

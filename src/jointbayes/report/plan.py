@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
+from jointbayes.posterior.directions import spread_in_words
 from jointbayes.report.figures import svg
 from jointbayes.report.format import number
-from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Paragraph, Report, Section, Table
+from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
 
 __all__ = ["build_plan_report", "candidate_table"]
 
@@ -18,115 +19,103 @@ Entry = Mapping[str, Any]
 
 
 def candidate_table(summary: Mapping[str, Any]) -> Table:
-    """Each candidate alone, best first, and the best set where it has more than one measurement."""
-    parameter = summary["parameter"]
-    entries = list(summary["candidates"])
-    for key in ("best_set", "best_by_gain"):
-        if summary[key]["names"] not in [e["names"] for e in entries]:
-            entries.append(summary[key])
+    """Each measurement: simulated ones by their median standard deviation, then those that were not simulated."""
+    parameter, now = summary["parameter"], summary["now"]
+    present = ("(now)", "", spread_in_words(now["sd"]), number(now["sd"]), now["verdict"], "present posterior")
+    rows = [_row(entry, summary["recommended"]) for entry in summary["measurements"]]
     return Table(
-        f"Further measurements and what they do to ln {parameter}",
+        f"Further measurements and how well {parameter} would then be known",
         (
-            "Candidate",
-            "Gain (bits)",
-            f"sd of ln {parameter}",
-            "Verdict after",
-            "Confirmed",
-            "Simulated sd (80 %)",
-            "Simulated gain",
+            "Measurement",
+            "Position",
+            f"{parameter} known to (80 %)",
+            f"sd of ln {parameter} (80 %)",
+            "Verdict then",
+            "Found by",
         ),
-        tuple(_row(e) for e in entries),
-        align="lllllll",
-        note="Gain and sd: before the measurement, by Fisher information. Simulated: expected over simulated "
-        "measurements, with the Monte Carlo error and the central 80 % of the sd. Confirmed: the two sds agree within a"
-        " factor of 1.25. The verdict is of the simulated sd where there is one.",
+        (*rows, present),
+        align="llllll",
+        note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: first look by "
+        "Fisher information, never a reason to recommend.",
     )
 
 
-def _row(entry: Entry) -> tuple[str, ...]:
-    change = f"{number(entry['sd_before'])} → {number(entry['sd_after'])}"
+def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
+    names = " + ".join(entry["names"]) + (" (recommended)" if entry["names"] == recommended else "")
+    where = " + ".join(place for place in entry["positions"] if place)
     found = entry["simulated"]
-    start = (" + ".join(entry["names"]), number(entry["gain_bits"]), change, entry["verdict_after"])
     if found is None:
-        return (*start, "not asked", "–", "–")
+        sd = entry["linearised"]["median"]
+        return names, where, "–", f"about {number(sd)} (linearised)", "–", "not simulated"
     if not found["valid"]:
-        return (*start, f"{found['lost']} of {found['simulated']} lost", "–", "–")
+        return names, where, "–", "–", "–", f"{found['lost']} of {found['truths']} simulations failed"
     low, high = found["sd_range80"]
-    simulated = (
-        f"{number(found['sd_before'])} → {number(found['sd_after'])} ± {number(found['sd_after_error'], 1)} "
-        f"({number(low)} to {number(high)})"
-    )
-    gain = f"{number(found['gain_bits'])} ± {number(found['gain_bits_error'], 1)}"
-    said = "yes" if entry["confirmed"] else f"no, {found['sd_after'] / entry['sd_after']:.2g} ×"
-    return (*start, said, simulated, gain)
+    known = f"{spread_in_words(found['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
+    sds = f"{number(found['sd_median'])} ({number(low)} to {number(high)})"
+    count = found["truths"] - found["lost"]
+    return names, where, known, sds, found["verdict"], f"{count} simulations"
 
 
 def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report:
-    """Build the report of a plan from its summary, the sentence first."""
+    """Build the report of a plan from its summary, the recommendation first."""
     parameter = summary["parameter"]
-    entries: Sequence[Entry] = summary["candidates"]
+    entries: Sequence[Entry] = summary["measurements"]
+    source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
     how = (
-        "Measurements that are independent given the parameters add their Fisher information. It is taken "
-        f"at {'the assumed joint' if summary['assumed'] else 'the mode of the present posterior'}, with the noise law "
-        "of the case on the FRFs of the model; the nuisances are marginalised. The gain is ½ ln det of the covariance "
-        "of the joint's coordinates before over after."
-    )
-    check = (
-        "Fisher information is of one point and takes the posterior for Gaussian. For the candidates that were asked "
-        "about, measurements were therefore simulated, with noise, for "
-        f"{'the assumed joint' if summary['assumed'] else 'joints drawn from the present posterior'}, and the "
-        "posterior of the data in hand together with each was found by importance sampling."
+        f"Each measurement was simulated, with noise, for {source}, the same ones for all candidates; the posterior "
+        "of the data in hand together with each simulated measurement was found by reweighting draws of the present "
+        "posterior, or by importance sampling where too few of them stayed effective. The ranges hold 80 % of the "
+        "simulated measurements, so that the value found later should lie within its range in four of five cases. "
+        "Candidates that could come first by their range were simulated more often."
     )
     sections = (
-        Section("candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter))),
-        Section("method", "How this was found", (Paragraph(how), Paragraph(check))),
+        Section("candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))),
+        Section("method", "How this was found", (Paragraph(how),)),
     )
-    best = summary["candidates"] + [summary["best_set"]]
-    verdict = next(e["verdict_after"] for e in best if e["names"] == summary["best"])
-    kind = {"identified": "good", "weakly identified": "caution"}.get(verdict, "bad")
-    lead = Callout("good" if kind == "good" else "caution" if kind == "caution" else "bad", summary["sentence"])
+    kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
     return Report(
         title=summary["title"],
         subtitle=f"What to measure next to know {parameter}",
-        lead=(lead, Callout("caution", summary["note"])) if summary["note"] else (lead,),
+        lead=(Callout(kind, summary["sentence"]), *(Callout("caution", note) for note in summary["notes"])),
         sections=sections,
         date=date,
         version=version("jointbayes"),
     )
 
 
-def _figure(entries: Sequence[Entry], parameter: str) -> Figure:
-    names = [" + ".join(e["names"]) for e in entries]
-    alt = f"Bars of the standard deviation of ln {parameter} after each further measurement: " + ", ".join(
-        f"{name} {number(e['sd_after'])}" for name, e in zip(names, entries, strict=True)
+def _figure(entries: Sequence[Entry], parameter: str, now: Entry) -> Figure:
+    simulated = [e for e in entries if e["simulated"] is not None and e["simulated"]["valid"]]
+    alt = f"Standard deviation of ln {parameter} after each simulated measurement: " + ", ".join(
+        f"{' + '.join(e['names'])} {number(e['simulated']['sd_median'])}" for e in simulated
     )
     caption = (
-        f"Standard deviation of ln {parameter} after each further measurement: by Fisher information (bars), and of "
-        "simulated measurements (points: expected; lines: central 80 %). Dashed: now."
+        f"Standard deviation of ln {parameter} after each measurement: every simulated one (small points), their "
+        "median (large points) and the range of 80 % (lines). Crosses: linearised, of those that were not simulated. "
+        "Dashed: now."
     )
-    return Figure("plan", caption, alt, plan_bars(entries, parameter))
+    return Figure("plan", caption, alt, _ranges(entries, parameter, now))
 
 
-def plan_bars(entries: Sequence[Entry], parameter: str) -> str:
-    """One bar for each candidate, best on top, on a logarithmic axis; simulated ones as points with their range."""
+def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
+    """One line for each measurement, best on top, on a logarithmic axis."""
 
     def draw(canvas: Canvas) -> None:
         axes = canvas.subplots()
         place = np.arange(len(entries))[::-1]
-        after = [e["sd_after"] if e["sd_after"] is not None else np.nan for e in entries]
-        axes.barh(place, after, height=0.6, color=SERIES_COLOURS[0], label="Fisher information")
-        asked = [(y, e["simulated"]) for y, e in zip(place, entries, strict=True) if e["simulated"]]
-        known = [(y, s) for y, s in asked if s["sd_after"] is not None]
-        if known:
-            rows = [y for y, _ in known]
-            low, high = np.array([s["sd_range80"] for _, s in known]).T
-            axes.hlines(rows, low, high, color=SERIES_COLOURS[1], lw=2)
-            middle = [s["sd_after"] for _, s in known]
-            axes.plot(middle, rows, "o", ms=5, color=SERIES_COLOURS[1], label="simulated")
-        if entries[0]["sd_before"] is not None:
-            axes.axvline(entries[0]["sd_before"], color="0.4", ls="--", lw=1, label="now")
+        colour = SERIES_COLOURS[0]
+        for y, entry in zip(place, entries, strict=True):
+            found = entry["simulated"]
+            if found is not None and found["valid"]:
+                sds = [sd for sd in found["sds"] if sd is not None]
+                axes.hlines(y, *found["sd_range80"], color=colour, lw=2)
+                axes.plot(sds, np.full(len(sds), y), "o", ms=2.5, color=SERIES_COLOURS[1], alpha=0.6)
+                axes.plot(found["sd_median"], y, "o", ms=6, color=colour)
+            elif found is None and entry["linearised"]["median"] is not None:
+                axes.plot(entry["linearised"]["median"], y, "x", ms=6, color="0.4")
+        axes.axvline(now["sd"], color="0.4", ls="--", lw=1, label="now")
         axes.set_xscale("log")
         axes.set_yticks(place, [" + ".join(e["names"]) for e in entries])
+        axes.set_ylim(-0.6, len(entries) - 0.4)
         axes.set_xlabel(f"Standard deviation of ln {parameter}")
         axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 

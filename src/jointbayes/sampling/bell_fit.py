@@ -45,8 +45,13 @@ class Round:
     efficiency: float
 
 
-def refined_bell(target: Whitened, mean: Array, scale: Array, rng: np.random.Generator) -> list[Round]:
-    """Rounds of Student-t distributions in z from a first centre and scale; the last one is not always the best."""
+def refined_bell(
+    target: Whitened, mean: Array, scale: Array, rng: np.random.Generator, enough: float
+) -> list[Round]:
+    """Rounds of Student-t distributions in z from a first centre and scale, until one has an efficiency of `enough`.
+
+    The last one is not always the best.
+    """
     rounds: list[Round] = []
     for _ in range(1 + _ROUNDS):
         candidate = StudentT(mean, scale, DOF)
@@ -55,7 +60,7 @@ def refined_bell(target: Whitened, mean: Array, scale: Array, rng: np.random.Gen
         log_weight = values - candidate.log_density(draws)
         efficiency = importance_efficiency(log_weight)
         rounds.append(Round(candidate, draws, values, efficiency))
-        if efficiency > good_efficiency(mean.size):
+        if efficiency > enough:
             break
         mean, scale = _refitted(candidate, draws, log_weight)
     return rounds

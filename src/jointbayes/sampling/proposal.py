@@ -76,7 +76,12 @@ class Proposal:
 
 
 def fit_proposal(
-    log_density: LogDensity, charts: Sequence[Chart | None], starts: Sequence[Start], rng: np.random.Generator
+    log_density: LogDensity,
+    charts: Sequence[Chart | None],
+    starts: Sequence[Start],
+    rng: np.random.Generator,
+    *,
+    enough: float | None = None,
 ) -> Proposal:
     """Fit a Student-t distribution, or a mixture of such, to a density in the coordinates φ of one of several charts.
 
@@ -103,6 +108,9 @@ def fit_proposal(
         highest first.
     rng : numpy.random.Generator
         Source of the draws.
+    enough : float, optional
+        Efficiency at which a single bell is good enough and the fit ends; by default `good_efficiency`. A lower one
+        saves time where a few hundred effective draws will do.
 
     Returns
     -------
@@ -132,13 +140,14 @@ def fit_proposal(
     known = [chart or Identity() for chart in charts]
     target = whitened(log_density, known[0], *starts[0])
     dimension = len(target.origin)
+    least = good_efficiency(dimension) if enough is None else enough
     pool = Pool(target.log_density, dimension)
     fits: list[Fit] = []
     if len(starts) == 1:
-        rounds = refined_bell(target, *laplace(target), rng)
+        rounds = refined_bell(target, *laplace(target), rng, least)
         best = max(rounds, key=lambda one: one.efficiency)
         fits.append(Fit(_carried_back(target, best.bell), target.chart, best.efficiency))
-        if best.efficiency > good_efficiency(dimension):
+        if best.efficiency > least:
             return _proposal(fits, target.evaluations)
         for one in rounds:
             _remember(pool, target, one)
