@@ -14,28 +14,24 @@ from jointbayes.case_objects import beam_recipe
 from jointbayes.cli import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise
-from jointbayes.joint import ComplianceChart, LogStiffness, joint_matrix
+from jointbayes.joint import LogStiffness, joint_matrix
 from jointbayes.measurement import RelativeNoise
+from jointbayes.planning import Plan, PlannedMeasurement, could_come_first
 from jointbayes.posterior.candidates import Candidate, StatedVariance, estimated_law, repeated
+from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.planning import (
-    choose,
-    forecast,
-    joint_gain,
+    FirstLook,
+    Linearised,
     measurement_information,
-    plan_sentence,
     sd_of,
-    verdict_on,
+    sets_of,
+    worth_simulating,
 )
-from jointbayes.posterior.planning_check import (
-    Confirmation,
-    WithFurther,
-    assumed_truth,
-    confirm,
-    spread_after,
-    weighted_posterior,
-)
+from jointbayes.posterior.planning_forecast import SimulatedPosterior, Simulation, predictive_range
+from jointbayes.posterior.planning_simulation import Simulator, WithFurther, assumed_truth
 from jointbayes.report.plan import build_plan_report, candidate_table
+from jointbayes.sampling import fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.workflow import charts
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
@@ -85,29 +81,68 @@ def test_the_information_of_a_candidate_is_that_of_the_case_which_measures_it(ch
     np.testing.assert_allclose(whole, fisher_information(extended.problem, TRUTH).data, rtol=1e-6)
 
 
-def test_a_repeated_measurement_doubles_the_information_and_halves_the_variance(cheap_case):
+def test_a_repeated_measurement_halves_the_linearised_variance(cheap_case):
     problem = cheap_case.problem
     candidate = repeated(problem, 2.0)
-    fisher = fisher_information(problem, TRUTH)
-    found = forecast(fisher, {candidate.name: measurement_information(candidate, problem, TRUTH)}, [candidate], "k22")
-    assert found.sd_after / found.sd_before == pytest.approx(math.sqrt(0.5), rel=1e-6)
-    assert found.gain_bits == pytest.approx(1.5, abs=0.05)  # half a bit for each of the three coordinates
+    look = FirstLook(problem, {"again": candidate}, "k22", TRUTH[None])
+    now = sd_of(fisher_information(problem, TRUTH), "k22")
+    assert look.at(("again",)).median / now == pytest.approx(math.sqrt(0.5), rel=1e-6)
 
 
-def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussian():
+def simulator_about_the_truth(case, quantity, truths=6):
+    """Simulator of a case, with importance draws of its posterior about the truth."""
+    problem, rng = case.problem, np.random.default_rng(1)
+    proposal = fit_proposal(problem.log_posterior, charts(problem), ((TRUTH, 1e-6 * np.eye(3)),), rng)
+    draws = WeightedDraws(*proposal.weighted_draws(problem.log_posterior, rng, 20_000)).resample(rng, 8000)
+    return Simulator(problem, quantity, draws, charts(problem), rng, truths=truths)
+
+
+@pytest.mark.parametrize("quantity", ["k11", "k12", "k22"])
+def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussian(quantity):
     """With the joint itself measured all three stiffnesses are known to a part in a hundred or better."""
     text = edited(cheap_text(), ('outputs = ["5:y"]', 'outputs = ["5:y", "1:y", "1:rz"]'))
-    problem = jb.case_from_text("joint measured", text).problem
-    fisher, chart, rng = fisher_information(problem, TRUTH), charts(problem), np.random.default_rng(1)
-    theta, log_weight = weighted_posterior(problem.log_posterior, TRUTH, fisher.covariance(), chart, rng, 4000)
-    weight = np.exp(log_weight - log_weight.max())
-    draws = theta[rng.choice(len(theta), 4000, p=weight / weight.sum())]
-    for parameter in ("k11", "k12", "k22"):
-        found = confirm(problem, [repeated(problem, 2.0)], parameter, draws, chart, rng, simulations=4)
-        assert found.valid
-        assert found.sd_before == pytest.approx(sd_of(fisher, parameter), rel=0.1)
-        assert found.sd_after / found.sd_before == pytest.approx(math.sqrt(0.5), rel=0.1)
-        assert found.gain_bits == pytest.approx(1.5, abs=0.3)
+    case = jb.case_from_text("joint measured", text)
+    candidate = repeated(case.problem, 2.0)
+    simulator = simulator_about_the_truth(case, quantity)
+    found = Simulation(tuple(simulator.after([candidate], i) for i in range(6)))
+    assert simulator.now.sd == pytest.approx(sd_of(fisher_information(case.problem, TRUTH), quantity), rel=0.1)
+    assert found.lost == 0
+    assert found.reweighted > 0  # no more than some two bits are gained: many present draws stay effective
+    assert found.median / simulator.now.sd == pytest.approx(math.sqrt(0.5), rel=0.06)
+
+
+def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case, cheap_posterior, monkeypatch):
+    problem = cheap_case.problem
+    candidate = repeated(problem, 2.0)
+
+    def simulated():
+        rng = np.random.default_rng(1)
+        simulator = Simulator(problem, "k12", cheap_posterior.theta, charts(problem), rng, truths=5)
+        return [simulator.after([candidate], i) for i in range(5)]
+
+    usual = simulated()
+    monkeypatch.setattr("jointbayes.posterior.planning_simulation._SPARE", 1e9)
+    by_importance = simulated()
+    assert {one.method for one in by_importance} == {"importance sampling"}
+    both = [(a.sd, b.sd) for a, b in zip(usual, by_importance, strict=True) if a.method == "reweighting"]
+    assert len(both) >= 3
+    np.testing.assert_allclose(*np.transpose(both), rtol=0.15)
+
+
+def test_importance_sampling_takes_over_where_the_weights_of_present_draws_collapse(cheap_case, cheap_posterior):
+    """An accelerometer at the joint leaves a small part of the present posterior."""
+    problem = cheap_case.problem
+    simulator = Simulator(problem, "k12", cheap_posterior.theta, charts(problem), np.random.default_rng(1), truths=1)
+    found = simulator.after([accelerometer(cheap_case, "1:y", "1:rz")], 0)
+    assert found.method == "importance sampling"
+    assert found.effective >= 200
+    assert found.sd < 0.5 * simulator.now.sd
+
+
+def test_few_draws_are_refused(cheap_case):
+    with pytest.raises(jb.ModelError, match="3 simulations and 5 draws"):
+        Simulator(cheap_case.problem, "k12", np.zeros((5, 3)), charts(cheap_case.problem), np.random.default_rng(1),
+                  truths=3)  # fmt: skip
 
 
 def test_averages_reduce_the_variance_of_all_frfs_in_hand_and_new_together(cheap_case):
@@ -116,83 +151,35 @@ def test_averages_reduce_the_variance_of_all_frfs_in_hand_and_new_together(cheap
     np.testing.assert_allclose(1 / (1 / new + 1 / old), old / 4)
 
 
-def test_greedy_and_exhaustive_choice_agree_on_one_measurement(cheap_case):
-    problem = cheap_case.problem
-    fisher = fisher_information(problem, TRUTH)
-    candidates = [accelerometer(cheap_case, dof) for dof in ("2:y", "3:y", "4:y", "5:rz")]
-    information = {c.name: measurement_information(c, problem, TRUTH) for c in candidates}
-    for by in ("sd", "gain"):
-        one = choose(fisher, information, 1, "k12", by=by, exhaustive=False)
-        assert one == choose(fisher, information, 1, "k12", by=by, exhaustive=True)
-        best = min(candidates, key=lambda c: _loss(fisher, information, c, by))
-        assert one == (best.name,)
+def test_sets_are_all_there_are_or_grown_one_by_one():
+    names = ("a", "b", "c")
+    assert sets_of(names, 2, len) == (("a", "b"), ("a", "c"), ("b", "c"))
+    assert sets_of(names, 9, len) == (names,)
+    many = tuple(str(i) for i in range(60))
+    assert sets_of(many, 4, lambda one: -sum(map(int, one))) == (("59", "58", "57", "56"),)
+    with pytest.raises(jb.ModelError, match="candidates to choose"):
+        sets_of((), 1, len)
 
 
-def _loss(fisher, information, candidate, by):
-    found = forecast(fisher, information, [candidate], "k12")
-    return found.sd_after if by == "sd" else -found.gain_nats
-
-
-def test_exhaustive_choice_finds_the_pair_that_one_at_a_time_misses():
-    """Alone c is best for k12; together a and b are, each of which sees k12 only along with a nuisance of its own."""
-    fisher = made(data=np.diag([1.0, 0.1, 1.0, 0.0]))
-    sees = {"a": [0, 3.0, 0, 3.0], "b": [0, 3.0, 0, -3.0], "c": [0, 2.5, 0, 0]}
-    information = {name: np.outer(v, v) for name, v in sees.items()}
-    assert choose(fisher, information, 2, "k12", exhaustive=True) == ("a", "b")
-    assert choose(fisher, information, 2, "k12", exhaustive=False)[0] == "c"
-    assert choose(fisher, information, 2, "k12") == ("a", "b")
-    assert set(choose(fisher, information, 9, "k12")) == set(sees)
-
-
-def test_the_gain_marginalises_the_nuisances():
-    before = made(data=np.diag([1.0, 1.0, 1.0, 0.0]))
-    nuisance_only = replace(before, data=before.data + np.diag([0, 0, 0, 100.0]))
-    assert joint_gain(before, nuisance_only) == pytest.approx(0.0, abs=1e-12)
-    doubled = replace(before, data=2 * before.data)
-    weak = 1 / 25  # a uniform prior of standard deviation 5 counts as a normal one
-    assert joint_gain(before, doubled) == pytest.approx(1.5 * math.log((2 + weak) / (1 + weak)))
+def test_all_that_could_come_first_are_worth_simulating():
+    looks = [Linearised((name,), np.array(sds)) for name, sds in
+             {"first": [0.1, 0.2, 0.3], "near": [0.9, 1.1, 1.2], "far": [1.3, 2.0, 3.0]}.items()]  # fmt: skip
+    assert worth_simulating(looks[::-1], 3) == tuple(looks)
+    assert worth_simulating(looks, 2) == tuple(looks[:2])  # 0.9 / 2 ≤ 0.3 · 2 < 1.3 / 2
 
 
 def test_what_no_data_see_keeps_the_width_of_its_prior():
     blind = made(data=np.diag([1.0, 1e-30, 1.0, 0.0]))
     assert sd_of(blind, "k12") == 5.0
-    assert verdict_on(blind, "k12", 0.01) == "identified"
-    assert verdict_on(blind, "k12", 5.0) == "not identified"
     with pytest.raises(jb.ModelError, match="found parameter 'k33'"):
         sd_of(blind, "k33")
 
 
-def test_choosing_nothing_is_refused():
-    with pytest.raises(jb.ModelError, match="candidates to choose"):
-        choose(made(data=np.eye(4)), {}, 1, "k12")
-
-
-@pytest.mark.parametrize(
-    ("words", "spread", "sentence"),
-    [
-        (
-            ["an accelerometer at mid-span (6:y)"],
-            (1.97, 0.15),
-            "An accelerometer at mid-span (6:y) takes k12 from a factor of 7.2 to 16 %.",
-        ),
-        (["a b", "c d"], (0.2, 0.1), "A b and c d take k12 from 22 % to 11 %."),
-        (["4 times the averages"], (0.02, 0.01), "4 times the averages take k12 from 2 % to 1 %."),
-    ],
-)
-def test_the_sentence_says_factor_or_percent(words, spread, sentence):
-    assert plan_sentence(words, "k12", *spread) == sentence
-
-
-def test_the_tip_alone_does_not_identify_k12_and_mid_span_repairs_it():
-    case = jb.load_case(CONFIGS / "clamped_beam_uncertain.toml")
-    theta = assumed_truth(case.problem, np.concatenate([TRUTH, np.zeros(4)]), TABLE_3)
-    fisher = fisher_information(case.problem, theta)
-    mid = next(c for c in candidates_of(case) if c.name == "6:y")
-    found = forecast(fisher, {"6:y": measurement_information(mid, case.problem, theta)}, [mid], "k12")
-    assert 1.8 < found.sd_before < 2.2
-    assert 0.13 < found.sd_after < 0.17
-    assert (found.verdict_before, found.verdict_after) == ("not identified", "weakly identified")
-    assert found.words == ("an accelerometer at mid-span (6:y)",)
+def test_a_range_holds_a_further_value_in_four_of_five_cases():
+    values = np.random.default_rng(1).lognormal(size=(4000, 10))
+    inside = [low <= row[-1] <= high for row in values for low, high in [predictive_range(row[:-1])]]
+    assert np.mean(inside) == pytest.approx(0.8, abs=0.02)
+    assert all(math.isnan(end) for end in predictive_range([]))
 
 
 def test_a_noise_law_is_estimated_from_the_variance(cheap_case):
@@ -324,74 +311,112 @@ def test_an_assumed_joint_is_kept_and_all_else_follows_the_data():
         assumed_truth(case.problem, mode, [1.0, 1.0, 1.0])
 
 
-def test_weighted_draws_are_of_the_density_over_the_parameters_not_over_the_chart():
-    def density(theta):
-        value = -0.5 * (((theta - TRUTH) / 0.2) ** 2).sum(axis=1)
-        return np.where(LogStiffness().feasible(theta), value, -np.inf)
-
-    chart, rng = ComplianceChart(LogStiffness()), np.random.default_rng(1)
-    theta, log_weight = weighted_posterior(density, TRUTH, 0.04 * np.eye(3), [chart], rng, 8000)
-    weight = np.exp(log_weight - log_weight.max())
-    weight /= weight.sum()
-    np.testing.assert_allclose(weight @ theta, TRUTH, atol=0.02)
-    np.testing.assert_allclose(np.sqrt(weight @ (theta - TRUTH) ** 2), 0.2, rtol=0.08)
+def simulated(*sds, verdict="weakly identified"):
+    """Made-up simulations; None is a posterior that was not found."""
+    return Simulation(
+        tuple(None if sd is None else SimulatedPosterior(sd, verdict, 500.0, "reweighting") for sd in sds)
+    )
 
 
-def test_too_few_importance_draws_are_no_posterior(cheap_case):
-    candidate, rng = accelerometer(cheap_case, "3:y"), np.random.default_rng(1)
-    arguments = cheap_case.problem, [candidate], "k12", TRUTH, charts(cheap_case.problem), rng
-    assert spread_after(*arguments, inner=20) is None
-    assert spread_after(*arguments, inner=1000) is not None
+def planned(case, converged=True, **simulations):
+    """A made-up plan of the candidates of a small case, by the letters of their order."""
+    text = edited(planned_text(), ('"3:y", "5:rz"', '"1:y", "2:y", "3:y"'))
+    candidates = candidates_of(jb.case_from_text("made up", text))
+    measurements = [
+        PlannedMeasurement((candidate,), Linearised((candidate.name,), np.array([0.001])), simulations.get(letter))
+        for letter, candidate in zip("abc", candidates, strict=False)
+    ]
+    measurements.sort(key=lambda one: (not one.ranked, one.sd_after if one.ranked else one.linearised.median))
+    now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
+    return Plan("made up", "Made up", 1, "k12", now, tuple(measurements), converged, "why")
 
 
-def test_confirming_nothing_is_refused(cheap_case):
-    chart, rng = charts(cheap_case.problem), np.random.default_rng(1)
-    with pytest.raises(jb.ModelError, match="0 candidates"):
-        confirm(cheap_case.problem, [], "k12", np.zeros((5, 3)), chart, rng)
+def test_the_least_simulated_median_is_recommended_and_the_range_is_its_quantiles(cheap_case):
+    sds = [0.5, 0.1, 0.9, 0.3, 0.4, 0.2, 0.7, 0.6, 0.8]
+    found = planned(cheap_case, a=simulated(*[0.6] * 9), b=simulated(*sds), c=simulated(*[2.0] * 9))
+    assert [one.names for one in found.measurements] == [("2:y",), ("1:y",), ("3:y",)]
+    assert found.recommended.names == ("2:y",)
+    entry = found.summary()["measurements"][0]["simulated"]
+    assert (entry["sd_median"], entry["sd_range80"]) == (0.5, [0.1, 0.9])
+    assert found.as_good[0].names == ("1:y",)  # better for 0.7, 0.8 and 0.9: three of nine
+    assert "About as good: an accelerometer at the joint (1:y, 0 mm)." in found.sentence
+    assert found.sentence.startswith(
+        "Measure next: an accelerometer on the beam (2:y, 95.75 mm). It is expected to make k12 known to a factor of "
+        "1.6 (weakly identified); now it is known to a factor of 2.7 (not identified). In 80 % of simulated "
+        "measurements: 11 % to a factor of 2.5."
+    )
+
+
+def test_what_was_not_simulated_is_never_recommended(cheap_case):
+    """Its linearised figure is a hundred times better than all that was simulated."""
+    found = planned(cheap_case, c=simulated(0.5, 0.5))
+    assert found.recommended.names == ("3:y",)
+    rows = candidate_table(found.summary()).rows
+    assert [row[0] for row in rows] == ["3:y (recommended)", "1:y", "2:y", "(now)"]
+    assert rows[1][3:] == ("about 0.001 (linearised)", "–", "not simulated")
+    none = planned(cheap_case)
+    assert none.recommended is None
+    assert none.sentence == "No recommendation: no measurement was simulated with success."
+
+
+def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked(cheap_case):
+    found = planned(cheap_case, a=simulated(0.1, 0.1, None, None), b=simulated(0.5, 0.5, 0.5, 0.5))
+    assert found.recommended.names == ("2:y",)
+    assert "not ranked: 1:y" in found.notes[0]
+    assert candidate_table(found.summary()).rows[1][-1] == "2 of 4 simulations failed"
+
+
+def test_nothing_is_recommended_that_does_not_help(cheap_case):
+    found = planned(cheap_case, a=simulated(0.95, 0.95), b=simulated(0.99, 0.99))
+    assert found.recommended is None
+    assert found.sentence.startswith("None of the 2 simulated measurements makes k12 much better known")
+    assert build_plan_report(found.summary(), datetime.date(2026, 1, 1)).lead[0].kind == "caution"
+
+
+def test_nothing_is_recommended_from_draws_that_have_not_converged(cheap_case):
+    found = planned(cheap_case, converged=False, a=simulated(0.1, 0.1))
+    assert found.recommended is None
+    assert found.sentence.startswith("No recommendation: the draws of the present posterior have not converged (why)")
+    assert build_plan_report(found.summary(), datetime.date(2026, 1, 1)).lead[0].kind == "bad"
+
+
+def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
+    found = {
+        ("a",): simulated(0.1, 0.2, 0.3), ("b",): simulated(0.25, 0.4, 0.5), ("c",): simulated(0.4, 0.5, 0.6),
+        ("d",): simulated(None, None, 0.01),
+    }  # fmt: skip
+    assert could_come_first(found) == [("a",), ("b",)]
+    assert could_come_first({("d",): simulated(None, 0.1)}) == []
 
 
 def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     case = jb.case_from_text("cheap", planned_text(('"5:rz"]\n', '"5:rz"]\nmax_measurements = 2\n')))
-    plan = jb.plan(case, cheap_posterior, seed=3, simulations=2)
+    lines = []
+    plan = jb.plan(case, cheap_posterior, seed=3, simulations=4, progress=lines.append)
     summary = plan.summary()
     assert json.loads(json.dumps(summary, allow_nan=False)) == json.loads(
-        json.dumps(jb.plan(case, cheap_posterior, seed=3, simulations=2).summary())
+        json.dumps(jb.plan(case, cheap_posterior, seed=3, simulations=4).summary())
     )
-    spreads = [f.sd_after for f in plan.forecasts]
+    spreads = [one.sd_after for one in plan.measurements]
     assert spreads == sorted(spreads)
-    assert len(plan.best.names) == 2
-    assert plan.best.names in plan.confirmations
-    assert plan.best.sd_after <= spreads[0]
-    assert plan.sentence.startswith(("An accelerometer at mid-span (3:y) and", "A rotational", "4 times"))
+    assert plan.recommended is plan.measurements[0]
+    assert len(plan.measurements) == 6  # three alone, three pairs
+    assert plan.now.sd == pytest.approx(np.log(cheap_posterior.values("k12")).std(), rel=1e-9)
+    assert lines[1].startswith("simulating candidate 1 of 6: ")
+    assert plan.sentence in plan.text()
     report = build_plan_report(summary, datetime.date(2026, 1, 1))
     assert report.lead[0].text == plan.sentence
-    table = candidate_table(summary)
-    assert [row[0] for row in table.rows][: len(spreads)] == [f.names[0] for f in plan.forecasts]
-    assert " + ".join(plan.best_set.names) in [row[0] for row in table.rows]
+    assert (report.lead[0].kind, len(report.lead)) == ("good", 1)
+    rows = candidate_table(summary).rows
+    assert [row[0].removesuffix(" (recommended)") for row in rows[:-1]] == [one.label for one in plan.measurements]
+    assert any(row[:2] == ("3:y", "191.5 mm") for row in rows)
 
 
-def _with(plan, sds, simulated=4):
-    """The plan with made-up simulations of its first candidate."""
-    found = Confirmation(2.0, np.array(sds), np.full(len(sds), 1.0), simulated, 0.5)
-    return replace(plan, confirmations={plan.forecasts[0].names: found}, best_set=plan.forecasts[0])
-
-
-def test_fisher_is_confirmed_only_by_simulations_that_say_the_same(cheap_posterior):
+def test_without_simulations_there_is_only_a_first_look(cheap_posterior):
     plan = jb.plan(jb.case_from_text("cheap", planned_text()), cheap_posterior, simulations=0)
-    first = plan.forecasts[0]
-    assert plan.confirmed(first) is None
-    assert "No simulated measurements stand behind this." in plan.sentence
-    assert plan.note in plan.text()
-    same, wider = _with(plan, [first.sd_after] * 4), _with(plan, [2 * first.sd_after] * 4)
-    assert same.confirmed(first)
-    assert "bear this out" in same.sentence
-    assert not wider.confirmed(first)
-    assert "say otherwise" in wider.sentence
-    assert "no, 2 ×" in candidate_table(wider.summary()).rows[0]
-    lost = _with(plan, [first.sd_after], simulated=4)
-    assert not lost.confirmed(first)
-    assert "3 of 4 lost" in candidate_table(lost.summary()).rows[0]
-    assert _with(plan, [1.5] * 4).verdict_after(first.names) == "not identified"
+    assert plan.recommended is None
+    assert all(one.simulation is None for one in plan.measurements)
+    build_plan_report(plan.summary(), datetime.date(2026, 1, 1))
 
 
 def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
@@ -401,16 +426,17 @@ def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
 
 
 def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_path, monkeypatch):
+    monkeypatch.setattr("jointbayes.planning.FIRST", 3)
     file, out = tmp_path / "cheap.toml", tmp_path / "plan"
-    file.write_text(planned_text(), encoding="utf-8")
+    file.write_text(edited(planned_text(), ('"3:y", "5:rz"', '"1:y"')), encoding="utf-8")
     result = CliRunner().invoke(main, ["plan", str(file), "--out", str(out), "--seed", "2"])
     assert result.exit_code == 0, result.output
-    assert re.search(r"^3:y +\d.* identified +(yes|no, [\d.]+ ×) ", result.stdout, re.MULTILINE)
-    assert "takes k12 from" in result.stdout
+    assert re.search(r"^1:y \(recommended\) +0 mm .* identified +\d+ simulations$", result.stdout, re.MULTILINE)
     names = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     assert names == {"report.html", "report.pdf", "plan.json", "case.toml", "figures/plan.svg"}
     written = json.loads((out / "plan.json").read_text(encoding="utf-8"))
     assert written["sentence"] in result.stdout
+    assert written["sentence"].startswith("Measure next: an accelerometer at the joint (1:y, 0 mm). ")
     assert {p.name for p in tmp_path.iterdir()} == {"cheap.toml", "plan"}
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")

@@ -15,7 +15,8 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.candidates import Candidate
 from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.planning import FirstLook, Linearised, sets_of, worth_simulating
-from jointbayes.posterior.planning_simulation import SimulatedPosterior, Simulation, Simulator, assumed_truth
+from jointbayes.posterior.planning_forecast import SimulatedPosterior, Simulation
+from jointbayes.posterior.planning_simulation import Simulator, assumed_truth
 from jointbayes.report.plan import candidate_table
 from jointbayes.workflow import charts, sample
 
@@ -24,8 +25,10 @@ __all__ = ["Plan", "PlannedMeasurement", "plan"]
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
 
-#: Simulated truths of each candidate at first, and of those that could still come first after that.
+#: Simulated truths of each candidate, and of those few that could still come first after that.
 FIRST, ALL = 9, 19
+#: So many of those that could still come first are simulated further.
+MOST_AGAIN = 3
 #: So many candidates are simulated whatever the first look says of them; of sets of several, so many at most.
 MOST_SINGLES, MOST_SETS = 12, 8
 #: A measurement helps if it leaves at most this share of the present standard deviation, in the median.
@@ -237,7 +240,8 @@ class Plan:
 
 def _share_better(one: PlannedMeasurement, best: PlannedMeasurement) -> float:
     """Share of the truths that both were simulated for in which the first leaves less than the second."""
-    assert one.simulation is not None and best.simulation is not None
+    assert one.simulation is not None
+    assert best.simulation is not None
     count = min(len(one.simulation.sds), len(best.simulation.sds))
     mine, other = one.simulation.sds[:count], best.simulation.sds[:count]
     both = np.isfinite(mine) & np.isfinite(other)
@@ -305,7 +309,7 @@ def plan(
     tell(f"first look at {len(candidates)} candidates")
     look = FirstLook(problem, candidates, settings.parameter, simulator.truths[:FIRST])
     chosen, others, left_out = _chosen(candidates, look, settings.max_measurements)
-    simulated = _Race(simulator, candidates, seed, tell).run(chosen, simulations)
+    simulated = _Race(simulator, candidates, tell).run(chosen, simulations)
     planned = [
         PlannedMeasurement(tuple(candidates[name] for name in one.names), one, simulated.get(one.names))
         for one in (*chosen, *others)
@@ -332,12 +336,10 @@ def _chosen(
 
 
 class _Race:
-    """Simulates all entrants for a few truths, then those that could still come first for all truths."""
+    """Simulates all entrants for a few truths, then the first of those that could still come first for all truths."""
 
-    def __init__(
-        self, simulator: Simulator, candidates: Mapping[str, Candidate], seed: int, tell: Callable[[str], None]
-    ) -> None:
-        self._simulator, self._candidates, self._seed, self._tell = simulator, candidates, seed, tell
+    def __init__(self, simulator: Simulator, candidates: Mapping[str, Candidate], tell: Callable[[str], None]) -> None:
+        self._simulator, self._candidates, self._tell = simulator, candidates, tell
 
     def run(self, entrants: tuple[Linearised, ...], simulations: int) -> dict[Names, Simulation]:
         """Simulations by names of a set."""
@@ -349,27 +351,22 @@ class _Race:
             found |= self._round(could_come_first(found), range(first, simulations), found)
         return found
 
-    def _round(
-        self, names: list[Names], truths: range, before: Mapping[Names, Simulation]
-    ) -> dict[Names, Simulation]:
+    def _round(self, names: list[Names], truths: range, before: Mapping[Names, Simulation]) -> dict[Names, Simulation]:
         found = {}
         for number, one in enumerate(names, start=1):
             self._tell(f"simulating candidate {number} of {len(names)}: {' + '.join(one)}, measurements "
                        f"{truths.start + 1} to {truths.stop}")  # fmt: skip
             measured = [self._candidates[name] for name in one]
-            label = [*" + ".join(one).encode()]  # the same noise whatever else is simulated
-            posteriors = tuple(
-                self._simulator.after(measured, i, np.random.default_rng([self._seed, 8, i, *label])) for i in truths
-            )
+            posteriors = tuple(self._simulator.after(measured, truth) for truth in truths)
             found[one] = replace(before[one], posteriors=before[one].posteriors + posteriors) if one in before \
                 else Simulation(posteriors)  # fmt: skip
         return found
 
 
 def could_come_first(found: Mapping[Names, Simulation]) -> list[Names]:
-    """Sets whose range begins below the end of the range of that with the least median."""
-    valid = {names: one for names, one in found.items() if one.valid}
-    if not valid:
+    """The three of least median whose range begins below the end of that of the first, in this order."""
+    ranked = sorted((one.median, names) for names, one in found.items() if one.valid)
+    if not ranked:
         return []
-    leader = min(valid.values(), key=lambda one: one.median)
-    return [names for names, one in valid.items() if one.range80[0] <= leader.range80[1]]
+    limit = found[ranked[0][1]].range80[1]
+    return [names for _, names in ranked[:MOST_AGAIN] if found[names].range80[0] <= limit]

@@ -1,19 +1,30 @@
-"""What a plan foretells for a stated joint is what sampling then finds, as sharply as the plan says."""
+"""What a plan forecasts is what measuring and sampling then find; its figures for random cases are in the docs."""
 
+import numpy as np
 import pytest
-from benchmarks.planning import analyse, holds, sure
+from benchmarks.planning import analyse, first_is_among_best_two, in_range, measured_together, random_case
+
+from jointbayes.case_candidates import candidates_of
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_spread_found_is_the_one_foretold_for_an_accelerometer_at_the_joint(seed):
-    """Random cases of the benchmark, but for the place of the accelerometer.
+def test_the_real_measurement_of_a_random_case_is_made_at_its_truth():
+    drawn = random_case(1)
+    new = next(c for c in candidates_of(drawn.case) if c.kind == "accelerometer")
+    averaged = next(c for c in candidates_of(drawn.case) if c.kind == "averages")
+    for candidate in (new, averaged):
+        problem = measured_together(drawn, candidate, np.random.default_rng(1)).problem
+        lines = problem.measurement.frf.values.size
+        chi2 = 2 * (problem.log_posterior.likelihood.constant - problem.log_posterior.log_likelihood(drawn.truth)[0])
+        assert chi2 / (2 * lines) == pytest.approx(1.0, abs=0.12)  # χ² of real and imaginary parts
+    assert measured_together(drawn, averaged, np.random.default_rng(1)).problem.measurement.variance.mean() == (
+        pytest.approx(drawn.case.problem.measurement.variance.mean() / 4, rel=0.3)
+    )
 
-    Where the simulated spreads agree among themselves the one found lies within 15 % of their mean; where they do not,
-    it lies among them. docs/planning.md has the figures of the cases with a random place.
-    """
-    row = analyse(seed, node=1)
-    assert row.converged
-    if sure(row.told_low, row.told_high):
-        assert holds(row, "told")
-    else:
-        assert row.told_low / 1.15 <= row.found <= 1.15 * row.told_high
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_the_spread_found_lies_where_the_plan_said_and_its_first_is_among_the_best(seed):
+    """Two random cases, none chosen for its outcome; of 80 % ranges one or two of a case may be missed."""
+    rows = analyse(seed, repeats=1)
+    inside, found = in_range(rows)
+    assert inside >= found - 2
+    assert first_is_among_best_two(rows)

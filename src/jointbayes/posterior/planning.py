@@ -103,9 +103,7 @@ class FirstLook:
         Draws of the present posterior, shape (n, d).
     """
 
-    def __init__(
-        self, problem: Problem, candidates: Mapping[str, Candidate], quantity: str, draws: Array
-    ) -> None:
+    def __init__(self, problem: Problem, candidates: Mapping[str, Candidate], quantity: str, draws: Array) -> None:
         self._quantity = quantity
         self._present = [fisher_information(problem, theta) for theta in draws]
         self._added = {

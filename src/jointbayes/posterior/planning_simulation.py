@@ -12,10 +12,8 @@ Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
 import math
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,157 +26,29 @@ from jointbayes.posterior.arviz_bridge import pareto_k
 from jointbayes.posterior.candidates import Candidate
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.fisher import fisher_information
-from jointbayes.posterior.identifiability import Verdict, assess
+from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.planning import measurement_information
+from jointbayes.posterior.planning_forecast import Method, SimulatedPosterior
 from jointbayes.sampling import Chart, Start, fit_proposal
 
-__all__ = [
-    "LEAST_EFFECTIVE",
-    "MOST_LOST",
-    "SimulatedPosterior",
-    "Simulation",
-    "Simulator",
-    "WithFurther",
-    "assumed_truth",
-    "predictive_range",
-]
+__all__ = ["LEAST_EFFECTIVE", "Simulator", "WithFurther", "assumed_truth"]
 
 Array = NDArray[np.float64]
-Method = Literal["reweighting", "importance sampling"]
 
 #: Fewer effective draws than this say too little about a standard deviation: 5 % of it at this number.
 LEAST_EFFECTIVE = 200.0
-#: A candidate of which more than this share of the simulated posteriors was not found is not ranked.
-MOST_LOST = 0.15
-#: Probability of a forecast's range.
-RANGE = 0.8
-#: Draws of the present posterior that are reweighted: first a few, then all where these promise enough.
-_FEW, _ALL = 2000, 60_000
+#: Draws of the present posterior that are reweighted: first a few, then as many as these promise to be enough.
+_FEW, _ALL = 2000, 40_000
 #: So many times the draws that would just leave enough of them effective, by the first few.
 _SPARE = 1.3
+#: Present draws are no independent ones: so many times the effective number must be left of them.
+_CORRELATED = 2.0
 #: Where neither way leaves enough, so many will do for a figure to 10 %; rather that than leaving out the posteriors
 #: of awkward shape, which need not be like the others.
 _ROUGH = 50.0
-#: Present draws are no independent ones: so many times the effective number must be left of them.
-_CORRELATED = 2.0
-#: Efficiency at which a fit ends, and importance draws from it: a cheap fit first, then the best there is.
-_FITS = ((0.1, 4000), (None, 8000))
-#: So many times the draws that would just leave enough of them effective, by the first few.
-_SPARE = 1.3
-#: Where neither way leaves enough, so many will do for a figure to 10 %; rather that than leaving out the posteriors
-#: of awkward shape, which need not be like the others.
-_ROUGH = 50.0
-#: Present draws are no independent ones: so many times the effective number must be left of them.
-_CORRELATED = 2.0
-#: Importance draws from a fit, first and at most.
-_DRAWS = (2000, 8000)
-#: Efficiency of a fit that is good enough: twice what the most draws need.
-_ENOUGH = 0.05
+#: Efficiency at which a fit ends, and importance draws from it: a bell, a mixture, and the best mixture there is.
+_FITS: tuple[tuple[float | None, int], ...] = ((0.1, 4000), (0.4, 4000), (None, 8000))
 _RESAMPLED = 4000
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedPosterior:
-    """What one simulated measurement leaves.
-
-    Parameters
-    ----------
-    sd
-        Posterior standard deviation of ln |k| of the wanted stiffness.
-    verdict
-        On that stiffness, by the rule of `jointbayes.posterior.identifiability.assess`.
-    effective
-        Effective number of draws behind both.
-    method
-        How they were found.
-    """
-
-    sd: float
-    verdict: Verdict
-    effective: float
-    method: Method
-
-
-@dataclass(frozen=True, slots=True)
-class Simulation:
-    """What simulated measurements say of one set of candidates.
-
-    Parameters
-    ----------
-    posteriors
-        One for each truth, in the order of the truths; None where it was not found.
-    """
-
-    posteriors: tuple[SimulatedPosterior | None, ...]
-
-    @property
-    def found(self) -> tuple[SimulatedPosterior, ...]:
-        """Those that were found."""
-        return tuple(one for one in self.posteriors if one is not None)
-
-    @property
-    def sds(self) -> Array:
-        """Standard deviation of ln |k| by truth, shape (truths,); NaN where the posterior was not found."""
-        return np.array([math.nan if one is None else one.sd for one in self.posteriors])
-
-    @property
-    def lost(self) -> int:
-        """Simulated measurements whose posterior was not found."""
-        return len(self.posteriors) - len(self.found)
-
-    @property
-    def valid(self) -> bool:
-        """Whether nearly all simulated posteriors were found: the lost ones need not be like the others."""
-        return len(self.found) >= 2 and self.lost <= MOST_LOST * len(self.posteriors)
-
-    @property
-    def median(self) -> float:
-        """Median of the standard deviations found."""
-        return float(np.median([one.sd for one in self.found])) if self.found else math.nan
-
-    @property
-    def range80(self) -> tuple[float, float]:
-        """10th and 90th percentile of the standard deviations found, see `predictive_range`."""
-        return predictive_range([one.sd for one in self.found])
-
-    @property
-    def verdict(self) -> Verdict:
-        """The most frequent verdict; of equally frequent ones that of the wider posterior."""
-        counts = Counter(one.verdict for one in sorted(self.found, key=lambda one: -one.sd))
-        return counts.most_common(1)[0][0]
-
-    @property
-    def agreeing(self) -> int:
-        """How many simulated posteriors have the most frequent verdict."""
-        return sum(one.verdict == self.verdict for one in self.found)
-
-    @property
-    def reweighted(self) -> int:
-        """How many posteriors were found by reweighting draws of the present one."""
-        return sum(one.method == "reweighting" for one in self.found)
-
-
-def predictive_range(values: Sequence[float]) -> tuple[float, float]:
-    """10th and 90th percentile such that a further value lies between them with a probability of 80 %.
-
-    With n values the p-quantile is at place p(n + 1) among them: exact for any continuous distribution from n = 9 on,
-    where it is from the least to the greatest; the usual place 1 + p(n − 1) would hold only 64 % there.
-
-    References
-    ----------
-    Hyndman, R. J., Fan, Y. (1996). Sample quantiles in statistical packages. The American Statistician 50(4), 361-365.
-    DOI 10.2307/2684934 (definition 6)
-
-    Examples
-    --------
-    >>> predictive_range([float(i) for i in range(1, 20)])
-    (2.0, 18.0)
-    """
-    if not len(values):
-        return math.nan, math.nan
-    tail = (1 - RANGE) / 2
-    low, high = np.quantile(values, [tail, 1 - tail], method="weibull")
-    return float(low), float(high)
 
 
 class WithFurther:
@@ -224,7 +94,7 @@ class Simulator:
     charts
         Coordinates in which the posterior may be near a bell, the likeliest first.
     rng
-        Chooses the truths among the draws.
+        Chooses the truths among the draws, and seeds all noise.
     truths
         Number of truths.
     assumed
@@ -255,51 +125,68 @@ class Simulator:
         order = rng.permutation(len(draws))
         #: θ of each simulated truth, shape (truths, d).
         self.truths: Array = draws[order[:truths]] if assumed is None else np.repeat(assumed[None], truths, axis=0)
-        self._draws: Array = draws[order[truths : truths + _ALL]]  # a truth must not be among the draws that are reweighted
+        self._draws: Array = draws[
+            order[truths : truths + _ALL]
+        ]  # a truth must not be among the draws that are reweighted
         self._draw_sd = draws.std(axis=0)
         self._problem, self._charts = problem, tuple(charts)
         self._column = STIFFNESS_NAMES.index(quantity)
         self._prior_values = self._values(problem.prior.sample(rng, _RESAMPLED))
+        self._seed = int(rng.integers(2**32))
         #: What is known now.
         self.now = self._posterior(WeightedDraws(draws.copy(), np.zeros(len(draws))), rng, "reweighting")
 
-    def after(self, candidates: Sequence[Candidate], truth: int, rng: np.random.Generator) -> SimulatedPosterior | None:
+    def after(self, candidates: Sequence[Candidate], truth: int) -> SimulatedPosterior | None:
         """Posterior after a set of further measurements of truth number `truth`; None where it is not found.
 
-        `rng` makes the noise of the measurement and the importance draws.
+        A candidate has the same noise for the same truth, alone and in every set.
         """
         theta = self.truths[truth]
-        density = WithFurther(self._problem.log_posterior, [c.problem(self._problem, theta, rng) for c in candidates])
-        few = self._draws[:_FEW]
+        further = [c.problem(self._problem, theta, self._generator(truth, c.name)) for c in candidates]
+        density = WithFurther(self._problem.log_posterior, further)
+        rng = self._generator(truth, *(c.name for c in candidates), "draws")
+        few = self._draws[:_FEW].copy()
         first, needed = WeightedDraws(few, density.new_log_likelihood(few)), _CORRELATED * LEAST_EFFECTIVE
         wanted = math.ceil(_SPARE * needed / max(_effective(first.log_weight), 1.0) * len(few))
         if wanted <= len(self._draws):
             present = self._reweighted(density, first, wanted)
             if _trusted(present.log_weight, needed):
                 return self._posterior(present, rng, "reweighting")
-        about_truth = self._importance(density, self._start(candidates, theta), rng)
+        best: Array = few[int(np.argmax(first.log_weight))]
+        about_truth = self._importance(density, self._start(candidates, theta), self._start(candidates, best), rng)
         if about_truth is not None and _trusted(about_truth.log_weight, LEAST_EFFECTIVE):
             return self._posterior(about_truth, rng, "importance sampling")
         return self._better(self._reweighted(density, first, len(self._draws)), about_truth, rng)
 
     def _reweighted(self, density: WithFurther, first: WeightedDraws, count: int) -> WeightedDraws:
         """So many draws of the present posterior, weighted by the likelihood of the new data."""
-        rest = density.new_log_likelihood(self._draws[len(first.theta) : count])
-        whole = np.concatenate([first.log_weight, rest])
+        rest = self._draws[len(first.theta) : count]
+        if not len(rest):
+            return first
+        whole = np.concatenate([first.log_weight, density.new_log_likelihood(rest)])
         return WeightedDraws(self._draws[: len(whole)].copy(), whole)
 
-    def _importance(self, density: WithFurther, start: Start, rng: np.random.Generator) -> WeightedDraws | None:
-        """Weighted draws from a fit that starts there; None where none can be made."""
-        drawn = None
+    def _importance(
+        self, density: WithFurther, at_truth: Start, elsewhere: Start, rng: np.random.Generator
+    ) -> WeightedDraws | None:
+        """Weighted draws from a bell about the truth, or from a mixture where its tails are too light; None if none.
+
+        The mixtures start from the likeliest of the present draws as well, which may lie at another mode.
+        """
+        best: WeightedDraws | None = None
+        starts: tuple[Start, ...] = (at_truth,)
         for enough, count in _FITS:
             try:
-                proposal = fit_proposal(density, self._charts, (start,), rng, enough=enough)
+                proposal = fit_proposal(density, self._charts, starts, rng, enough=enough)
             except JointBayesError:
-                return drawn  # a start at the very edge of the coordinates
+                continue  # a start at the very edge of the coordinates
             drawn = WeightedDraws(*proposal.weighted_draws(density, rng, count))
             if _trusted(drawn.log_weight, LEAST_EFFECTIVE):
-                break
-        return drawn
+                return drawn
+            if best is None or _effective(drawn.log_weight) > _effective(best.log_weight):
+                best = drawn
+            starts = (at_truth, elsewhere)
+        return best
 
     def _better(
         self, present: WeightedDraws, about_truth: WeightedDraws | None, rng: np.random.Generator
@@ -333,6 +220,9 @@ class Simulator:
         sd = math.sqrt(float(weight @ (logs - weight @ logs) ** 2))
         verdict = assess(self._values(draws.resample(rng, _RESAMPLED)), self._prior_values).verdict
         return SimulatedPosterior(sd, verdict, _effective(draws.log_weight), method)
+
+    def _generator(self, truth: int, *names: str) -> np.random.Generator:
+        return np.random.default_rng([self._seed, truth, *" + ".join(names).encode()])
 
     def _values(self, theta: Array) -> Array:
         return self._problem.prior.stiffness(theta)[:, self._column]

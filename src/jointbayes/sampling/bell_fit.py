@@ -45,9 +45,7 @@ class Round:
     efficiency: float
 
 
-def refined_bell(
-    target: Whitened, mean: Array, scale: Array, rng: np.random.Generator, enough: float
-) -> list[Round]:
+def refined_bell(target: Whitened, mean: Array, scale: Array, rng: np.random.Generator, enough: float) -> list[Round]:
     """Rounds of Student-t distributions in z from a first centre and scale, until one has an efficiency of `enough`.
 
     The last one is not always the best.

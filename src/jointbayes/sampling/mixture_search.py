@@ -36,7 +36,9 @@ class Fit:
     efficiency: float
 
 
-def search(pool: Pool, charts: Sequence[Chart], components: int, rng: np.random.Generator) -> list[Fit]:
+def search(
+    pool: Pool, charts: Sequence[Chart], components: int, rng: np.random.Generator, enough: float | None = None
+) -> list[Fit]:
     """Fit mixtures to a pool of weighted draws, each in turn adding its draws to the pool.
 
     Every chart is tried for three rounds, and that with the better mixture refined. Where a round gains nothing, the
@@ -52,13 +54,15 @@ def search(pool: Pool, charts: Sequence[Chart], components: int, rng: np.random.
         Number of components to begin with.
     rng : numpy.random.Generator
         Source of the draws.
+    enough : float, optional
+        Efficiency at which the search ends; by default nearly that at which a single bell is good.
 
     Returns
     -------
     list of Fit
         Those to choose from; none if the pool holds too few draws where the density is above zero.
     """
-    good = _GOOD * good_efficiency(pool.theta.shape[1])
+    good = _GOOD * good_efficiency(pool.theta.shape[1]) if enough is None else enough
     fits: list[Fit] = []
     latest: dict[int, Fit] = {}
     for trial, index in product(range(_TRIALS), range(len(charts))):

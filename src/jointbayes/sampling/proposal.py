@@ -109,8 +109,8 @@ def fit_proposal(
     rng : numpy.random.Generator
         Source of the draws.
     enough : float, optional
-        Efficiency at which a single bell is good enough and the fit ends; by default `good_efficiency`. A lower one
-        saves time where a few hundred effective draws will do.
+        Efficiency at which the fit ends; by default `good_efficiency`. A lower one saves time where a few hundred
+        effective draws will do.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def fit_proposal(
             local = whitened(log_density, known[0], theta, covariance)
             pool.extend(_carried_back(local, StudentT(*laplace(local), DOF)), known[0], rng, _SCATTERED)
             target.evaluations += local.evaluations
-    fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng)
+    fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng, enough)
     if not fits:
         bell = StudentT(*laplace(target), DOF)
         fits.append(Fit(_carried_back(target, bell), target.chart, 0.0))
