@@ -154,7 +154,8 @@ def measured_together(drawn: RandomCase, candidate: Candidate, rng: np.random.Ge
             old.frf.outputs + new.frf.outputs, old.frf.inputs, old.frf.quantity,
         )  # fmt: skip
         variance = np.concatenate([old.variance, new.variance], axis=1)
-    return replace(drawn.case, problem=replace(problem, measurement=FrfMeasurement(frf, variance, synthetic=True)))
+    together = replace(problem, measurement=FrfMeasurement(frf, variance, synthetic=True))
+    return replace(drawn.case, problem=together, joint_frf=None)  # the paper's iteration needs FRFs at the joint
 
 
 @dataclass(frozen=True)

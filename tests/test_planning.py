@@ -323,7 +323,11 @@ def planned(case, converged=True, **simulations):
     text = edited(planned_text(), ('"3:y", "5:rz"', '"1:y", "2:y", "3:y"'))
     candidates = candidates_of(jb.case_from_text("made up", text))
     measurements = [
-        PlannedMeasurement((candidate,), Linearised((candidate.name,), np.array([0.001])), simulations.get(letter))
+        PlannedMeasurement(
+            (candidate,),
+            Linearised((candidate.name,), np.array([1.0 if letter in simulations else 0.001])),
+            simulations.get(letter),
+        )
         for letter, candidate in zip("abc", candidates, strict=False)
     ]
     measurements.sort(key=lambda one: (not one.ranked, one.sd_after if one.ranked else one.linearised.median))

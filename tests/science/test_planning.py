@@ -21,6 +21,7 @@ def test_the_real_measurement_of_a_random_case_is_made_at_its_truth():
     )
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("seed", [2, 5])
 def test_the_spread_found_lies_where_the_plan_said_and_its_first_is_among_the_best(seed):
     """Two random cases, none chosen for its outcome; of 80 % ranges one or two of a case may be missed."""
