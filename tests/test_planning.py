@@ -18,6 +18,7 @@ from jointbayes.joint import LogStiffness, joint_matrix
 from jointbayes.measurement import RelativeNoise
 from jointbayes.planning import Plan, PlannedMeasurement, could_come_first
 from jointbayes.posterior.candidates import Candidate, StatedVariance, estimated_law, repeated
+from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.planning import (
@@ -344,10 +345,11 @@ def test_the_least_simulated_median_is_recommended_and_the_range_is_its_quantile
     assert (entry["sd_median"], entry["sd_range80"]) == (0.5, [0.1, 0.9])
     assert found.as_good[0].names == ("1:y",)  # better for 0.7, 0.8 and 0.9: three of nine
     assert "About as good: an accelerometer at the joint (1:y, 0 mm)." in found.sentence
+    half, now, low, high = (spread_in_words(sd) for sd in (0.5, 1.0, 0.1, 0.9))
     assert found.sentence.startswith(
-        "Measure next: an accelerometer on the beam (2:y, 95.75 mm). It is expected to make k12 known to a factor of "
-        "1.6 (weakly identified); now it is known to a factor of 2.7 (not identified). In 80 % of simulated "
-        "measurements: 11 % to a factor of 2.5."
+        f"Measure next: an accelerometer on the beam (2:y, 95.75 mm). It is expected to make k12 known to {half} "
+        f"(weakly identified); now it is known to {now} (not identified). In 80 % of simulated measurements: {low} to "
+        f"{high}."
     )
 
 

@@ -344,7 +344,7 @@ class _Race:
     def run(self, entrants: tuple[Linearised, ...], simulations: int) -> dict[Names, Simulation]:
         """Simulations by names of a set."""
         first = min(FIRST, simulations)
-        if first == 0:
+        if first < 1:
             return {}
         found = self._round([one.names for one in entrants], range(first), {})
         if simulations > first:
