@@ -369,7 +369,8 @@ def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked(cheap
     found = planned(cheap_case, a=simulated(0.1, 0.1, None, None), b=simulated(0.5, 0.5, 0.5, 0.5))
     assert found.recommended.names == ("2:y",)
     assert "not ranked: 1:y" in found.notes[0]
-    assert candidate_table(found.summary()).rows[1][-1] == "2 of 4 simulations failed"
+    rows = {row[0]: row for row in candidate_table(found.summary()).rows}
+    assert rows["1:y"][-1] == "2 of 4 simulations failed"
 
 
 def test_nothing_is_recommended_that_does_not_help(cheap_case):
