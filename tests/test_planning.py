@@ -319,7 +319,7 @@ def simulated(*sds, verdict="weakly identified"):
     )
 
 
-def planned(case, converged=True, **simulations):
+def planned(converged=True, **simulations):
     """A made-up plan of the candidates of a small case, by the letters of their order."""
     text = edited(planned_text(), ('"3:y", "5:rz"', '"1:y", "2:y", "3:y"'))
     candidates = candidates_of(jb.case_from_text("made up", text))
@@ -336,9 +336,9 @@ def planned(case, converged=True, **simulations):
     return Plan("made up", "Made up", 1, "k12", now, tuple(measurements), converged, "why")
 
 
-def test_the_least_simulated_median_is_recommended_and_the_range_is_its_quantiles(cheap_case):
+def test_the_least_simulated_median_is_recommended_and_the_range_is_its_quantiles():
     sds = [0.5, 0.1, 0.9, 0.3, 0.4, 0.2, 0.7, 0.6, 0.8]
-    found = planned(cheap_case, a=simulated(*[0.6] * 9), b=simulated(*sds), c=simulated(*[2.0] * 9))
+    found = planned(a=simulated(*[0.6] * 9), b=simulated(*sds), c=simulated(*[2.0] * 9))
     assert [one.names for one in found.measurements] == [("2:y",), ("1:y",), ("3:y",)]
     assert found.recommended.names == ("2:y",)
     entry = found.summary()["measurements"][0]["simulated"]
@@ -353,35 +353,35 @@ def test_the_least_simulated_median_is_recommended_and_the_range_is_its_quantile
     )
 
 
-def test_what_was_not_simulated_is_never_recommended(cheap_case):
+def test_what_was_not_simulated_is_never_recommended():
     """Its linearised figure is a hundred times better than all that was simulated."""
-    found = planned(cheap_case, c=simulated(0.5, 0.5))
+    found = planned(c=simulated(0.5, 0.5))
     assert found.recommended.names == ("3:y",)
     rows = candidate_table(found.summary()).rows
     assert [row[0] for row in rows] == ["3:y (recommended)", "1:y", "2:y", "(now)"]
     assert rows[1][3:] == ("about 0.001 (linearised)", "–", "not simulated")
-    none = planned(cheap_case)
+    none = planned()
     assert none.recommended is None
     assert none.sentence == "No recommendation: no measurement was simulated with success."
 
 
-def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked(cheap_case):
-    found = planned(cheap_case, a=simulated(0.1, 0.1, None, None), b=simulated(0.5, 0.5, 0.5, 0.5))
+def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked():
+    found = planned(a=simulated(0.1, 0.1, None, None), b=simulated(0.5, 0.5, 0.5, 0.5))
     assert found.recommended.names == ("2:y",)
     assert "not ranked: 1:y" in found.notes[0]
     rows = {row[0]: row for row in candidate_table(found.summary()).rows}
     assert rows["1:y"][-1] == "2 of 4 simulations failed"
 
 
-def test_nothing_is_recommended_that_does_not_help(cheap_case):
-    found = planned(cheap_case, a=simulated(0.95, 0.95), b=simulated(0.99, 0.99))
+def test_nothing_is_recommended_that_does_not_help():
+    found = planned(a=simulated(0.95, 0.95), b=simulated(0.99, 0.99))
     assert found.recommended is None
     assert found.sentence.startswith("None of the 2 simulated measurements makes k12 much better known")
     assert build_plan_report(found.summary(), datetime.date(2026, 1, 1)).lead[0].kind == "caution"
 
 
-def test_nothing_is_recommended_from_draws_that_have_not_converged(cheap_case):
-    found = planned(cheap_case, converged=False, a=simulated(0.1, 0.1))
+def test_nothing_is_recommended_from_draws_that_have_not_converged():
+    found = planned(converged=False, a=simulated(0.1, 0.1))
     assert found.recommended is None
     assert found.sentence.startswith("No recommendation: the draws of the present posterior have not converged (why)")
     assert build_plan_report(found.summary(), datetime.date(2026, 1, 1)).lead[0].kind == "bad"
@@ -450,6 +450,16 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
     refused = CliRunner().invoke(main, ["plan", str(file), "--out", str(tmp_path / "other")])
     assert refused.exit_code == 2
     assert "holds other files" in refused.stderr
+
+
+def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp_path, monkeypatch):
+    found = planned(converged=False, a=simulated(0.1, 0.1))
+    monkeypatch.setattr("jointbayes.planning.plan", lambda *arguments, **options: found)
+    file = tmp_path / "cheap.toml"
+    file.write_text(planned_text(), encoding="utf-8")
+    result = CliRunner().invoke(main, ["plan", str(file)])
+    assert result.exit_code == 3
+    assert "No recommendation: the draws of the present posterior have not converged (why)." in result.stdout
 
 
 def test_natural_frequencies_cannot_be_planned(tmp_path):
