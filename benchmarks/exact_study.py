@@ -12,6 +12,7 @@ off goes on where it was. Figures go to benchmarks/exact.json, tables to docs/tr
 """
 
 import argparse
+import dataclasses
 import json
 import multiprocessing
 import os
@@ -207,7 +208,8 @@ def _each(tasks: list[Task], processes: int) -> Iterator[Outcome | ModeOutcome]:
 def _read(file: Path, part: str, subject: str, edits: Edits) -> list[dict[str, Any]]:
     """Outcomes kept in a file; it is begun anew if it is of another case."""
     text = BASE.read_text(encoding="utf-8") if part == "seeds" else base_case(subject, edits).text
-    head = json.dumps({"part": part, "entropy": ENTROPY, "case": text})
+    fields = [one.name for one in dataclasses.fields(StiffnessOutcome)]
+    head = json.dumps({"part": part, "entropy": ENTROPY, "fields": fields, "case": text})
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     if not lines or lines[0] != head:
         file.parent.mkdir(parents=True, exist_ok=True)
