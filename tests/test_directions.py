@@ -1,181 +1,160 @@
-"""Directions in words, on informations of which the right words are known."""
+"""Combinations in words, on draws of which the right words are known, and never any that the draws contradict."""
+
+import math
+import re
 
 import numpy as np
 import pytest
 
-from jointbayes.joint import LogStiffness, SignedCoupling
+from jointbayes.joint import is_positive_semidefinite
 from jointbayes.posterior.directions import (
+    factor_in_words,
     interval_ratio,
     name_directions,
     spread_in_words,
     summary_sentence,
     verdict_of,
 )
-from jointbayes.posterior.fisher import FisherInformation
+from jointbayes.posterior.identifiability import Identifiability, assess
 
 COUPLED = np.array([1.0e9, 2.4e7, 1.0e6])  # ρ = 0.76: k22 and k22 − k12²/k11 are different things
 
 
-def fisher_of(*known, stiffness=COUPLED, parametrisation=None, nuisance=None) -> FisherInformation:
-    """Information from independent knowledge of quantities: (gradient of ln q over the coordinates, sd of ln q)."""
-    parametrisation = parametrisation or LogStiffness()
-    rows = np.array([np.array(gradient, dtype=float) / sd for gradient, sd in known])
-    d = 3
-    names = parametrisation.names
-    prior = np.zeros((3, 3))
-    if nuisance is not None:
-        rows = np.column_stack([rows, np.asarray(nuisance)])
-        d, names, prior = 4, (*names, "length"), np.diag([0, 0, 0, 1.0])
-    theta = np.concatenate([parametrisation.coordinates(stiffness), np.zeros(d - 3)])
-    return FisherInformation(names, theta, rows.T @ rows, prior, np.full(d, 5.0), parametrisation)
+def prior_draws(signed=False, n=20_000):
+    rng = np.random.default_rng(0)
+    k = np.exp(rng.uniform(np.log([1e6, 1e4, 1e3]), np.log([1e11, 1e10, 1e8]), (n, 3)))
+    if signed:
+        k[:, 1] = rng.uniform(-1, 1, n) * np.sqrt(k[:, 0] * k[:, 2])
+    return k[is_positive_semidefinite(k)]
 
 
-def condensed(stiffness, h=1e-6):
-    """Gradient of ln(k22 − k12²/k11) over ln k, by central differences."""
-
-    def log_q(t):
-        k11, k12, k22 = np.exp(t)
-        return np.log(k22 - k12**2 / k11)
-
-    t = np.log(stiffness)
-    return np.array([(log_q(t + e) - log_q(t - e)) / (2 * h) for e in h * np.eye(3)])
+def draws_of(*known, stiffness=COUPLED, n=20_000):
+    """Draws whose logarithms have independent knowledge of combinations: (gradient over ln k, sd)."""
+    rng = np.random.default_rng(1)
+    rows = np.array([np.array(gradient, dtype=float) for gradient, _ in known])
+    values = rng.normal(size=(n, 3)) * [sd for _, sd in known]
+    return np.exp(np.log(stiffness) + values @ np.linalg.inv(rows).T)
 
 
-def sentences(*known, **options):
-    return [named.sentence for named in name_directions(fisher_of(*known, **options))]
+def directions(*known, **options):
+    return name_directions(draws_of(*known, **options), prior_draws())
 
 
-def test_the_condensed_stiffness_is_recognised_and_the_rest_is_not_known():
-    found = sentences((condensed(COUPLED), 0.004), ((1, 0.5, 0), 2.0), ((0, 1, 0), 0.9))
-    assert found[0] == "k22 − k12²/k11 is known to 0.4 %"
-    assert all("is not known: a factor of" in sentence for sentence in found[1:])
+def test_the_condensed_stiffness_is_recognised_along_its_curved_sheet():
+    rng = np.random.default_rng(2)
+    k11, k12 = 1e9 * np.exp(0.5 * rng.normal(size=20_000)), 2.4e7 * np.exp(0.25 * rng.normal(size=20_000))
+    k22 = 4.2e5 * np.exp(0.004 * rng.normal(size=20_000)) + k12**2 / k11
+    found = name_directions(np.stack([k11, k12, k22], axis=-1), prior_draws())
+    assert found[0].quantity == "k22 − k12²/k11"
+    assert found[0].sd_log == pytest.approx(0.004, rel=0.03)
+    assert found[0].sentence == "k22 − k12²/k11 is identified: its 95 % interval spans a factor of 1.016"
+    assert all(named.verdict != "identified" for named in found[1:])
 
 
 def test_a_single_stiffness_is_named_singly():
-    found = sentences(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.97))
-    assert found == [
-        "k22 is known to 0.6 %",
-        "k12 is known roughly, to 16 %",
-        "k11 is not known: a factor of 7.2",
-    ]
-
-
-def test_a_direction_a_little_beside_a_stiffness_is_named_by_it_with_its_own_spread():
-    beside = np.array([0.0, -0.1, 0.995])
-    found = name_directions(fisher_of((beside, 0.003), ((0, 0.995, 0.1), 0.05), ((1, 0, 0), 0.5)))
-    assert found[0].quantity == "k22"
-    assert found[0].sd == pytest.approx(np.hypot(0.995 * 0.003, 0.1 * 0.05), rel=1e-3)
+    found = directions(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
+    assert [named.quantity for named in found] == ["k22", "k12", "k11"]
+    assert [named.verdict for named in found] == ["identified", "weakly identified", "not identified"]
+    assert found[0].sentence == "k22 is identified: its 95 % interval spans a factor of 1.024"
 
 
 def test_products_and_ratios_of_small_powers_are_recognised():
-    found = name_directions(fisher_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((2, 1, 0), 2.0)))
+    found = directions(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
     assert found[0].quantity == "k12²/k11"
-    assert found[0].sd == pytest.approx(0.01)
-    assert found[0].sentence == "k12²/k11 is known to 1 %"
-    assert found[2].sentence.startswith("k11 along k12 (k12 ∝ k11^0.5) is not known: a factor of ")
+    assert found[0].sd_log == pytest.approx(0.01, rel=0.03)
+    assert found[-1].quantity == "k11"
+    assert found[-1].sentence.endswith("(k12 moves with it: k12 ∝ k11^0.5)")
 
 
-def test_a_direction_that_is_no_simple_quantity_is_a_product_of_powers_known_exactly_so_well():
+def test_a_direction_that_is_no_simple_quantity_is_a_product_of_powers_with_its_own_spread():
     gradient = np.array([0.3, -0.73, 1.0])
-    fisher = fisher_of((gradient, 0.02), ((1, 0, 0), 3.0), ((0, 1, 0), 3.0))
-    best = name_directions(fisher)[0]
-    assert best.quantity == "k11^0.3·k22/k12^0.73"
-    assert best.sentence == "k11^0.3·k22/k12^0.73 is known to 2 %"
-    assert best.sd == pytest.approx(0.02, rel=1e-3)
+    values = draws_of((gradient, 0.02), ((1, 0, 0), 0.6), ((0, 1, 0), 0.6))
+    best = name_directions(values, prior_draws())[0]
+    powers = {k: float(p or 1) for k, p in re.findall(r"(k\d\d)(?:\^([\d.]+))?", best.quantity)}
+    assert best.quantity == f"k11^{powers['k11']:g}·k22/k12^{powers['k12']:g}"
+    product = values[:, 0] ** powers["k11"] * values[:, 2] / values[:, 1] ** powers["k12"]
+    assert np.log(product).std() == pytest.approx(best.sd_log)
+    assert best.sd_log < 0.02 * 1.4
 
 
-def test_what_moves_along_and_against_an_unknown_direction_is_said():
-    weak = np.array([0.4, 1.0, -0.6])
-    weak /= np.linalg.norm(weak)
-    others = np.linalg.svd(weak[None])[2][1:]
-    found = name_directions(fisher_of((weak, 2.0), (others[0], 0.001), (others[1], 0.01)))[2]
-    assert found.quantity == "k12 against k22 and along k11 (k22 ∝ k12^−0.6, k11 ∝ k12^0.4)" or (
-        found.quantity == "k12 along k11 and against k22 (k22 ∝ k12^−0.6, k11 ∝ k12^0.4)"
-    )
-    assert found.sd == pytest.approx(2.0 * weak[1], rel=1e-4)
-    assert found.verdict == "not identified"
+def test_every_figure_is_that_of_the_draws_of_the_quantity():
+    values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
+    first = name_directions(values, prior_draws())[0]
+    quantity = values[:, 1] ** 2 / values[:, 0]
+    low, high = np.quantile(quantity, [0.025, 0.975])
+    assert first.interval95 == pytest.approx((low, high))
+    assert first.ratio == pytest.approx(high / low)
+    assert factor_in_words(high / low) in first.sentence
 
 
-def test_a_stiffness_without_any_information_is_not_known_at_all():
-    assert sentences(((1, 0, 0), 0.01), ((0, 0, 1), 0.05)) == [
-        "k11 is known to 1 %",
-        "k22 is known to 5.1 %",
-        "k12 is not known: more than a factor of 1000",
-    ]
-
-
-def test_directions_known_alike_are_not_mixed():
-    rng = np.random.default_rng(0)
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    known = [(row, sd) for row, sd in zip(turn, (0.4, 0.401, 0.402), strict=True)]
-    found = name_directions(fisher_of(*known))
+def test_quantities_known_alike_are_not_mixed():
+    found = directions(((1, 0, 0), 0.4), ((0, 1, 0), 0.401), ((0, 0, 1), 0.402))
     assert sorted(named.quantity for named in found) == ["k11", "k12", "k22"]
-    assert all(named.sd == pytest.approx(0.4, rel=0.03) for named in found)
+    assert not any("moves with" in named.sentence for named in found)
 
 
 def test_where_every_stiffness_is_identified_no_combination_is_named():
-    found = name_directions(fisher_of(((0, 1, -1), 0.0001), ((0, 1, 1), 0.004), ((1, 0, 0), 0.01)))
+    found = directions(((0, 1, -1), 0.0001), ((0, 1, 1), 0.004), ((1, 0, 0), 0.01))
     assert sorted(named.quantity for named in found) == ["k11", "k12", "k22"]
-    assert found[-1].sentence == "k11 is known to 1 %"
+    assert found[-1].quantity == "k11"
 
 
-def test_nuisances_are_marginalised():
-    # the only quantity known is k22 times an unknown, which is known to within a factor e
-    alone = sentences(((0, 0, 1), 0.01), ((0, 1, 0), 0.02), ((1, 0, 0), 0.3))
-    with_nuisance = sentences(((0, 0, 1), 0.01), ((0, 1, 0), 0.02), ((1, 0, 0), 0.3), nuisance=[100.0, 0.0, 0.0])
-    assert alone[0] == "k22 is known to 1 %"
-    assert with_nuisance[-1] == "k22 is not known: a factor of 2.7"
+def test_a_coupling_of_either_sign_is_spoken_of_as_rho_and_no_power_of_k12_is_named():
+    rng = np.random.default_rng(3)
+    rho = np.clip(rng.normal(0.1, 0.2, 20_000), -0.99, 0.99)
+    k11, k22 = 1e9 * np.exp(0.5 * rng.normal(size=20_000)), 1e6 * np.exp(0.01 * rng.normal(size=20_000))
+    found = name_directions(np.stack([k11, rho * np.sqrt(k11 * k22), k22], axis=-1), prior_draws(signed=True))
+    assert found[0].quantity == "k22"
+    open_sign = next(named for named in found if named.quantity == "rho")
+    assert open_sign.verdict == "not identified"
+    assert math.isinf(open_sign.ratio)
+    assert "holds zero" in open_sign.sentence
+    assert not any(re.search(r"k12(?!²/k)", named.quantity) for named in found)
 
 
-def test_the_signed_parametrisation_gets_the_same_words():
-    known = ((condensed(COUPLED), 0.004), ((0, 1, 0), 0.02), ((1, 0, 0), 0.1))
-    assert sentences(*known)[0] == "k22 − k12²/k11 is known to 0.4 %"
-    logs = fisher_of(*known)
-    signed = SignedCoupling()
-    theta = signed.coordinates(COUPLED * [1, -1, 1])
-    slope = signed.derivative(theta) / (COUPLED * [1, -1, 1])[:, None]
-    turned = FisherInformation(
-        signed.names, theta, slope.T @ logs.data @ slope, np.zeros((3, 3)), np.full(3, 5.0), signed
-    )
-    assert [n.sentence for n in name_directions(turned)] == [n.sentence for n in name_directions(logs)]
+def test_a_combination_with_draws_of_both_signs_is_never_called_known():
+    # most draws lie in a narrow band of k12, a few have the other sign: where a linearisation would see only the band
+    rng = np.random.default_rng(4)
+    rho = np.where(rng.random(20_000) < 0.05, rng.uniform(-0.3, 0.0, 20_000), rng.normal(0.93, 0.0006, 20_000))
+    k11, k22 = np.exp(rng.normal(np.log([1e9, 1e6]), 1.0, (20_000, 2))).T
+    draws = np.stack([k11, rho * np.sqrt(k11 * k22), k22], axis=-1)
+    for named in name_directions(draws, prior_draws(signed=True)):
+        assert named.verdict == "not identified"
 
 
-def test_a_coupling_of_open_sign_is_spoken_of_as_rho():
-    stiffness = np.array([1e9, 0.0, 1e6])
-    found = sentences(
-        ((1, 0, 0), 0.5), ((0, 1, 0), 0.01), ((0, 0, 1), 0.1), stiffness=stiffness, parametrisation=SignedCoupling()
-    )
-    assert found == ["k22 is known to 1 %", "rho is known roughly, to ±0.1", "k11 is not known: a factor of 1.6"]
-    mixed = name_directions(
-        fisher_of(
-            ((0, 1, 0.4), 0.01), ((1, 0, 0), 1.0), ((0, -0.4, 1), 1.5),
-            stiffness=stiffness, parametrisation=SignedCoupling(),
-        )
-    )  # fmt: skip
-    assert mixed[0].sentence == "k22·exp(0.4 rho) is known to 1 %"
-    assert "is not known" in mixed[1].sentence
+def test_what_the_prior_says_alone_is_not_called_known():
+    prior = prior_draws()
+    assert all(named.verdict == "not identified" for named in name_directions(prior, prior))
 
 
-def test_the_condensed_stiffness_is_recognised_through_rho():
-    stiffness = np.array([1e9, 0.5e7 * np.sqrt(10), 1e6])  # ρ = 0.5, known to ±0.6 only
-    found = sentences(
-        ((0, 1, -4 / 3), 0.01), ((1, 0, 0), 1.0), ((0, 4 / 3, 1), 2.0),
-        stiffness=stiffness, parametrisation=SignedCoupling(),
-    )  # fmt: skip
-    assert found[0] == "k22 − k12²/k11 is known to 1 %"
+def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
+    values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
+    said = Identifiability((1.0, 2.0), 2.0, 0.2, 0.9, "weakly identified")
+    known = {"k11": assess(values[:, 0], prior_draws()[:, 0]), "k22": said}
+    found = {named.quantity: named for named in name_directions(values, prior_draws(), known)}
+    assert found["k22"].verdict == "weakly identified"
+    assert found["k22"].interval95 == (1.0, 2.0)
 
 
-@pytest.mark.parametrize("sd", [1e-4, 0.0569, 0.057, 0.28, 0.281, 3.0])
-def test_verdicts_are_those_of_the_rule(sd):
+def test_plain_springs_have_no_coupling_to_speak_of():
+    values = draws_of(((1, 0, 0), 0.5), ((0, 1, 0), 0.1), ((0, 0, 1), 0.01))
+    values[:, 1] = 0.0
+    found = name_directions(values, prior_draws())
+    assert [named.quantity for named in found] == ["k22", "k11"]
+
+
+@pytest.mark.parametrize("sd", [1e-4, 0.0569, 0.057, 0.28, 0.281, 1.7])
+def test_linearised_verdicts_are_those_of_the_rule_and_a_factor_is_the_ratio_of_the_ends(sd):
     ratio = interval_ratio(sd)
     assert ratio == pytest.approx(np.exp(2 * 1.959964 * sd), rel=1e-5)
     expected = "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
     assert verdict_of(sd) == expected
-    assert ("factor" in spread_in_words(sd)) == (expected == "not identified")
+    words = spread_in_words(sd)
+    assert ("factor" in words) == (expected == "not identified")
+    if "factor" in words:
+        assert float(words.removeprefix("a factor of ")) == pytest.approx(ratio, rel=0.05)
 
 
 def test_one_sentence_holds_all():
-    named = name_directions(fisher_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.97)))
-    assert summary_sentence(named) == (
-        "k22 is known to 0.6 %; k12 is known roughly, to 16 %; k11 is not known: a factor of 7.2."
-    )
+    named = directions(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
+    assert summary_sentence(named) == "; ".join(n.sentence for n in named) + "."

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes import case_objects
 from jointbayes.case import case_from_text
 from jointbayes.posterior import gather_knowledge, summarise
+from jointbayes.posterior.knowledge import assumed_words
+from jointbayes.posterior.uncertain_inputs import effect_of_uncertain_inputs, effect_sentence
 from jointbayes.report import ReportInputs, build_report, render_html
-from jointbayes.report.knowledge_section import coordinate_label
+from jointbayes.report.knowledge_section import coordinate_label, freed_blocks
 from jointbayes.report.model import Callout, Paragraph, Table
-from tests.conftest import cheap_text
+from tests.conftest import CONFIGS, cheap_text
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
@@ -32,6 +35,12 @@ def wrong():
 def uncertain():
     case = case_from_text("uncertain", UNCERTAIN)
     return jb.sample(case, seed=1, settings=SHORT)
+
+
+@pytest.fixture(scope="module")
+def of_uncertain(uncertain):
+    """The report's inputs, which keep what was gathered once."""
+    return ReportInputs(uncertain, "Clamp", INITIAL)
 
 
 def report(posterior, freed=None):
@@ -68,27 +77,66 @@ def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, 
 
 def test_the_check_of_a_posterior_is_the_same_each_time(cheap_posterior):
     # a copy has nothing kept from before
-    first, second = gather_knowledge(cheap_posterior).check, gather_knowledge(replace(cheap_posterior)).check
+    first, second = gather_knowledge(cheap_posterior).check, replace(cheap_posterior).check
     assert first is not second
     assert first.sentence == second.sentence
 
 
-def test_what_the_case_calls_uncertain_is_freed_in_the_table(uncertain):
-    knowledge = gather_knowledge(uncertain)
+def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, of_uncertain):
+    knowledge = of_uncertain.knowledge
     assert not knowledge.assumed
-    assert [row.freed for row in knowledge.freed] == [(), ("length",), ("gain",), ("length", "gain")]
-    known, free = knowledge.freed[0].sd_log, knowledge.freed[-1].sd_log
-    assert all(free[name] >= known[name] for name in known)
-    assert free["k22"] > 2 * known["k22"]
+    assert [row.uncertain for row in knowledge.freed] == [("length", "gain"), (), ("length",), ("gain",)]
+    assert knowledge.freed[0].source == "this run"
+    for name in ("k11", "k12", "k22"):
+        assert knowledge.freed[0].known[name] == uncertain.identifiability(name)
+
+
+def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_uncertain, cheap_posterior):
+    # the same data, and a case of its own in which length and gain are exactly known
+    known = next(row for row in of_uncertain.knowledge.freed if not row.uncertain)
+    assert known.source == "importance sampling"
+    for name in ("k11", "k12", "k22"):
+        alone = cheap_posterior.identifiability(name)
+        assert known.known[name].sd_log == pytest.approx(alone.sd_log, rel=0.1)
+        low, high = alone.interval95
+        assert known.known[name].interval95 == pytest.approx((low, high), abs=0.1 * (high - low))
+
+
+def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_gives(cheap_posterior):
+    case = case_from_text("gain", cheap_text() + "\n[uncertain.gain]\nsd_percent = 5.0\n")
+    sampled = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=16, max_steps=600))
+    run, freed = effect_of_uncertain_inputs(cheap_posterior, case.problem)
+    assert (run.uncertain, freed.uncertain) == ((), ("gain",))
+    for name in ("k11", "k12", "k22"):
+        assert freed.known[name].sd_log == pytest.approx(sampled.identifiability(name).sd_log, rel=0.15)
+        assert freed.verdict[name] == sampled.identifiability(name).verdict
+
+
+def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
+    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs.pareto_k", lambda log_weight: 0.71)
+    short = jb.SamplerSettings(walkers=10, max_steps=100, tau_factor=1000.0)
+    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs._SHORT", short)
+    rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
+    assert rows[-1].source == "none"
+    assert rows[-1].known == {}
+    assert effect_sentence(rows) == "Whether other uncertain quantities matter could not be settled by draws."
+    _, table = freed_blocks(replace(of_uncertain.knowledge, freed=rows))
+    assert isinstance(table, Table)
+    assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
 
 
 def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(cheap_case, cheap_posterior):
-    knowledge = gather_knowledge(cheap_posterior, cheap_case.workshop_problem)
-    assert knowledge.assumed
-    assert knowledge.freed[-1].freed == ("youngs_modulus", "density", "length", "damping_ratio")
-    built, _ = report(cheap_posterior, cheap_case.workshop_problem)
+    built, summary = report(cheap_posterior, cheap_case.workshop_problem)
+    freed = summary["identifiability"]["freed"]
+    assert freed[0]["freed"] == []
+    assert freed[-1]["freed"] == ["youngs_modulus", "density", "length", "damping_ratio"]
     text = " ".join(b.text for b in built.blocks() if isinstance(b, Paragraph))
-    assert "This case takes everything beside the joint as exactly known" in text
+    said = (
+        "Young's modulus to 2 %, density to 1 %, length to 0.5 %, damping ratio to between 0.1 and 10 times the stated"
+    )
+    assert f"takes everything other than the joint as exactly known. Were it known less well ({said})" in text
+    assert said in (CONFIGS.parent / "docs" / "uncertain.md").read_text(encoding="utf-8").replace("\n> ", " ")
+    assert ", ".join(summary["identifiability"]["freed_assumptions"]) == said
     # the assumed problem is the case's own where its quantities are at their stated values
     whole = np.concatenate([cheap_posterior.estimate.theta, np.zeros(4)])
     found = cheap_case.workshop_problem.log_posterior.log_likelihood(whole)
@@ -96,19 +144,23 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
     np.testing.assert_allclose(found, own, rtol=1e-6)
 
 
-def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain):
-    built, summary = report(uncertain)
+def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
+    assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 2 %"
+    monkeypatch.setitem(case_objects.WORKSHOP_SD_PERCENT, "youngs_modulus", 3.0)
+    assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
+
+
+def test_other_quantities_have_a_section_with_prior_and_posterior(of_uncertain):
+    built, summary = build_report(of_uncertain, DATE), of_uncertain.summary
     section = next(s for s in built.sections if s.identifier == "nuisances")
     (table,) = (b for b in section.blocks if isinstance(b, Table))
     assert [row[0] for row in table.rows] == ["length", "gain"]
     assert set(summary["nuisances"]) == {"length", "gain"}
     assert summary["nuisances"]["length"]["nominal"] == pytest.approx(383.0)
-    plain, _ = report(replace(uncertain))
-    assert [s.identifier for s in plain.sections] == [s.identifier for s in built.sections]
 
 
-def test_correlations_are_those_of_the_draws(uncertain):
-    built, _ = report(uncertain)
+def test_correlations_are_those_of_the_draws(of_uncertain, uncertain):
+    built = build_report(of_uncertain, DATE)
     table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Correlation of the draws")
     assert table.head == ("", "ln k11", "ln k12", "ln k22")
     assert [row[0] for row in table.rows] == ["ln k11", "ln k12", "ln k22", "ln L", "ln gain"]

@@ -60,6 +60,9 @@ Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
 _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 
+#: How well material and length are known in a workshop, where the case takes them as exactly known.
+WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
+
 
 def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None) -> BeamRecipe:
     """The beam of a case; accelerometers sit where translations are measured, or at the DOFs that are `loaded`."""
@@ -129,11 +132,7 @@ def with_workshop_uncertainty(
     prior: JointPrior, spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
 ) -> JointPrior:
     """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
-    usual = {
-        "youngs_modulus": schema.FactorPriorSpec(sd_percent=2.0),
-        "density": schema.FactorPriorSpec(sd_percent=1.0),
-        "length": schema.FactorPriorSpec(sd_percent=0.5),
-    }
+    usual = {name: schema.FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items()}
     damping = spec.structure.damping
     ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, schema.ModalDampingSpec) else (0.0, 0.0)
     if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):

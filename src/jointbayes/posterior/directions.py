@@ -1,74 +1,94 @@
-"""Eigen-directions of the information about a joint, named in words.
+"""Which combinations of a joint's stiffnesses are known, and how well: evaluated on the draws themselves.
 
-An eigenvector of the information in ln k11, ln k12, ln k22 is a direction; an engineer wants a quantity. The gradient
-of ln q of each physical quantity q that can be made of a joint is compared with the direction. Where one fits, the
-words name it and say how well *that quantity* is known; where none does, they name the product of powers that the
-direction is.
+A posterior may know k22 − k12²/k11 to half a per cent and none of the three stiffnesses by itself. Every quantity that
+can be made of a joint is evaluated on each draw; the best known one is named, then the best known among those that say
+something else, and so on. What is said of a quantity is its own 95 % credible interval, so that no sentence can say
+what the draws do not.
+
+References
+----------
+Gutenkunst, R. N. et al. (2007). Universally sloppy parameter sensitivities in systems biology models. PLoS
+Computational Biology 3(10), e189. DOI 10.1371/journal.pcbi.0030189 (combinations of logarithms that data determine)
 """
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint import STIFFNESS_NAMES
-from jointbayes.posterior.fisher import EigenDirection, FisherInformation, inverse_information
-from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO, Verdict
+from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, PlainSprings, SignedCoupling
+from jointbayes.posterior.identifiability import (
+    IDENTIFIED_RATIO,
+    WEAK_RATIO,
+    Identifiability,
+    Verdict,
+    assess,
+)
 
-__all__ = ["NamedDirection", "interval_ratio", "name_directions", "spread_in_words", "summary_sentence", "verdict_of"]
+__all__ = [
+    "NamedDirection",
+    "factor_in_words",
+    "interval_ratio",
+    "name_directions",
+    "spread_in_words",
+    "summary_sentence",
+    "verdict_of",
+]
 
 Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054
-#: Least cosine between a direction and the gradient of ln q for q to name it.
-_SAME_DIRECTION = 0.98
-#: A named quantity may be so many times less well known than the direction itself, at most.
-_LOOSE = 3.0
-#: Standard deviations within this factor of each other belong to directions that may be mixed at will.
-_ALIKE = 2.0
-#: A stiffness that moves less than this, relative to the one that moves most, is not said to move along.
-_MOVES_ALONG = 0.15
 _LARGEST_FACTOR = 1e3
+#: A quantity says something else than those named before if so much of its gradient is left beside theirs.
+_NEW = 0.5
+#: Products of powers of whatever exponents are the last resort: they must be known so many times better.
+_ODD_POWERS = 4.0
+#: A rounded exponent may cost so much of what is known of the product.
+_ROUNDING_COST = 1.3
+#: A stiffness moves with another one if the correlation of their logarithms over the draws is larger than this.
+_MOVES_WITH = 0.8
 _SUPERSCRIPT = {1: "", 2: "²"}
+_STEP = 1e-5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class NamedDirection:
-    """One direction in words.
+    """One combination of the joint's stiffnesses, and what its draws say.
 
     Parameters
     ----------
     quantity
-        What the direction is: ``"k22 − k12²/k11"``, ``"k11 along k12 (k12 ∝ k11^0.4)"``.
-    sd
-        Standard deviation of ln of the quantity (of ρ itself where that is the quantity).
+        What it is: ``"k22 − k12²/k11"``, ``"k11"``, ``"rho"`` for k12/√(k11 k22).
+    interval95
+        Equal-tailed 95 % credible interval of the quantity over the draws, SI units.
+    ratio
+        Upper over lower end; infinite where the interval holds zero or the draws have both signs.
+    sd_log
+        Standard deviation of ln |quantity| over the draws; NaN where they have both signs.
     verdict
-        By the limits of `jointbayes.posterior.identifiability`, from the 95 % interval that `sd` implies.
-    weights
-        Its gradient over `names`, scaled to length one, shape (p,).
-    names
-        Coordinates that the weights belong to.
+        By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness.
     sentence
-        For example ``"k22 is known to 0.58 %"``.
+        For example ``"k22 is identified: its 95 % interval spans a factor of 1.04"``.
     """
 
     quantity: str
-    sd: float
+    interval95: tuple[float, float]
+    ratio: float
+    sd_log: float
     verdict: Verdict
-    weights: Array
-    names: tuple[str, ...]
     sentence: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
-    """A quantity: its name, the gradient of its ln, and by how much a simpler one is preferred."""
+class _Quantity:
+    """A quantity: name, values by stiffness (n, 3), whether it is a coordinate, and what it must be better by."""
 
-    quantity: str
-    gradient: Array
+    name: str
+    of: Callable[[Array], Array]
+    single: bool
     penalty: float
 
 
@@ -81,6 +101,8 @@ def interval_ratio(sd: float) -> float:
 def verdict_of(sd: float) -> Verdict:
     """Verdict that the 95 % interval of a logarithm of this standard deviation implies; contraction not regarded.
 
+    For linearised figures, of which there are no draws.
+
     Examples
     --------
     >>> [verdict_of(sd) for sd in (0.05, 0.2, 0.3)]
@@ -92,58 +114,68 @@ def verdict_of(sd: float) -> Verdict:
     return "identified" if ratio <= IDENTIFIED_RATIO else "weakly identified"
 
 
-def spread_in_words(sd: float) -> str:
-    """One standard deviation of a logarithm as the factor exp(sd): in per cent where small, else as a factor.
+def factor_in_words(ratio: float) -> str:
+    """Upper over lower end of a 95 % interval.
 
     Examples
     --------
-    >>> spread_in_words(0.0058), spread_in_words(0.15), spread_in_words(1.97), spread_in_words(math.inf)
-    ('0.58 %', '16 %', 'a factor of 7.2', 'more than a factor of 1000')
+    >>> factor_in_words(1.0162), factor_in_words(3.84), factor_in_words(math.inf)
+    ('a factor of 1.016', 'a factor of 3.84', 'more than a factor of 1000')
     """
-    if sd > math.log(_LARGEST_FACTOR):
+    if ratio > _LARGEST_FACTOR:
         return f"more than a factor of {_LARGEST_FACTOR:.0f}"
-    if interval_ratio(sd) > WEAK_RATIO:
-        return f"a factor of {math.exp(sd):.2g}"
-    return f"{100 * math.expm1(sd):.2g} %"
+    return f"a factor of {ratio:.{4 if ratio < 1.1 else 3}g}"
 
 
-def name_directions(fisher: FisherInformation, *, with_prior: bool = False) -> tuple[NamedDirection, ...]:
-    """Name each eigen-direction of the information about the joint, best known first.
+def spread_in_words(sd: float) -> str:
+    """A standard deviation of a logarithm: in per cent where small, else as the ratio of the ends of the 95 % interval.
 
-    Where every single stiffness is identified the words name those: combinations would say nothing more.
+    Examples
+    --------
+    >>> spread_in_words(0.0058), spread_in_words(0.15), spread_in_words(0.36), spread_in_words(math.inf)
+    ('0.58 %', '16 %', 'a factor of 4.1', 'more than a factor of 1000')
+    """
+    ratio = interval_ratio(sd)
+    if ratio > _LARGEST_FACTOR:
+        return factor_in_words(ratio)
+    return f"a factor of {ratio:.2g}" if ratio > WEAK_RATIO else f"{100 * math.expm1(sd):.2g} %"
+
+
+def name_directions(
+    stiffness: ArrayLike, prior: ArrayLike, known: Mapping[str, Identifiability] | None = None
+) -> tuple[NamedDirection, ...]:
+    """Name the combinations of the stiffnesses that draws determine independently, best known first.
+
+    Where every single stiffness is identified the words name those: combinations would say nothing more. A product, a
+    ratio or a difference is named only where it is at least weakly identified, and better known than any single
+    stiffness that says the same.
 
     Parameters
     ----------
-    fisher
-        Information at a mode; its nuisances are marginalised.
-    with_prior
-        Whether the joint's own prior counts as information.
+    stiffness
+        Posterior draws of (k11, k12, k22), shape (n, 3).
+    prior
+        Prior draws of the same, shape (m, 3): a verdict asks what the data added.
+    known
+        What is already said of single stiffnesses, by name, so that it is said here in the same words; those that are
+        not among them are assessed here.
 
     Returns
     -------
     tuple of NamedDirection
         As many as the joint has coordinates.
     """
-    names, information = fisher.joint_information(with_prior=with_prior)
-    directions = fisher.eigen_directions(with_prior=with_prior)
-    covariance = inverse_information(information)
-    stiffness = fisher.parametrisation.stiffness(fisher.theta[: len(fisher.joint_names)])
-    candidates = _candidates(names, dict(zip(STIFFNESS_NAMES, map(float, stiffness), strict=True)))
-    alone = _singly(names, range(len(names)), covariance)
-    if all(named.verdict == "identified" for named in alone):
-        return tuple(alone)
-    out: list[NamedDirection] = []
-    for group in _groups(directions):
-        singles = _spanning_singles(group)
-        if singles is not None:
-            out += _singly(names, singles, covariance)
-        else:
-            out += [_named(direction, candidates, covariance) for direction in group]
-    return tuple(out)
+    draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
+    search = _Search(draws, before, dict(known or {}))
+    singles = [search.judged(quantity) for quantity in search.singles]
+    if all(found.verdict == "identified" for found in singles):
+        order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
+        return tuple(_named(quantity.name, found) for quantity, found in order)
+    return search.run()
 
 
 def summary_sentence(named: Sequence[NamedDirection]) -> str:
-    """All directions in one sentence, best known first.
+    """All combinations in one sentence, best known first.
 
     Examples
     --------
@@ -155,124 +187,200 @@ def summary_sentence(named: Sequence[NamedDirection]) -> str:
     return "; ".join(n.sentence for n in named) + "."
 
 
-def _groups(directions: Sequence[EigenDirection]) -> list[list[EigenDirection]]:
-    """Directions whose standard deviations are alike: their eigenvectors are one choice among many."""
-    groups: list[list[EigenDirection]] = []
-    for direction in directions:
-        if groups and direction.sd <= _ALIKE * groups[-1][0].sd:
-            groups[-1].append(direction)
-        else:
-            groups.append([direction])
-    return groups
+class _Search:
+    """Quantities of one joint, evaluated on its draws."""
+
+    def __init__(self, stiffness: Array, prior: Array, known: dict[str, Identifiability]) -> None:
+        self._stiffness, self._prior, self._known = stiffness, prior, known
+        self._parametrisation = _coordinates_of(stiffness)
+        self.names = self._parametrisation.names
+        self._theta = self._parametrisation.coordinates(stiffness)
+        scale = np.maximum(self._theta.std(axis=0), np.finfo(float).tiny)
+        off = (self._theta - np.median(self._theta, axis=0)) / scale
+        #: The draw in the middle: a possible joint, which a median of each coordinate by itself need not be.
+        self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
+        self.singles = [_Quantity(name, _single(name), True, 1.0) for name in self.names]
+        self._others = _products(self.names) + _condensed(self.names)
+
+    def run(self) -> tuple[NamedDirection, ...]:
+        """Best known first; the last is a single stiffness, and says what moves with it."""
+        axes = np.empty((0, len(self.names)))
+        found: list[NamedDirection] = []
+        while len(found) < len(self.names):
+            last = len(found) == len(self.names) - 1
+            quantity, judged = self._widest(axes) if last else self._best(axes)
+            words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
+            found.append(_named(quantity.name, judged, words))
+            beside = _beside(self._gradient(quantity), axes)
+            axes = np.vstack([axes, beside / np.linalg.norm(beside)])
+        return tuple(found)
+
+    def judged(self, quantity: _Quantity) -> Identifiability:
+        """What is known of a quantity, by its draws."""
+        if quantity.name not in self._known:
+            self._known[quantity.name] = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+        return self._known[quantity.name]
+
+    def _best(self, axes: Array) -> tuple[_Quantity, Identifiability]:
+        """The best known quantity that says something else than those named."""
+        quantities = [*self.singles, *self._others, *self._powers(axes)]
+        for i in np.argsort([self._score(quantity, axes) for quantity in quantities]):
+            quantity = quantities[int(i)]
+            if quantity.single or self.judged(quantity).verdict in ("identified", "weakly identified"):
+                return quantity, self.judged(quantity)
+        raise AssertionError("single stiffnesses are always among the quantities")  # pragma: no cover
+
+    def _widest(self, axes: Array) -> tuple[_Quantity, Identifiability]:
+        """The least known single stiffness among those that say something else than the quantities named."""
+        inside = [quantity for quantity in self.singles if self._share(quantity, axes) > 0]
+        quantity = max(inside or self.singles, key=self._width)
+        return quantity, self.judged(quantity)
+
+    def _score(self, quantity: _Quantity, axes: Array) -> float:
+        """How well a quantity is known for what it adds to those named; infinite where it adds nothing."""
+        share = self._share(quantity, axes)
+        return self._width(quantity) * quantity.penalty / share if share else math.inf
+
+    def _width(self, quantity: _Quantity) -> float:
+        """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""
+        values = quantity.of(self._stiffness)
+        if (values > 0).all() or (values < 0).all():
+            values = np.log(np.abs(values))
+        elif not quantity.single:
+            return math.inf
+        low, high = np.quantile(values, [0.025, 0.975])
+        return float(high - low) / (2 * _NORMAL_95)
+
+    def _gradient(self, quantity: _Quantity) -> Array:
+        """∂ ln q/∂ coordinates at the draw in the middle, shape (p,); of q itself for a coordinate."""
+        if quantity.single:
+            unit: Array = np.eye(len(self.names))[self.names.index(quantity.name)]
+            return unit
+        step = _STEP * np.eye(len(self.names))
+        ends = np.concatenate([self._middle + step, self._middle - step])
+        up, down = np.split(np.log(np.abs(quantity.of(self._parametrisation.stiffness(ends)))), 2)
+        slope: Array = (up - down) / (2 * _STEP)
+        return slope
+
+    def _share(self, quantity: _Quantity, axes: Array) -> float:
+        """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
+        gradient = self._gradient(quantity)
+        left = float(np.linalg.norm(_beside(gradient, axes)))
+        return left if left >= _NEW * np.linalg.norm(gradient) else 0.0
+
+    def _powers(self, axes: Array) -> list[_Quantity]:
+        """The product of powers that varies least over the draws, beside what is named."""
+        count = len(self.names)
+        basis = np.linalg.svd(np.vstack([axes, np.zeros((1, count))]))[2][len(axes) :]
+        covariance = np.atleast_2d(np.cov(basis @ self._theta.T))
+        weights = np.linalg.eigh(covariance)[1][:, 0] @ basis
+        scaled = weights / np.abs(weights).max()
+        exact, rounded = float((self._theta @ scaled).std()), scaled
+        for decimals in (1, 2, 3):
+            rounded = np.round(scaled, decimals)
+            if float((self._theta @ rounded).std()) <= _ROUNDING_COST * exact:
+                break
+        rounded = rounded * (1.0 if rounded.sum() >= 0 else -1.0)
+        each = [quantity.of for quantity in self.singles]
+        kept = [i for i in range(count) if rounded[i]]
+
+        def product(k: Array) -> Array:
+            columns = [each[i](k) if self.names[i] == "rho" else np.log(np.abs(each[i](k))) for i in kept]
+            return np.asarray(np.exp(np.stack(columns, axis=-1) @ rounded[kept]))
+
+        return [_Quantity(_powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
+
+    def _moving_with(self, quantity: _Quantity) -> str:
+        """How the other coordinates move with one that is not known."""
+        main = self.names.index(quantity.name)
+        parts = []
+        for i, name in enumerate(self.names):
+            x, y = self._theta[:, main], self._theta[:, i]
+            if i == main or not x.std() or not y.std() or abs(np.corrcoef(x, y)[0, 1]) < _MOVES_WITH:
+                continue
+            parts.append(_moves_with(name, quantity.name, float(np.cov(x, y)[0, 1] / x.var(ddof=1))))
+        return f" ({'; '.join(parts)})" if parts else ""
 
 
-def _spanning_singles(group: Sequence[EigenDirection]) -> list[int] | None:
-    """Coordinates that by themselves span a group of two or more directions; None if it takes mixtures."""
-    if len(group) < 2:
-        return None
-    length = np.linalg.norm([direction.weights for direction in group], axis=0)
-    inside = [int(i) for i in np.flatnonzero(length >= _SAME_DIRECTION)]
-    return inside if len(inside) == len(group) else None
+def _coordinates_of(stiffness: Array) -> LogStiffness | SignedCoupling | PlainSprings:
+    """Coordinates of the draws: ρ takes the place of ln k12 where the coupling has both signs."""
+    if not stiffness[:, 1].any():
+        moving = tuple(n for n, i in (("k11", 0), ("k22", 2)) if np.ptp(stiffness[:, i]) > 0)
+        return PlainSprings(moving)
+    return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
 
 
-def _candidates(names: tuple[str, ...], k: dict[str, float]) -> list[_Candidate]:
-    """Quantities that can be made of the joint's coordinates, with ∂ ln q/∂ coordinates at this joint."""
-    unit = np.eye(len(names))
-    out = [_Candidate(name, unit[i], 1.0) for i, name in enumerate(names)]
-    logs = [i for i, name in enumerate(names) if name != "rho"]
+def _single(name: str) -> Callable[[Array], Array]:
+    if name == "rho":
+        return lambda k: k[:, 1] / np.sqrt(k[:, 0] * k[:, 2])
+    index = STIFFNESS_NAMES.index(name)
+    return lambda k: k[:, index]
+
+
+def _products(names: tuple[str, ...]) -> list[_Quantity]:
+    """Products of small powers of the coordinates that are logarithms."""
+    logs = [name for name in names if name != "rho"]
+    columns = [STIFFNESS_NAMES.index(name) for name in logs]
+    out = []
     for powers in itertools.product(range(-2, 3), repeat=len(logs)):
         used = [p for p in powers if p]
-        if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1:
+        if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1 or (sum(used) == 0 and used[0] < 0):
             continue  # no simple quantity, or the reciprocal or a power of another one
-        gradient = np.array(powers, dtype=float) @ unit[logs]
-        text = _powers_text([names[i] for i in logs], powers)
-        out.append(_Candidate(text, gradient, 0.8 + 0.2 * sum(map(abs, used))))
-    return out + _condensed(names, k)
+        exponents = np.array(powers, dtype=float)
+
+        def product(k: Array, exponents: Array = exponents) -> Array:
+            return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
+
+        out.append(_Quantity(_powers_text(logs, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
+    return out
 
 
-def _condensed(names: tuple[str, ...], k: dict[str, float]) -> list[_Candidate]:
+def _condensed(names: tuple[str, ...]) -> list[_Quantity]:
     """Stiffness of one DOF with the other free (the reciprocal of its compliance), det K^J and the cross compliance."""
-    determinant = k["k11"] * k["k22"] - k["k12"] ** 2
-    if len(names) < len(STIFFNESS_NAMES) or determinant <= 0:
+    if len(names) < len(STIFFNESS_NAMES):
         return []
-    if "rho" in names:
-        bend = -2 * k["k12"] * math.sqrt(k["k11"] * k["k22"]) / determinant  # d ln(1 − ρ²)/dρ
-        rows = np.array([(0, 1, bend), (1, 0, bend), (1, 1, bend)])
-        order = [names.index(name) for name in ("k11", "k22", "rho")]
+    out = [
+        _Quantity("k22 − k12²/k11", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
+        _Quantity("k11 − k12²/k22", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
+        _Quantity("k11·k22 − k12²", _determinant, False, 1.6),
+    ]
+    if "rho" not in names:
+        out.append(_Quantity("k12/(k11·k22 − k12²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
+    return out
+
+
+def _determinant(k: Array) -> Array:
+    return k[:, 0] * k[:, 2] - k[:, 1] ** 2
+
+
+def _beside(gradient: Array, axes: Array) -> Array:
+    """What is left of a gradient, shape (p,), without its parts along orthonormal axes, shape (m, p)."""
+    left: Array = gradient - axes.T @ (axes @ gradient)
+    return left
+
+
+def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:
+    low, high = found.interval95
+    if low <= 0 <= high:
+        spread = f"its 95 % interval, {low:.3g} to {high:.3g}, holds zero"
+    elif math.isinf(found.ratio):
+        spread = f"its 95 % interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:
-        r = k["k12"] ** 2 / determinant
-        rows = np.array([(r, -2 * r, 1 + r), (1 + r, -2 * r, r), (1 + r, -2 * r, 1 + r), (-1 - r, 1 + 2 * r, -1 - r)])
-        order = [names.index(name) for name in STIFFNESS_NAMES]
-    texts = ("k22 − k12²/k11", "k11 − k12²/k22", "k11·k22 − k12²", "k12/(k11·k22 − k12²)")
-    unit = np.eye(len(names))[order]
-    return [_Candidate(text, row @ unit, p) for text, row, p in zip(texts, rows, (1.1, 1.1, 1.6, 1.8), strict=False)]
-
-
-def _named(direction: EigenDirection, candidates: Sequence[_Candidate], covariance: Array) -> NamedDirection:
-    """Words for one direction: a quantity that fits, else powers where it is known and "along" where it is not."""
-    w, names = direction.weights, direction.names
-    best, best_score = None, math.inf
-    for candidate in candidates:
-        length = float(np.linalg.norm(candidate.gradient))
-        if abs(candidate.gradient @ w) < _SAME_DIRECTION * length:
-            continue
-        sd = _sd_of(candidate.gradient, covariance)
-        known = verdict_of(sd) != "not identified" or candidate.quantity in names
-        if known and sd <= _LOOSE * direction.sd * length and sd / length * candidate.penalty < best_score:
-            best, best_score = candidate, sd / length * candidate.penalty
-    if best is not None:
-        return _of(names, best.quantity, best.gradient, covariance)
-    if verdict_of(direction.sd * float(np.abs(w).max())) != "identified":
-        return _along(direction)
-    exponents = _rounded_powers(direction, covariance)
-    return _of(names, _powers_text(names, exponents), np.array(exponents), covariance)
-
-
-def _singly(names: tuple[str, ...], chosen: Iterable[int], covariance: Array) -> list[NamedDirection]:
-    """The chosen coordinates themselves, best known first."""
-    unit = np.eye(len(names))
-    return sorted((_of(names, names[i], unit[i], covariance) for i in chosen), key=lambda named: named.sd)
-
-
-def _of(names: tuple[str, ...], quantity: str, gradient: Array, covariance: Array) -> NamedDirection:
-    sd = _sd_of(gradient, covariance)
+        spread = f"its 95 % interval spans {factor_in_words(found.ratio)}"
     return NamedDirection(
-        quantity, sd, verdict_of(sd), gradient / np.linalg.norm(gradient), names, _sentence(quantity, sd)
+        quantity,
+        (low, high),
+        found.ratio,
+        found.sd_log,
+        found.verdict,
+        f"{quantity} is {found.verdict}: {spread}{moving}",
     )
 
 
-def _sd_of(gradient: Array, covariance: Array) -> float:
-    """Standard deviation of a combination; coordinates that do not enter may be unknown altogether."""
-    used = gradient != 0
-    g = gradient[used]
-    return float(np.sqrt(g @ covariance[np.ix_(used, used)] @ g))
-
-
-def _sentence(quantity: str, sd: float) -> str:
-    verdict = verdict_of(sd)
-    spread = f"±{sd:.2g}" if quantity.startswith("rho") else spread_in_words(sd)
-    if verdict == "not identified":
-        return f"{quantity} is not known: {spread}"
-    return f"{quantity} is known {'to' if verdict == 'identified' else 'roughly, to'} {spread}"
-
-
-def _rounded_powers(direction: EigenDirection, covariance: Array) -> list[float]:
-    """Exponents scaled to a largest of one, with as few decimals as keep the combination as well known as it is."""
-    scaled = direction.weights / np.abs(direction.weights).max()
-    for decimals in (1, 2, 3, 4):
-        rounded = np.round(scaled, decimals)
-        if _sd_of(rounded, covariance) <= 1.5 * direction.sd * np.linalg.norm(rounded):
-            break
-    return [float(p) for p in rounded]
-
-
 def _powers_text(names: Sequence[str], powers: Sequence[float]) -> str:
-    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``; where ρ leads, a sum with logarithms."""
+    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``; ρ in an exponential."""
     by_name = dict(zip(names, powers, strict=True))
     rho = by_name.pop("rho", 0.0)
-    if rho and abs(rho) == max(map(abs, powers)):
-        terms = [f" {'+' if p > 0 else '−'} {abs(p):g} ln {name}" for name, p in by_name.items() if p]
-        return "rho" + "".join(terms)
 
     def product(sign: int) -> list[str]:
         sizes = {name: abs(power) for name, power in by_name.items() if power * sign > 0}
@@ -285,28 +393,11 @@ def _powers_text(names: Sequence[str], powers: Sequence[float]) -> str:
     return text if not rho else f"{text}·exp({'−' if rho < 0 else ''}{abs(rho):g} rho)"
 
 
-def _along(direction: EigenDirection) -> NamedDirection:
-    """A direction as the stiffness that moves most along it, and how the others move with it."""
-    w, names = direction.weights, direction.names
-    main = int(np.abs(w).argmax())
-    order = [int(i) for i in np.argsort(-np.abs(w), kind="stable") if i != main]
-    movers = [i for i in order if abs(w[i]) >= _MOVES_ALONG * abs(w[main])]
-    parts = [
-        word + " " + " and ".join(names[i] for i in movers if sign * w[i] * w[main] > 0)
-        for word, sign in (("along", 1), ("against", -1))
-        if any(sign * w[i] * w[main] > 0 for i in movers)
-    ]
-    how = ", ".join(_moves_with(names[i], names[main], w[i] / w[main]) for i in movers)
-    quantity = f"{names[main]} {' and '.join(parts)} ({how})" if movers else names[main]
-    sd = direction.sd * float(abs(w[main]))
-    return NamedDirection(quantity, sd, verdict_of(sd), w, names, _sentence(quantity, sd))
-
-
 def _moves_with(name: str, main: str, slope: float) -> str:
-    """How one coordinate follows another along a direction."""
+    """How one coordinate follows another over the draws."""
     if name == "rho":
-        return f"rho {slope * math.log(2):+.2g} as {main} doubles"
+        return f"rho moves with it, {slope * math.log(2):+.2g} as {main} doubles"
     if main == "rho":
-        return f"{name} times {math.exp(0.1 * slope):.3g} as rho grows by 0.1"
+        return f"{name} moves with it, times {math.exp(0.1 * slope):.3g} as rho grows by 0.1"
     power = f"{slope:.2g}".replace("-", "−")
-    return f"{name} ∝ {main}" + ("" if power == "1" else f"^{power}")
+    return f"{name} moves with it: {name} ∝ {main}" + ("" if power == "1" else f"^{power}")

@@ -1,20 +1,22 @@
-"""How the verdict on each stiffness changes when what was taken as exactly known is freed."""
+"""How the linearised spread of each stiffness changes when what was taken as exactly known is freed.
+
+For planning and for tables of hypothetical measurements, of which there are no draws. What a run knows is said by its
+draws: `jointbayes.posterior.uncertain_inputs`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from jointbayes.posterior.directions import interval_ratio, spread_in_words, verdict_of
+from jointbayes.posterior.directions import interval_ratio, verdict_of
 from jointbayes.posterior.fisher import FisherInformation
 from jointbayes.posterior.identifiability import LEAST_CONTRACTION, Verdict
 
-__all__ = ["FreedRow", "freeing_sentence", "freeing_table"]
-
-_ORDER: tuple[Verdict, ...] = ("identified", "weakly identified", "not identified")
+__all__ = ["FreedRow", "freeing_table"]
 
 
 @dataclass(frozen=True, slots=True)
 class FreedRow:
-    """What is known of the stiffnesses when some nuisances are free and the others exactly known.
+    """Linearised: what is known of the stiffnesses when some nuisances are free and the others exactly known.
 
     Parameters
     ----------
@@ -60,24 +62,6 @@ def freeing_table(fisher: FisherInformation, nuisances: Sequence[str]) -> tuple[
     return tuple(_row(fisher, freed) for freed in sets)
 
 
-def freeing_sentence(rows: Sequence[FreedRow]) -> str:
-    """The table in words: whose verdict gets worse, through what, and by how much."""
-    known, last = rows[0], rows[-1]
-    parts = []
-    for name, verdict in known.verdict.items():
-        if _ORDER.index(last.verdict[name]) <= _ORDER.index(verdict):
-            continue
-        alone = [row.freed[0] for row in rows[1:] if len(row.freed) == 1 and row.verdict[name] == last.verdict[name]]
-        through = f" ({' or '.join(alone)} alone does it)" if alone and len(last.freed) > 1 else ""
-        parts.append(
-            f"{name} goes from {verdict} ({spread_in_words(known.sd_log[name])}) to {last.verdict[name]} "
-            f"({spread_in_words(last.sd_log[name])}){through}"
-        )
-    if not parts:
-        return f"Freeing {_listed(last.freed)} changes no verdict." if last.freed else "Nothing is freed."
-    return f"Freeing {_listed(last.freed)}: " + "; ".join(parts) + "."
-
-
 def _row(fisher: FisherInformation, freed: tuple[str, ...]) -> FreedRow:
     sd = fisher.stiffness_sd((*fisher.joint_names, *freed))
     ratio = {name: interval_ratio(value) for name, value in sd.items()}
@@ -91,7 +75,3 @@ def _verdict(fisher: FisherInformation, name: str, sd: float) -> Verdict:
         if 1 - (sd / prior_sd) ** 2 < LEAST_CONTRACTION:
             return "not identified"
     return verdict_of(sd)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,19 +1,25 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.inference import Problem
+from jointbayes.inference import Normal, Nuisance, Problem
+from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.freeing import FreedRow, freeing_sentence, freeing_table
 from jointbayes.posterior.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.result import Posterior
+from jointbayes.posterior.uncertain_inputs import (
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
+    effect_sentence,
+    uncertain_quantities,
+)
 
-__all__ = ["Knowledge", "gather_knowledge"]
+__all__ = ["Knowledge", "assumed_words", "gather_knowledge"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,24 +30,23 @@ class Knowledge:
     ----------
     check
         Posterior predictive check.
-    fisher
-        Fisher information at the MAP, of the problem as it was sampled.
     directions
-        Combinations of the joint's stiffnesses that are determined independently, best known first.
+        Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
     profiles
         Profile likelihood of each coordinate of the joint.
     freed
-        How the verdicts change when what else is uncertain is freed; empty where there is nothing to free.
+        What is known with other quantities uncertain or exactly known; the first row is the run. Empty where there is
+        nothing to free.
     assumed
-        Whether that uncertainty was assumed for the table, the case itself taking it as exactly known.
+        The uncertainties that were assumed for `freed` in words, one for each quantity; empty where they are the case's
+        own.
     """
 
     check: PredictiveCheck
-    fisher: FisherInformation
     directions: tuple[NamedDirection, ...]
     profiles: tuple[ProfileLikelihood, ...]
-    freed: tuple[FreedRow, ...]
-    assumed: bool
+    freed: tuple[UncertainInputsRow, ...]
+    assumed: tuple[str, ...]
 
     @property
     def directions_sentence(self) -> str:
@@ -50,8 +55,8 @@ class Knowledge:
 
     @property
     def freed_sentence(self) -> str:
-        """What becomes of the verdicts, in one sentence."""
-        return freeing_sentence(self.freed) if self.freed else ""
+        """What the verdicts rest on, in one sentence."""
+        return effect_sentence(self.freed) if self.freed else ""
 
 
 def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:
@@ -65,28 +70,31 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
         The same problem with more quantities uncertain, for the table of what freeing them does where the posterior's
         own problem takes all as exactly known.
     """
-    problem, theta = posterior.problem, posterior.estimate.theta
-    fisher = fisher_information(problem, theta)
-    own = _freeable(problem)
-    wider, assumed = fisher, False
-    if not own and freed is not None:
-        known = dict(zip(problem.names, theta, strict=True))
-        whole = np.array([known.get(name, 0.0) for name in freed.names])  # at the nominal value
-        wider, assumed, own = fisher_information(freed, whole), True, _freeable(freed)
+    problem = posterior.problem
+    prior = np.stack([posterior.prior_values(name).ravel() for name in STIFFNESS_NAMES], axis=-1)
+    known = {name: posterior.identifiability(name) for name in STIFFNESS_NAMES}
+    assumed = freed is not None and not uncertain_quantities(problem)
     return Knowledge(
         posterior.check,
-        fisher,
-        name_directions(fisher),
+        name_directions(posterior.stiffness, prior, known),
         _profiles(problem, posterior),
-        freeing_table(wider, own) if own else (),
-        assumed,
+        effect_of_uncertain_inputs(posterior, freed),
+        assumed_words(freed) if assumed and freed is not None else (),
     )
 
 
-def _freeable(problem: Problem) -> tuple[str, ...]:
-    """Uncertain quantities on which the prediction depends; parameters of the noise are none."""
-    count = len(problem.prior.nuisances) - problem.log_posterior.likelihood.hyper_count
-    return tuple(n.name for n in problem.prior.nuisances[:count])
+def assumed_words(freed: Problem) -> tuple[str, ...]:
+    """How well each quantity is taken to be known, in words, from the very priors that were used."""
+    names = uncertain_quantities(freed)
+    return tuple(_prior_words(n) for n in freed.prior.nuisances if n.name in names)
+
+
+def _prior_words(nuisance: Nuisance) -> str:
+    name = nuisance.name.replace("youngs", "Young's").replace("_", " ")
+    if isinstance(nuisance.prior, Normal):
+        return f"{name} to {100 * nuisance.prior.sd:g} %"
+    low, high = (math.exp(end) for end in nuisance.prior.support)
+    return f"{name} to between {low:.3g} and {high:.3g} times the stated"
 
 
 def _profiles(problem: Problem, posterior: Posterior) -> tuple[ProfileLikelihood, ...]:

@@ -191,7 +191,14 @@ def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
     return {
         "sentence": knowledge.directions_sentence,
         "directions": [
-            {"quantity": d.quantity, "sd_log": d.sd, "verdict": d.verdict, "sentence": d.sentence}
+            {
+                "quantity": d.quantity,
+                "interval95": list(d.interval95),
+                "ratio": d.ratio,
+                "sd_log": d.sd_log,
+                "verdict": d.verdict,
+                "sentence": d.sentence,
+            }
             for d in knowledge.directions
         ],
         "profiles": {
@@ -199,10 +206,17 @@ def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
             for p in knowledge.profiles
         },
         "freed": [
-            {"freed": list(row.freed), "sd_log": dict(row.sd_log), "verdict": dict(row.verdict)}
+            {
+                "freed": list(row.uncertain),
+                "source": row.source,
+                "interval95": {name: list(found.interval95) for name, found in row.known.items()},
+                "sd_log": {name: found.sd_log for name, found in row.known.items()},
+                "verdict": row.verdict,
+            }
             for row in knowledge.freed
         ],
-        "freed_assumed": knowledge.assumed,
+        "freed_assumed": bool(knowledge.assumed),
+        "freed_assumptions": list(knowledge.assumed),
         "freed_sentence": knowledge.freed_sentence,
     }
 

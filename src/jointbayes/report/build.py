@@ -12,7 +12,7 @@ from jointbayes.paper import audit
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge, summarise
 from jointbayes.report import paper_sections, sections
 from jointbayes.report.frf_section import fit_section
-from jointbayes.report.knowledge_section import knowledge_section, nuisance_section
+from jointbayes.report.knowledge_section import knowledge_section, likelihood_section, nuisance_section
 from jointbayes.report.measurement_section import measurement_section, mode_table
 from jointbayes.report.model import Block, Callout, Report, Section
 
@@ -92,6 +92,9 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     if inputs.paper_tables:
         parts.append(paper_sections.paper_section(inputs.initial, summary))
         parts.append(paper_sections.audit_section(audit()))
+    limits = likelihood_section(knowledge, summary)
+    if limits is not None:
+        parts.append(limits)
     parts.append(sections.settings_section(posterior, summary))
     notes = tuple(Callout("caution", f"**Check the case file.** {warning}.") for warning in inputs.warnings)
     synthetic = " — synthetic data" if summary["fit"]["synthetic_data"] else ""

@@ -1,4 +1,4 @@
-"""What the data determine and what the verdicts rest on: directions, profiles, freed quantities, the other unknowns."""
+"""What the data determine and what the verdicts rest on: combinations, uncertain quantities, likelihood limits."""
 
 from typing import Any
 
@@ -6,11 +6,19 @@ import numpy as np
 
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Knowledge, Posterior
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import figures
 from jointbayes.report.format import contraction, fixed, interval, number
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
-__all__ = ["check_blocks", "coordinate_label", "knowledge_section", "nuisance_section"]
+__all__ = [
+    "check_blocks",
+    "coordinate_label",
+    "freed_blocks",
+    "knowledge_section",
+    "likelihood_section",
+    "nuisance_section",
+]
 
 Summary = dict[str, Any]
 _READABLE = {
@@ -65,24 +73,24 @@ def check_blocks(posterior: Posterior, knowledge: Knowledge) -> list[Block]:
 
 
 def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summary) -> Section:
-    """Which combinations are known, correlations, likelihood intervals, and what becomes of the verdicts."""
+    """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
-    rows = tuple((d.quantity, number(d.sd), d.verdict) for d in knowledge.directions)
+    rows = tuple(
+        (d.quantity, interval(d.interval95), number(d.ratio), number(d.sd_log), d.verdict) for d in knowledge.directions
+    )
     blocks.append(
         Table(
-            "Combinations that the data determine independently",
-            ("Combination", "sd of its logarithm", "Verdict"),
+            "Combinations of the stiffnesses that are known independently",
+            ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
-            note="Eigen-directions of the Fisher information at the MAP, all other uncertain quantities integrated "
-            "out, priors of the joint left out.",
-            row_kinds=tuple(_KINDS[d.verdict] for d in knowledge.directions),
+            note="Each combination evaluated on the draws, best known first; judged as a single stiffness is. "
+            "rho = k12/√(k11 k22). A dash: draws of both signs.",
+            row_kinds=tuple(_KINDS.get(d.verdict, "caution") for d in knowledge.directions),
         )
     )
     blocks.append(_correlations(posterior))
-    if knowledge.profiles:
-        blocks += _profile_blocks(knowledge, summary)
     if knowledge.freed:
-        blocks += _freed_blocks(knowledge)
+        blocks += freed_blocks(knowledge)
     return Section("known", "What is known, and what it rests on", tuple(blocks))
 
 
@@ -102,20 +110,27 @@ def _correlations(posterior: Posterior) -> Table:
     )
 
 
-def _profile_blocks(knowledge: Knowledge, summary: Summary) -> list[Block]:
+def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None:
+    """Likelihood-ratio limits, which are no credible intervals; None where no residual depends on a coordinate."""
+    if not knowledge.profiles:
+        return None
     rows = []
     for profile in knowledge.profiles:
         low, high = profile.interval if profile.name == "rho" else tuple(np.exp(profile.interval).tolist())
         ends = ("none" if profile.open_below else number(low), "none" if profile.open_above else number(high))
         known = summary["parameters"].get(profile.name)
         rows.append((profile.name, *ends, interval(known["interval95"]) if known else "–"))
-    return [
+    blocks: tuple[Block, ...] = (
+        Paragraph(
+            "These are likelihood-ratio confidence limits, not credible intervals. Each asks how well the data can "
+            "still be fitted at a value, with everything else at its best; it does not ask how many joints fit so "
+            "well, and leaves the priors of the joint out but for their bounds. The verdicts rest on the draws."
+        ),
         Table(
             "Likelihood-ratio limits at 95 %",
-            ("Parameter", "Lower limit", "Upper limit", "Posterior 95 %"),
+            ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)"),
             tuple(rows),
-            note="From the profile likelihood, which leaves the priors of the joint out but for their bounds. None: "
-            "within the bounds of the prior the data set no limit. Units as above; rho has none.",
+            note="None: within the bounds of the prior the data set no limit. Units as above; rho has none.",
         ),
         Figure(
             "profiles",
@@ -124,29 +139,36 @@ def _profile_blocks(knowledge: Knowledge, summary: Summary) -> list[Block]:
             f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
             figures.profiles([(p.name, p.value, p.log_ratio) for p in knowledge.profiles]),
         ),
-    ]
-
-
-def _freed_blocks(knowledge: Knowledge) -> list[Block]:
-    names = tuple(knowledge.freed[0].sd_log)
-    head = ("Uncertain beside the joint", *(f"sd of ln {name}" for name in names), "Verdicts")
-    rows = tuple(
-        (
-            ", ".join(_readable(name) for name in row.freed) or "nothing",
-            *(number(row.sd_log[name]) for name in names),
-            "; ".join(f"{name} {row.verdict[name]}" for name in names),
-        )
-        for row in knowledge.freed
     )
-    note = "From the Fisher information at the MAP, priors included."
+    return Section("likelihood", "Likelihood-ratio limits", blocks)
+
+
+def freed_blocks(knowledge: Knowledge) -> list[Block]:
+    """What uncertain quantities cost: a sentence and the table, whose first row is the run."""
+    names = tuple(knowledge.freed[0].known)
+    head = ("Uncertain other quantities", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Draws of")
+    rows = tuple(_freed_row(row, names) for row in knowledge.freed)
+    note = (
+        "Each row from draws with just these quantities uncertain and all others at their stated values. A dash: draws "
+        "that can be trusted were not to be had in a short time."
+    )
     lead = knowledge.freed_sentence
     if knowledge.assumed:
         lead = (
-            "This case takes everything beside the joint as exactly known. If Young's modulus were known to 2 %, the "
-            f"density to 1 %, the length to 0.5 % and the damping not at all: {lead[0].lower()}{lead[1:]}"
+            "This case takes everything other than the joint as exactly known. Were it known less well "
+            f"({', '.join(knowledge.assumed)}): {lead[0].lower()}{lead[1:]}"
         )
         note += " The uncertainties are assumed; state your own in [uncertain] to have them in the result."
-    return [Paragraph(f"**{lead}**"), Table("What freeing other quantities does", head, rows, note=note, align=None)]
+    return [Paragraph(f"**{lead}**"), Table("What uncertain quantities cost", head, rows, note=note, align=None)]
+
+
+def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ...]:
+    uncertain = ", ".join(_readable(name) for name in row.uncertain) or "none"
+    if not row.known:
+        return (uncertain, *("–" for _ in names), "–", "–")
+    intervals = (interval(row.known[name].interval95) for name in names)
+    verdicts = "; ".join(f"{name} {row.verdict[name]}" for name in names)
+    return (uncertain, *intervals, verdicts, row.source)
 
 
 def nuisance_section(summary: Summary) -> Section | None:
