@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -209,3 +210,54 @@ def test_residuals_that_are_no_numbers_are_refused() -> None:
         checked(GaussianNoise(1), z, [])
     with pytest.raises(ModelError, match="finite"):
         check_frequencies(z[0])
+
+
+def finding_of(**changes: object) -> PredictiveCheck:
+    """A check that finds nothing, but for what is changed."""
+    fine = PredictiveCheck(1.0, (0.9, 1.1), 0.5, 0.5, 0.0, 3.0, 0.5, (0, 0), np.ones(5))
+    return replace(fine, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "finding"),
+    [
+        ({}, "explained"),
+        ({"chi2_p_value": 0.0051}, "explained"),
+        ({"chi2_p_value": 0.0049}, "misfit"),
+        ({"whiteness_p_value": 0.0051}, "explained"),
+        ({"whiteness_p_value": 0.0049}, "misfit"),
+        ({"chi2_p_value": 0.9949}, "explained"),
+        ({"chi2_p_value": 0.9951}, "noise overstated"),
+        # of natural frequencies there is one p-value, which has the whole false-alarm level of 1 %
+        ({"chi2_p_value": 0.0101, "whiteness_p_value": None, "lag1": None}, "explained"),
+        ({"chi2_p_value": 0.0099, "whiteness_p_value": None, "lag1": None}, "misfit"),
+        # far below the noise correlation is no misfit; a little below it is one
+        ({"chi2_p_value": 1.0, "chi2_per_line": 0.24, "whiteness_p_value": 0.0}, "noise overstated"),
+        ({"chi2_p_value": 1.0, "chi2_per_line": 0.26, "whiteness_p_value": 0.0}, "misfit"),
+        ({"chi2_p_value": 0.5, "chi2_per_line": 0.24, "whiteness_p_value": 0.0}, "misfit"),
+    ],
+)
+def test_the_limits_of_a_finding_are_those_documented(changes: dict[str, object], finding: str) -> None:
+    check = finding_of(**changes)
+    assert check.finding == finding
+    assert check.explains == (finding != "misfit")
+    assert ("too narrow" in check.sentence) == (finding == "misfit")
+    assert ("too wide" in check.sentence) == (finding == "noise overstated")
+    assert ("does NOT explain" in check.sentence) == (finding == "misfit")
+    assert check.sentence.startswith("The stated noise is overstated: ") == (finding == "noise overstated")
+
+
+@pytest.mark.parametrize(("p_value", "stands_out"), [(0.00099, True), (0.00101, False)])
+def test_student_t_noise_is_named_where_one_value_in_a_thousand_records_would_be_so_large(
+    p_value: float, stands_out: bool
+) -> None:
+    assert ("use Student-t noise" in finding_of(largest_p_value=p_value).sentence) == stands_out
+    assert "Student-t" not in finding_of(largest_p_value=p_value, chi2_p_value=0.0).sentence
+
+
+def test_exact_data_with_noise_assumed_are_no_misfit() -> None:
+    z = 0.026 * np.sin(np.arange(400) / 6)[None, :, None] * np.ones((5, 1, 1)) * (1 + 1j)
+    check = checked(GaussianNoise(2), z, [])
+    assert check.correlated
+    assert (check.finding, check.explains) == ("noise overstated", True)
+    assert "correlate" not in check.sentence

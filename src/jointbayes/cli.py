@@ -97,6 +97,8 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
         _note_written(write_run(posterior, target, kept))
     _print_summary(posterior)
     click.echo(posterior.check.sentence)
+    if not posterior.check.explains:
+        click.echo(posterior.diagnosis.sentence)
     click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     _exit_by_convergence(posterior)
 

@@ -1,11 +1,14 @@
 """Posterior predictive checks: whether the model explains the data, before anything else is believed.
 
 Residuals at draws of the posterior are brought to the scores that the noise model makes white with unit variance, and
-their sum of squares and correlation along frequency are compared with those of replicated data.
+their sum of squares and correlation along frequency are compared with those of replicated data. One of three things is
+found: the model explains the data; it does not; or the residuals are so far below the stated noise that it is the noise
+which is wrong, and how they follow each other says nothing against the model.
 """
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +17,16 @@ from scipy import special
 from jointbayes.errors import ModelError
 from jointbayes.inference.noise import IntegratedScale, NoiseModel, ScaledNoise
 
-__all__ = ["FALSE_ALARM", "PredictiveCheck", "check_frequencies", "check_frfs"]
+__all__ = ["FALSE_ALARM", "Finding", "PredictiveCheck", "check_frequencies", "check_frfs"]
 
 Array = NDArray[np.float64]
 
 #: Share of right models that are said not to explain the data, at most: half of it for each of the two p-values.
 FALSE_ALARM = 0.01
+#: One value stands out where the largest of so many would be as large this rarely.
+OUTLIER_LEVEL = FALSE_ALARM / 10
+#: Residuals below this share of the stated noise's variance, half its standard deviation, are far below it.
+FAR_BELOW = 0.25
 #: Neighbours whose residuals are compared: model error spans the lines of a resonance, so a few suffice.
 _LAGS = 5
 #: Replicated records, for a p-value of 1/2001 at the least, and the most values in each: the standardised statistic's
@@ -27,6 +34,8 @@ _LAGS = 5
 _REPLICATES, _LONG = 2000, 1000
 #: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
 _SLIGHT = 0.3
+
+Finding = Literal["explained", "misfit", "noise overstated"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,18 +97,31 @@ class PredictiveCheck:
         return self.chi2_p_value > 1 - self._level
 
     @property
+    def finding(self) -> Finding:
+        """Which one of three: residuals far below the noise are no misfit, however they follow each other."""
+        if self.overstated and self.chi2_per_line < FAR_BELOW:
+            return "noise overstated"
+        if self.misfit or self.correlated:
+            return "misfit"
+        return "noise overstated" if self.overstated else "explained"
+
+    @property
     def explains(self) -> bool:
-        """Whether the model explains the data: neither misfit nor correlated."""
-        return not (self.misfit or self.correlated)
+        """Whether the model explains the data: no misfit was found."""
+        return self.finding != "misfit"
 
     @property
     def sentence(self) -> str:
         """The finding in plain words, with its figures."""
         low, high = self.chi2_band
-        parts = [
+        squares = (
             f"squared residuals are {self.chi2_per_line:.3g} times the expected noise "
             f"(95 % of replicated data: {low:.3g} to {high:.3g}; p {_p(self.chi2_p_value)})"
-        ]
+        )
+        if self.finding == "noise overstated":
+            head = f"The stated noise is overstated: {squares}. The model explains the data; intervals are too wide."
+            return " ".join([head, *self._inferred_words(), *self._remarks()])
+        parts = [squares]
         if self.lag1 is not None and self.whiteness_p_value is not None:
             parts.append(
                 f"residuals of neighbouring lines correlate by {self.lag1:.2f} (white noise: 0; "
@@ -129,14 +151,9 @@ class PredictiveCheck:
     def _remarks(self) -> list[str]:
         """What follows from the finding."""
         words = []
-        if not self.explains:
-            words.append(
-                "Intervals that rest on it are too narrow: free what is uncertain (length, material, mass, noise) or "
-                "add a model discrepancy."
-            )
-        if self.overstated:
-            words.append("Residuals are smaller than the stated noise: it is overstated, and intervals are too wide.")
-        if self.largest_p_value < FALSE_ALARM / 10 and not self.misfit:
+        if self.finding == "misfit":
+            words.append("Intervals that rest on it are too narrow.")
+        if self.largest_p_value < OUTLIER_LEVEL and not self.misfit:
             words.append(
                 f"One value stands out by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
                 "look at it, or use Student-t noise."

@@ -20,13 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, PlainSprings, SignedCoupling
-from jointbayes.posterior.identifiability import (
-    IDENTIFIED_RATIO,
-    WEAK_RATIO,
-    Identifiability,
-    Verdict,
-    assess,
-)
+from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO, Identifiability, Verdict, assess
 
 __all__ = [
     "NamedDirection",

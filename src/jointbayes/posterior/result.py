@@ -20,6 +20,7 @@ from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
+from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.mesh import MeshCheck, check_mesh
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
@@ -228,6 +229,12 @@ class Posterior:
         """What the elements of the model do to the result; None where the structure is given by its matrices."""
         estimate = self.estimate
         return check_mesh(self.problem, estimate.theta, estimate.covariance, self.stiffness, self.record.seed)
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """How far the MAP is from the data in an engineer's measure, and what its residuals point to."""
+        theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
+        return diagnose(self.problem, theta, np.random.default_rng([self.record.seed, 4]))
 
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).

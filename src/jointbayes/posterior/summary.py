@@ -10,6 +10,7 @@ from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.result import Posterior, data_sha256
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
@@ -64,7 +65,7 @@ def summarise(
         "map": _map(posterior),
         "natural_frequencies_hz": _frequencies(posterior, initial, measured_frequencies_hz),
         "fit": _fit(posterior),
-        "check": _check(posterior.check),
+        "check": _check(posterior.check, posterior.diagnosis),
         "identifiability": _identifiability(knowledge) if knowledge else None,
         "sampler": dict(record.sampler),
         "versions": dict(record.versions),
@@ -171,13 +172,24 @@ def _fit(posterior: Posterior) -> dict[str, Any]:
         "chi2_per_line": deviance / likelihood.n_data,
         "log_likelihood_map": log_likelihood,
         "synthetic_data": bool(isinstance(measurement, FrfMeasurement) and measurement.synthetic),
+        "resonances": [
+            {"measured_hz": m.measured_hz, "map_hz": m.predicted_hz, "error_percent": m.error_percent}
+            for m in posterior.diagnosis.modes
+        ],
+        "frf_correlation": [
+            {"output": p.output, "input": p.input, "correlation": p.correlation, "level": p.level}
+            for p in posterior.diagnosis.pairs
+        ],
     }
 
 
-def _check(check: PredictiveCheck) -> dict[str, Any]:
+def _check(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "explains": check.explains,
+        "finding": check.finding,
         "sentence": check.sentence,
+        "causes": [] if check.explains else list(diagnosis.causes),
+        "diagnosis": None if check.explains else diagnosis.sentence,
         "chi2_per_line": check.chi2_per_line,
         "chi2_band95": list(check.chi2_band),
         "chi2_p_value": check.chi2_p_value,

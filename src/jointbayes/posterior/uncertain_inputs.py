@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 Source = Literal["this run", "importance sampling", "short run", "none"]
 
 _ORDER: tuple[Verdict, ...] = ("identified", "weakly identified", "not identified")
-_DRAWS = 4000
+_DRAWS = 8000
 #: Effective draws below which the ends of a 95 % interval are not worth printing.
 _LEAST_EFFECTIVE = 400
 #: Draws of the run among which a first point is looked for.

@@ -10,8 +10,8 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Knowledge, Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report import figures
+from jointbayes.report.check_section import check_blocks
 from jointbayes.report.format import number
-from jointbayes.report.knowledge_section import check_blocks
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series
 
 __all__ = ["fit_section", "frf_unit"]

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import figures
@@ -12,7 +11,6 @@ from jointbayes.report.format import contraction, fixed, interval, number
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 __all__ = [
-    "check_blocks",
     "coordinate_label",
     "freed_blocks",
     "knowledge_section",
@@ -50,26 +48,6 @@ _SHORT = {
     "discrepancy_length": "ln Hz",
 }
 _KINDS = {"identified": "good", "weakly identified": "caution", "not identified": "bad"}
-
-
-def check_blocks(posterior: Posterior, knowledge: Knowledge) -> list[Block]:
-    """Whether the model explains the data, and where it does not."""
-    check = knowledge.check
-    blocks: list[Block] = [Paragraph(check.sentence)]
-    measurement = posterior.problem.measurement
-    if isinstance(measurement, FrfMeasurement):
-        svg = figures.squares_by_line(measurement.frf.frequency_hz, check.chi2_by_line)
-        worst = measurement.frf.frequency_hz[int(np.argmax(check.chi2_by_line))]
-        blocks.append(
-            Figure(
-                "residuals",
-                "Squared residual of each line over what the noise model expects, mean over posterior draws; the line "
-                "is a running mean over 1 % of the lines. Where it stays above 1 the model is wrong.",
-                f"Squared residual by frequency; the largest is at {worst:.0f} Hz.",
-                svg,
-            )
-        )
-    return blocks
 
 
 def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summary) -> Section:

@@ -11,6 +11,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import RULE
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
 from jointbayes.report import figures
+from jointbayes.report.check_section import bold_head, check_banners
 from jointbayes.report.format import contraction, factor, fixed, interval, number, rounded, rounded_interval
 from jointbayes.report.knowledge_section import coordinate_label
 from jointbayes.report.markup import badge
@@ -37,14 +38,13 @@ def lead(posterior: Posterior, reference: Triple | None, source: str, summary: S
         _verdict_table(reference, source, summary),
         Paragraph(verdict_sentences(summary)),
         *([] if summary["no_verdict"] else [Paragraph(coupling_sentence(summary))]),
-        *([Paragraph(_bold_head(summary["check"]["sentence"]))] if summary["check"]["explains"] else []),
+        *([Paragraph(bold_head(summary["check"]["sentence"]))] if summary["check"]["finding"] == "explained" else []),
     )
 
 
 def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
     banners: list[Block] = []
-    if not summary["check"]["explains"]:
-        banners.append(Callout("bad", _bold_head(summary["check"]["sentence"])))
+    banners += check_banners(summary)
     if posterior.converged:
         banners.append(Callout("good", f"**The sampler converged.** {posterior.reason}"))
     else:
@@ -73,11 +73,6 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
             )
         )
     return banners
-
-
-def _bold_head(sentence: str) -> str:
-    head, colon, rest = sentence.partition(":")
-    return f"**{head}**{colon}{rest}"
 
 
 def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> Table:

@@ -1,0 +1,313 @@
+"""How wrong a model is in an engineer's measure, and what its residuals point to.
+
+At a good signal-to-noise ratio every model of a real structure fails a test of its residuals. What is asked then is by
+how many per cent its resonances are off, how well the FRFs correlate, and which of frequency, damping, level or a
+single sensor is to blame. Each resonance is fitted in measured and predicted FRF alike, so that what the fit itself
+gets wrong cancels.
+
+References
+----------
+Heylen, W., Lammens, S., Sas, P. (1997). Modal analysis theory and testing, KU Leuven (FRAC, the correlation of FRFs).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.frf import Ports, quantity_factor
+from jointbayes.inference import Problem
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.posterior.resonances import SharedResonances, median_seen
+
+__all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Cause = Literal["frequencies, all the same way", "frequencies, unevenly", "damping", "level", "one sensor"]
+
+#: Deviations are named from so many standard deviations of the noise on.
+_SIGNIFICANT = 4.0
+#: And where they are larger than this: a frequency in half-power bandwidths, damping and level as fractions.
+_LEAST_FREQUENCY, _LEAST_DAMPING, _LEAST_LEVEL = 0.1, 0.1, 0.03
+#: Frequencies are off all the same way if the least error is this share of the largest, of the same sign.
+_SAME_WAY = 0.25
+#: One sensor is off alone if the others are off by less than this share of it.
+_ALONE = 0.35
+#: A level so far off is no matter of frequencies that are off.
+_GROSS = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class ModeError:
+    """One resonance, measured and at the MAP.
+
+    Parameters
+    ----------
+    measured_hz, predicted_hz
+        Its frequency, Hz.
+    damping_ratio
+        Measured over predicted damping; NaN for natural frequencies.
+    """
+
+    measured_hz: float
+    predicted_hz: float
+    damping_ratio: float = math.nan
+
+    @property
+    def error_percent(self) -> float:
+        """Predicted over measured frequency, less one, per cent."""
+        return 100 * (self.predicted_hz / self.measured_hz - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class PairFit:
+    """One FRF, measured and at the MAP.
+
+    Parameters
+    ----------
+    output, input
+        DOF labels.
+    correlation
+        |Σ H* Hx|² / (Σ|H|² Σ|Hx|²) over all lines, 0 to 1: the FRF assurance criterion.
+    level
+        Measured over predicted level, at the resonances where there are any.
+    turned
+        Whether measured and predicted FRF have opposite signs.
+    """
+
+    output: str
+    input: str
+    correlation: float
+    level: float
+    turned: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a misfit looks like, and what it points to.
+
+    Parameters
+    ----------
+    modes
+        Resonances found in both measured and predicted data, by rising frequency.
+    pairs
+        FRFs; empty for natural frequencies.
+    causes
+        What the residuals point to, the first one first; empty where nothing stands out of the noise.
+    sensor
+        Name of the FRF that is off alone, if that is a cause.
+    """
+
+    modes: tuple[ModeError, ...]
+    pairs: tuple[PairFit, ...]
+    causes: tuple[Cause, ...]
+    sensor: str = ""
+
+    @property
+    def measure(self) -> str:
+        """Size of the misfit in an engineer's measure."""
+        parts = []
+        if self.modes:
+            worst = max(self.modes, key=lambda mode: abs(mode.error_percent))
+            place = self.modes.index(worst) + 1
+            parts.append(
+                f"resonances are off by up to {abs(worst.error_percent):.2g} % (no. {place}: measured "
+                f"{worst.measured_hz:.5g} Hz, MAP {worst.predicted_hz:.5g} Hz)"
+            )
+        if self.pairs:
+            low = min(self.pairs, key=lambda pair: pair.correlation)
+            which = f" ({low.output}/{low.input})" if len(self.pairs) > 1 else ""
+            parts.append(f"the {'lowest ' if which else ''}FRF correlation{which} is {low.correlation:.3g}")
+        text = " and ".join(parts)
+        return f"{text[0].upper()}{text[1:]}." if text else ""
+
+    @property
+    def advice(self) -> str:
+        """What the residuals point to, in words."""
+        return " ".join(self._advice_on(cause) for cause in self.causes)
+
+    @property
+    def sentence(self) -> str:
+        """Measure and advice."""
+        advice = self.advice or "No single cause stands out of the residuals: a model discrepancy can be admitted."
+        return f"{self.measure} {advice}".strip()
+
+    def _advice_on(self, cause: Cause) -> str:
+        match cause:
+            case "frequencies, all the same way":
+                low = self.modes[0].error_percent < 0
+                return (
+                    f"All resonances of the model are too {'low' if low else 'high'}: check or free length, Young's "
+                    "modulus and density."
+                )
+            case "frequencies, unevenly":
+                return (
+                    "No joint makes all resonances fit: check or free length, Young's modulus and density, of which "
+                    "the joint takes up a part; else something is missing in the model (a mass, a second joint), and "
+                    "errors of natural frequencies can be admitted ([uncertain.mode_frequencies])."
+                )
+            case "damping":
+                ratios = [mode.damping_ratio for mode in self.modes if math.isfinite(mode.damping_ratio)]
+                return (
+                    f"Peaks have another width at the right frequency: measured damping is {np.median(ratios):.2g} "
+                    "times that of the model; correct or free the damping."
+                )
+            case "level":
+                level = float(np.median([pair.level for pair in self.pairs]))
+                return (
+                    f"The level is off: measured FRFs are {level:.3g} times the predicted ones at every resonance; "
+                    "check the calibration, or free the gain."
+                )
+            case "one sensor":
+                pair = next(p for p in self.pairs if f"{p.output}/{p.input}" == self.sensor)
+                how = "has the opposite sign" if pair.turned else f"is {pair.level:.3g} times the predicted one"
+                return f"One FRF alone is off: {self.sensor} {how}; check calibration, direction, place of its sensor."
+
+
+def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
+    """Diagnose the misfit of a problem at θ, shape (d,), with all that was fitted: gain, masses, every nuisance."""
+    prior, measurement = problem.prior, problem.measurement
+    point = np.asarray(theta, dtype=float)[None]
+    stiffness, factors = prior.stiffness(point), prior.factors(point)
+    if isinstance(measurement, FrequencyMeasurement):
+        count = measurement.frequency_hz.size
+        predicted = problem.natural_frequencies_hz(stiffness, count, factors)[0]
+        return diagnose_frequencies(measurement.frequency_hz, predicted, measurement.sd_hz)
+    frf = measurement.frf
+    model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    receptance = model.receptance(joint_matrix(stiffness), problem.structural(factors))[0]
+    names = [nuisance.name for nuisance in prior.nuisances]
+    gain = float(factors[0, names.index("gain")]) if "gain" in names else 1.0
+    factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
+    sd = np.sqrt(measurement.variance) / np.abs(factor)
+    return diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
+
+
+def diagnose_frequencies(measured_hz: Array, predicted_hz: Array, sd_hz: Array) -> Diagnosis:
+    """Diagnose natural frequencies.
+
+    Parameters
+    ----------
+    measured_hz, predicted_hz, sd_hz
+        Frequencies, those of the MAP, and the standard deviations of the measured ones, each shape (n,), Hz.
+    """
+    modes = tuple(ModeError(float(m), float(p)) for m, p in zip(measured_hz, predicted_hz, strict=True))
+    return Diagnosis(modes, (), tuple(_frequency_cause(np.log(measured_hz / predicted_hz), sd_hz / measured_hz, 0.0)))
+
+
+def diagnose_frfs(
+    frequency_hz: Array,
+    measured: Complex,
+    predicted: Complex,
+    sd: Array,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    rng: np.random.Generator,
+) -> Diagnosis:
+    """Diagnose FRFs.
+
+    Parameters
+    ----------
+    frequency_hz
+        Lines, shape (lines,), Hz.
+    measured, predicted
+        Receptances, shape (lines, outputs, inputs), m/N.
+    sd
+        Standard deviation √(E|δH|²) of the measured ones, same shape.
+    outputs, inputs
+        DOF labels.
+    rng
+        Replicates the noise, so that a deviation is told from it.
+    """
+    shape = (len(frequency_hz), len(outputs) * len(inputs))
+    have, want, noise = measured.reshape(shape), predicted.reshape(shape), sd.reshape(shape)
+    found = SharedResonances(frequency_hz, have, want, noise)
+    ratios = found.ratios(have)
+    scatter = found.scatter(rng)
+    levels = _levels(have, want, ratios)
+    labels = [(output, input_) for output in outputs for input_ in inputs]
+    pairs = tuple(
+        PairFit(*label, _correlation(have[:, i], want[:, i]), float(levels[i]), _turned(have[:, i], want[:, i]))
+        for i, label in enumerate(labels)
+    )
+    with np.errstate(invalid="ignore"):
+        by_mode = median_seen(ratios, axis=1)
+    modes = tuple(
+        ModeError(float(f * math.exp(shift)), float(f), float(math.exp(damping)))
+        for f, (shift, damping, _) in zip(found.predicted_hz, by_mode, strict=True)
+    )
+    by_mode_scatter = median_seen(scatter, axis=1)
+    bandwidth = 2 * np.exp(found.log_damping + np.maximum(by_mode[:, 1], 0.0))
+    causes = _frequency_cause(by_mode[:, 0], by_mode_scatter[:, 0], _LEAST_FREQUENCY * bandwidth)
+    level_scatter = _level_scatter(scatter[..., 2])
+    sensor = _sensor(pairs, level_scatter, _GROSS if causes else _LEAST_LEVEL)
+    if sensor:
+        causes.insert(0, "one sensor")
+    elif not causes and _all_off(np.log(levels), level_scatter):
+        causes.append("level")
+    off = np.abs(by_mode[:, 1]) > np.maximum(_SIGNIFICANT * by_mode_scatter[:, 1], _LEAST_DAMPING)
+    if off.size and off.mean() >= 0.5:
+        causes.append("damping")
+    return Diagnosis(modes, pairs, tuple(causes), sensor)
+
+
+def _frequency_cause(shift: Array, scatter: Array, least: ArrayLike) -> list[Cause]:
+    """Whether frequencies are off by more than the noise and something that counts, and how."""
+    if not (np.abs(shift) > np.maximum(_SIGNIFICANT * scatter, least)).any():
+        return []
+    same = len(shift) > 1 and abs(np.sign(shift).sum()) == len(shift)
+    even = np.abs(shift).min() >= _SAME_WAY * np.abs(shift).max()
+    return ["frequencies, all the same way" if same and even else "frequencies, unevenly"]
+
+
+def _levels(have: Complex, want: Complex, ratios: Array) -> Array:
+    """Measured over predicted level of each FRF, shape (pairs,): at its resonances, else over all lines."""
+    overall = np.sqrt((np.abs(have) ** 2).sum(axis=0) / (np.abs(want) ** 2).sum(axis=0))
+    if not len(ratios):
+        return np.asarray(overall)
+    at_modes = median_seen(ratios[..., 2], axis=0)
+    return np.where(np.isfinite(at_modes), np.exp(at_modes), overall)
+
+
+def _level_scatter(scatter: Array) -> Array:
+    """Standard deviation of ln level of each FRF, the mean over its resonances, shape (pairs,)."""
+    seen = np.maximum(np.isfinite(scatter).sum(axis=0), 1)
+    spread: Array = np.sqrt(np.nansum(scatter**2, axis=0)) / seen
+    return spread
+
+
+def _all_off(log_level: Array, scatter: Array) -> bool:
+    """Whether all FRFs together are off in level."""
+    limit = max(_SIGNIFICANT * float(np.sqrt((scatter**2).sum())) / len(scatter), _LEAST_LEVEL)
+    return abs(float(log_level.mean())) > limit and abs(np.sign(log_level).sum()) == len(log_level)
+
+
+def _sensor(pairs: Sequence[PairFit], scatter: Array, least: float) -> str:
+    """Name of the one FRF that is off while the others are not; empty if there is none, or only one FRF."""
+    if len(pairs) < 2:
+        return ""
+    turned = [pair.turned for pair in pairs]
+    log_level = np.log([pair.level for pair in pairs])
+    worst = turned.index(True) if any(turned) else int(np.abs(log_level).argmax())
+    others = np.delete(log_level, worst)
+    limit = max(_SIGNIFICANT * float(np.hypot(scatter[worst], np.delete(scatter, worst).max())), least)
+    alone = np.abs(others).max() < _ALONE * abs(log_level[worst])
+    apart = abs(log_level[worst] - np.median(others)) > limit
+    if sum(turned) != 1 and (any(turned) or not (alone and apart)):
+        return ""
+    return f"{pairs[worst].output}/{pairs[worst].input}"
+
+
+def _correlation(have: Complex, want: Complex) -> float:
+    return float(np.abs(np.vdot(want, have)) ** 2 / (np.vdot(want, want).real * np.vdot(have, have).real))
+
+
+def _turned(have: Complex, want: Complex) -> bool:
+    product = np.vdot(want, have)
+    size = math.sqrt(np.vdot(want, want).real * np.vdot(have, have).real)
+    return bool(product.real < -0.5 * size)
