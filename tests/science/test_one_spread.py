@@ -1,0 +1,132 @@
+"""Every spread that a report prints is that of the draws: in sentences, in tables and in summary.json."""
+
+import datetime
+import math
+import re
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.report import ReportInputs, build_report
+from jointbayes.report.model import Callout, Paragraph, Table
+from tests.conftest import CONFIGS
+
+_SPREAD = r"(\S.*?) is ([a-z ]+): its 95 % interval spans (more than )?a factor of (\d+(?:\.\d+)?)"
+NAMES = ("k11", "k12", "k22")
+CASES = ("clamped_beam", "clamped_beam_frequencies")
+
+
+@pytest.fixture(scope="module", params=CASES)
+def written(request):
+    case = jb.load_case(CONFIGS / f"{request.param}.toml")
+    posterior = jb.sample(case, seed=1)
+    inputs = ReportInputs(posterior, case.spec.title, (1e8, 0.0, 0.0), freed=case.workshop_problem)
+    return posterior, build_report(inputs, datetime.date(2026, 1, 5)), inputs.summary
+
+
+def values_of(quantity, posterior):
+    """A printed quantity evaluated on the draws, by reading what is printed."""
+    formula = re.sub(r"\s*\(.*\)$", "", quantity) if "moves with" in quantity else quantity
+    for sign, code in {"−": "-", "²": "**2", "·": "*", "^": "**", "exp": "np.exp"}.items():
+        formula = formula.replace(sign, code)
+    formula = re.sub(r"([\d.]+) rho", r"\1*rho", formula)
+    k = {name: posterior.values(name).ravel() for name in NAMES}
+    return eval(formula, {"np": np}, k | {"rho": k["k12"] / np.sqrt(k["k11"] * k["k22"])})
+
+
+def figures_of(values):
+    """95 % interval and its ratio, infinite where there are draws of both signs."""
+    low, high = np.quantile(values, [0.025, 0.975])
+    one_sign = (values > 0).all() or (values < 0).all()
+    return (low, high), max(high / low, low / high) if one_sign else math.inf
+
+
+def texts(report):
+    return [b.text for b in report.blocks() if isinstance(b, Paragraph | Callout)]
+
+
+def test_every_combination_in_the_summary_has_the_spread_of_its_own_draws(written):
+    posterior, _, summary = written
+    directions = summary["identifiability"]["directions"]
+    assert len(directions) == 3
+    for named in directions:
+        values = values_of(named["quantity"], posterior)
+        ends, ratio = figures_of(values)
+        assert named["interval95"] == pytest.approx(ends, rel=1e-9)
+        if math.isinf(ratio):
+            assert named["ratio"] is None
+            assert named["verdict"] == "not identified"
+        else:
+            assert named["ratio"] == pytest.approx(ratio, rel=1e-9)
+            assert named["sd_log"] == pytest.approx(np.log(np.abs(values)).std(), rel=1e-9)
+            expected = "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
+            assert named["verdict"] in (expected, "not identified")
+
+
+def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
+    posterior, report, summary = written
+    found = 0
+    for text in [*texts(report), summary["identifiability"]["sentence"]]:
+        for clause in re.split(r"; |\. ", text.replace("**", "")):
+            match = re.match(_SPREAD, clause)
+            if match is None:
+                continue
+            quantity, verdict, beyond, factor = match.groups()
+            _, ratio = figures_of(values_of(quantity.removeprefix("The coupling stiffness "), posterior))
+            assert ratio > 1000 if beyond else float(factor) == pytest.approx(ratio, rel=0.01)
+            expected = "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
+            assert verdict == expected
+            found += 1
+    assert found >= 2
+
+
+def test_the_table_of_combinations_prints_the_same_numbers(written):
+    posterior, report, _ = written
+    captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
+    table = captions["Combinations of the stiffnesses that are known independently"]
+    for quantity, interval, ratio, sd, _ in table.rows:
+        ends, expected = figures_of(values_of(quantity, posterior))
+        printed = [float(end) for end in interval.split(" … ")]
+        assert printed == pytest.approx(ends, rel=0.01)
+        assert (ratio == "–") if math.isinf(expected) else float(ratio) == pytest.approx(expected, rel=0.01)
+        assert (sd == "–") == math.isinf(expected)
+
+
+def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_prints_it(written):
+    posterior, report, summary = written
+    first = summary["identifiability"]["freed"][0]
+    assert first["source"] == "this run"
+    for name in NAMES:
+        assert first["interval95"][name] == summary["parameters"][name]["interval95"]
+        assert first["sd_log"][name] == summary["parameters"][name]["sd_log"]
+        assert first["verdict"][name] == summary["parameters"][name]["verdict"]
+        assert first["interval95"][name] == pytest.approx(posterior.interval(name))
+    captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
+    on_page_one = {row[0]: row for row in captions["Stiffness of the joint"].rows}
+    cells = captions["What uncertain quantities cost"].rows[0]
+    for name, cell in zip(NAMES, cells[1:4], strict=True):
+        assert cell in on_page_one[name]
+
+
+def test_no_spread_is_wider_than_the_prior_that_it_includes(written):
+    posterior, _, summary = written
+    for row in summary["identifiability"]["freed"]:
+        for name, sd in row["sd_log"].items():
+            if sd is not None:
+                assert sd < 1.1 * np.log(np.abs(posterior.prior_values(name))).std()
+
+
+def test_nothing_in_the_report_is_linearised(written):
+    _, report, _ = written
+    everything = " ".join([*texts(report), *(b.note or "" for b in report.blocks() if isinstance(b, Table))])
+    assert "Fisher" not in everything
+    assert "linearised" not in everything
+
+
+def test_the_frequencies_case_claims_no_combination_that_its_draws_contradict(written):
+    posterior, _, summary = written
+    either_sign = bool((posterior.values("k12") < 0).any())
+    assert either_sign == (summary["case"] == "clamped_beam_frequencies")
+    if either_sign:
+        assert all(named["verdict"] == "not identified" for named in summary["identifiability"]["directions"])
