@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from jointbayes.posterior.directions import (
     summary_sentence,
     verdict_of,
 )
-from jointbayes.posterior.identifiability import Identifiability, assess
+from jointbayes.posterior.identifiability import assess
 
+NAMES = ("k11", "k12", "k22")
 COUPLED = np.array([1.0e9, 2.4e7, 1.0e6])  # ρ = 0.76: k22 and k22 − k12²/k11 are different things
 
 
@@ -47,7 +49,7 @@ def test_the_condensed_stiffness_is_recognised_along_its_curved_sheet():
     found = name_directions(np.stack([k11, k12, k22], axis=-1), prior_draws())
     assert found[0].quantity == "k22 − k12²/k11"
     assert found[0].sd_log == pytest.approx(0.004, rel=0.03)
-    assert found[0].sentence == "k22 − k12²/k11 is identified: its 95 % interval spans a factor of 1.016"
+    assert found[0].sentence == "k22 − k12²/k11 is identified: its 95 % credible interval spans a factor of 1.016"
     assert all(named.verdict != "identified" for named in found[1:])
 
 
@@ -55,7 +57,7 @@ def test_a_single_stiffness_is_named_singly():
     found = directions(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     assert [named.quantity for named in found] == ["k22", "k12", "k11"]
     assert [named.verdict for named in found] == ["identified", "weakly identified", "not identified"]
-    assert found[0].sentence == "k22 is identified: its 95 % interval spans a factor of 1.024"
+    assert found[0].sentence == "k22 is identified: its 95 % credible interval spans a factor of 1.024"
 
 
 def test_products_and_ratios_of_small_powers_are_recognised():
@@ -129,11 +131,21 @@ def test_what_the_prior_says_alone_is_not_called_known():
 
 def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    said = Identifiability((1.0, 2.0), 2.0, 0.2, 0.9, "weakly identified")
-    known = {"k11": assess(values[:, 0], prior_draws()[:, 0]), "k22": said}
+    k11, k22 = (assess(values[:, i], prior_draws()[:, i]) for i in (0, 2))
+    known = {"k11": k11, "k22": replace(k22, interval95=(1.0, 2.0), verdict="weakly identified")}
     found = {named.quantity: named for named in name_directions(values, prior_draws(), known)}
     assert found["k22"].verdict == "weakly identified"
     assert found["k22"].interval95 == (1.0, 2.0)
+
+
+def test_where_a_failed_run_allows_no_verdict_no_combination_has_one():
+    values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
+    known = {n: replace(assess(values[:, i], prior_draws()[:, i]), verdict="no verdict") for i, n in enumerate(NAMES)}
+    found = name_directions(values, prior_draws(), known)
+    assert {named.verdict for named in found} == {"no verdict"}
+    assert {named.quantity for named in found} == set(NAMES)
+    assert "is identified" not in summary_sentence(found)
+    assert "k22 has no verdict: " in summary_sentence(found)
 
 
 def test_plain_springs_have_no_coupling_to_speak_of():

@@ -10,8 +10,9 @@ import jointbayes as jb
 from jointbayes import case_objects
 from jointbayes.case import case_from_text
 from jointbayes.posterior import gather_knowledge, summarise
+from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import assumed_words
-from jointbayes.posterior.uncertain_inputs import effect_of_uncertain_inputs, effect_sentence
+from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs, effect_sentence
 from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.knowledge_section import coordinate_label, freed_blocks
 from jointbayes.report.model import Callout, Paragraph, Table
@@ -56,6 +57,29 @@ def test_a_model_that_does_not_explain_the_data_leads_the_report(wrong):
     assert first.kind == "bad"
     assert first.text.startswith("**The model does NOT explain the data**:")
     assert "does NOT explain the data" in render_html(built)
+    assert "too wide" not in first.text
+
+
+def test_what_is_known_is_conditional_where_the_model_does_not_explain_the_data(wrong):
+    built, summary = report(wrong)
+    said = summary["identifiability"]["sentence"]
+    assert said.startswith("If the model were right: ")
+    assert f"**{said}**" in [b.text for b in built.blocks() if isinstance(b, Paragraph)]
+    for table in (b for b in built.blocks() if isinstance(b, Table) and b.caption.startswith("Combinations")):
+        assert "good" not in table.row_kinds
+
+
+def test_what_helps_is_said_where_the_misfit_is(wrong):
+    built, summary = report(wrong)
+    assert summary["check"]["finding"] == "misfit"
+    assert summary["check"]["causes"][0].startswith("frequencies")
+    assert summary["check"]["diagnosis"] in built.lead[0].text
+    assert summary["check"]["diagnosis"] == wrong.diagnosis.sentence
+    worst = max(abs(r["error_percent"]) for r in summary["fit"]["resonances"])
+    assert f"off by up to {worst:.2g} %" in summary["check"]["diagnosis"]
+    captions = {b.caption: b for b in built.blocks() if isinstance(b, Table)}
+    assert len(captions["Resonances"].rows) == len(summary["fit"]["resonances"])
+    assert captions["FRFs at the MAP"].rows[0][0] == "5:y/5:y"
 
 
 def test_a_model_that_explains_them_says_so_with_its_figures(cheap_posterior):
@@ -85,7 +109,7 @@ def test_the_check_of_a_posterior_is_the_same_each_time(cheap_posterior):
 def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, of_uncertain):
     knowledge = of_uncertain.knowledge
     assert not knowledge.assumed
-    assert [row.uncertain for row in knowledge.freed] == [("length", "gain"), (), ("length",), ("gain",)]
+    assert [row.uncertain for row in knowledge.freed] == [("length", "gain"), ()]
     assert knowledge.freed[0].source == "this run"
     for name in ("k11", "k12", "k22"):
         assert knowledge.freed[0].known[name] == uncertain.identifiability(name)
@@ -110,6 +134,35 @@ def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_giv
     for name in ("k11", "k12", "k22"):
         assert freed.known[name].sd_log == pytest.approx(sampled.identifiability(name).sd_log, rel=0.15)
         assert freed.verdict[name] == sampled.identifiability(name).verdict
+
+
+def test_each_quantity_can_be_looked_at_alone(uncertain):
+    rows = effect_of_uncertain_inputs(uncertain, each=True)
+    assert [row.uncertain for row in rows] == [("length", "gain"), (), ("length",), ("gain",)]
+    known, gain = rows[1].known["k22"], rows[3].known["k22"]
+    assert gain.sd_log == pytest.approx(known.sd_log, rel=0.3)  # a gain moves no resonance
+    assert rows[0].known["k22"].sd_log > 2 * known.sd_log
+
+
+def row_of(uncertain, **sd):
+    """A row whose stiffnesses are known to these standard deviations of their logarithms."""
+    score, prior = np.linspace(-3, 3, 2001), np.exp(np.linspace(-10, 10, 2001))
+    score = score * np.sqrt(1 / score.var())
+    return UncertainInputsRow(uncertain, "this run", {n: assess(np.exp(s * score), prior) for n, s in sd.items()})
+
+
+def test_the_sentence_says_which_verdicts_rest_on_what():
+    known, all_free = row_of((), k11=0.5, k22=0.01), row_of(("youngs_modulus", "length"), k11=0.6, k22=0.5)
+    alone = row_of(("youngs_modulus",), k11=0.5, k22=0.01), row_of(("length",), k11=0.6, k22=0.5)
+    ratio = all_free.known["k22"].ratio
+    assert effect_sentence((known, *alone, all_free)) == (
+        f"With Young's modulus and length uncertain: k22 goes from identified (a factor of 1.033) to not identified "
+        f"(a factor of {ratio:.3g}, length alone suffices)."
+    )
+    assert effect_sentence((all_free, known)) == effect_sentence((known, all_free))
+    assert effect_sentence((known, alone[0])) == (
+        "With Young's modulus uncertain no verdict is worse than with all exactly known."
+    )
 
 
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):

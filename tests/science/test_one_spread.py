@@ -12,7 +12,7 @@ from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
 from tests.conftest import CONFIGS
 
-_SPREAD = r"(\S.*?) is ([a-z ]+): its 95 % interval spans (more than )?a factor of (\d+(?:\.\d+)?)"
+_SPREAD = r"(\S.*?) is ([a-z ]+): its 95 % (?:credible )?interval spans (more than )?a factor of (\d+(?:\.\d+)?)"
 NAMES = ("k11", "k12", "k22")
 CASES = ("clamped_beam", "clamped_beam_frequencies")
 

@@ -1,9 +1,8 @@
 """Which combinations of a joint's stiffnesses are known, and how well: evaluated on the draws themselves.
 
-A posterior may know k22 − k12²/k11 to half a per cent and none of the three stiffnesses by itself. Every quantity that
-can be made of a joint is evaluated on each draw; the best known one is named, then the best known among those that say
-something else, and so on. What is said of a quantity is its own 95 % credible interval, so that no sentence can say
-what the draws do not.
+A posterior may know k22 − k12²/k11 and none of the three stiffnesses by itself. Every quantity that can be made of a
+joint is evaluated on each draw; the best known one is named, then the best known among those that say something else.
+What is said of a quantity is its own 95 % credible interval, so that no sentence can say what the draws do not.
 
 References
 ----------
@@ -14,7 +13,7 @@ Computational Biology 3(10), e189. DOI 10.1371/journal.pcbi.0030189 (combination
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,7 +64,7 @@ class NamedDirection:
     verdict
         By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness.
     sentence
-        For example ``"k22 is identified: its 95 % interval spans a factor of 1.04"``.
+        For example ``"k22 is identified: its 95 % credible interval spans a factor of 1.04"``.
     """
 
     quantity: str
@@ -210,9 +209,11 @@ class _Search:
         return tuple(found)
 
     def judged(self, quantity: _Quantity) -> Identifiability:
-        """What is known of a quantity, by its draws."""
+        """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
-            self._known[quantity.name] = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+            found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+            withheld = [one.verdict for one in self._known.values() if str(one.verdict) == "no verdict"]
+            self._known[quantity.name] = replace(found, verdict=withheld[0]) if withheld else found
         return self._known[quantity.name]
 
     def _best(self, axes: Array) -> tuple[_Quantity, Identifiability]:
@@ -356,19 +357,14 @@ def _beside(gradient: Array, axes: Array) -> Array:
 def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:
     low, high = found.interval95
     if low <= 0 <= high:
-        spread = f"its 95 % interval, {low:.3g} to {high:.3g}, holds zero"
+        spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, holds zero"
     elif math.isinf(found.ratio):
-        spread = f"its 95 % interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
+        spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:
-        spread = f"its 95 % interval spans {factor_in_words(found.ratio)}"
-    return NamedDirection(
-        quantity,
-        (low, high),
-        found.ratio,
-        found.sd_log,
-        found.verdict,
-        f"{quantity} is {found.verdict}: {spread}{moving}",
-    )
+        spread = f"its 95 % credible interval spans {factor_in_words(found.ratio)}"
+    verb = "has" if str(found.verdict) == "no verdict" else "is"  # a failed run
+    sentence = f"{quantity} {verb} {found.verdict}: {spread}{moving}"
+    return NamedDirection(quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence)
 
 
 def _powers_text(names: Sequence[str], powers: Sequence[float]) -> str:

@@ -50,13 +50,17 @@ class Knowledge:
 
     @property
     def directions_sentence(self) -> str:
-        """Which combinations are known, in one sentence."""
-        return summary_sentence(self.directions)
+        """Which combinations are known, in one sentence; conditional where the model does not explain the data."""
+        said = summary_sentence(self.directions)
+        return said if self.check.explains else f"If the model were right: {said}"
 
     @property
     def freed_sentence(self) -> str:
         """What the verdicts rest on, in one sentence."""
-        return effect_sentence(self.freed) if self.freed else ""
+        if not self.freed:
+            return ""
+        said = effect_sentence(self.freed)
+        return said if self.check.explains else f"If the model were right: {said[0].lower()}{said[1:]}"
 
 
 def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:

@@ -84,36 +84,38 @@ def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
     return tuple(n.name for n in problem.prior.nuisances[:count])
 
 
-def effect_of_uncertain_inputs(posterior: Posterior, freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
+def effect_of_uncertain_inputs(
+    posterior: Posterior, freed: Problem | None = None, *, each: bool = False
+) -> tuple[UncertainInputsRow, ...]:
     """What the verdicts rest on: the run, then other sets of uncertain quantities.
 
     Parameters
     ----------
     posterior
-        The run. Where it has uncertain quantities the rows are: as it was run, none uncertain, each alone.
+        The run. Where it has uncertain quantities the rows are: as it was run, none uncertain.
     freed
         The same problem with more quantities uncertain, for a run that takes all as exactly known. The rows are then:
-        as it was run, each alone uncertain, all of them.
-
-    Notes
-    -----
-    Single quantities are looked at only where all of them together change a verdict.
+        as it was run, all uncertain.
+    each
+        Whether each quantity is looked at alone as well, a second or two for each.
 
     Returns
     -------
     tuple of UncertainInputsRow
-        Empty where there is nothing to free, and where the natural frequencies themselves are uncertain: they are one
-        quantity for each mode.
+        Empty where there is nothing to free, where the run allows no verdict, and where the natural frequencies
+        themselves are uncertain: they are one quantity for each mode.
     """
     own = uncertain_quantities(posterior.problem)
     problem = posterior.problem if own or freed is None else freed
     every = uncertain_quantities(problem)
     if not every or any(is_mode_frequency(name) for name in every):
         return ()
-    rng = np.random.default_rng([posterior.record.seed, 3])
     run = UncertainInputsRow(own, "this run", {n: posterior.identifiability(n) for n in STIFFNESS_NAMES})
+    if "no verdict" in map(str, run.verdict.values()):
+        return ()
+    rng = np.random.default_rng([posterior.record.seed, 3])
     other = _row(posterior, problem, () if own else every, rng)
-    if len(every) == 1 or other.verdict == run.verdict:
+    if len(every) == 1 or not each:
         return run, other
     alone = tuple(_row(posterior, problem, (name,), rng) for name in every)
     return (run, other, *alone) if own else (run, *alone, other)

@@ -59,17 +59,23 @@ def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summa
     blocks.append(
         Table(
             "Combinations of the stiffnesses that are known independently",
-            ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
+            ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
             note="Each combination evaluated on the draws, best known first; judged as a single stiffness is. "
             "rho = k12/√(k11 k22). A dash: draws of both signs.",
-            row_kinds=tuple(_KINDS.get(d.verdict, "caution") for d in knowledge.directions),
+            row_kinds=tuple(_kind(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions),
         )
     )
     blocks.append(_correlations(posterior))
     if knowledge.freed:
         blocks += freed_blocks(knowledge)
     return Section("known", "What is known, and what it rests on", tuple(blocks))
+
+
+def _kind(verdict: str, *, explained: bool) -> str:
+    """Colour of a verdict; none is green where the model does not explain the data."""
+    kind = _KINDS.get(verdict, "caution")
+    return "caution" if kind == "good" and not explained else kind
 
 
 def _correlations(posterior: Posterior) -> Table:
