@@ -167,8 +167,7 @@ def test_the_sentence_says_which_verdicts_rest_on_what():
 
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
     monkeypatch.setattr("jointbayes.posterior.uncertain_inputs.pareto_k", lambda log_weight: 0.71)
-    short = jb.SamplerSettings(walkers=10, max_steps=100, tau_factor=1000.0)
-    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs._SHORT", short)
+    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs._SHORT_R_HAT", 1.0)
     rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
     assert rows[-1].source == "none"
     assert rows[-1].known == {}

@@ -133,8 +133,8 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
     head = ("Uncertain other quantities", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Draws of")
     rows = tuple(_freed_row(row, names) for row in knowledge.freed)
     note = (
-        "Each row from draws with just these quantities uncertain and all others at their stated values. A dash: draws "
-        "that can be trusted were not to be had in a short time."
+        "Each row from draws with just these quantities uncertain and all others at their stated values. The ends from "
+        "a short run are rough. A dash: draws that can be trusted were not to be had in a short time."
     )
     lead = knowledge.freed_sentence
     if knowledge.assumed:
