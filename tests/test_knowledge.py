@@ -67,6 +67,7 @@ def test_what_is_known_is_conditional_where_the_model_does_not_explain_the_data(
     assert f"**{said}**" in [b.text for b in built.blocks() if isinstance(b, Paragraph)]
     for table in (b for b in built.blocks() if isinstance(b, Table) and b.caption.startswith("Combinations")):
         assert "good" not in table.row_kinds
+        assert all(row[-1].endswith(", if the model were right") for row in table.rows)
 
 
 def test_what_helps_is_said_where_the_misfit_is(wrong):

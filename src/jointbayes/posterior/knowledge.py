@@ -60,7 +60,9 @@ class Knowledge:
         if not self.freed:
             return ""
         said = effect_sentence(self.freed)
-        return said if self.check.explains else f"If the model were right: {said[0].lower()}{said[1:]}"
+        if self.check.explains or said.startswith("Whether"):
+            return said
+        return f"If the model were right, {said[0].lower()}{said[1:]}"
 
 
 def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:

@@ -53,8 +53,10 @@ _KINDS = {"identified": "good", "weakly identified": "caution", "not identified"
 def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summary) -> Section:
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
+    condition = "" if knowledge.check.explains else ", if the model were right"
     rows = tuple(
-        (d.quantity, interval(d.interval95), number(d.ratio), number(d.sd_log), d.verdict) for d in knowledge.directions
+        (d.quantity, interval(d.interval95), number(d.ratio), number(d.sd_log), d.verdict + condition)
+        for d in knowledge.directions
     )
     blocks.append(
         Table(
