@@ -8,6 +8,7 @@ from benchmarks import mode_found as study
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
+from jointbayes import workflow
 from jointbayes.frf import FrfSet
 from jointbayes.identification import (
     ModeSearch,
@@ -23,6 +24,7 @@ from jointbayes.identification.frequency_starts import FrequencyMatch
 from jointbayes.identification.squares import PosteriorSquares
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
 
 
@@ -156,13 +158,19 @@ def test_a_climb_stops_at_the_edge_of_the_prior_and_goes_on_along_it(cheap):
 
 def test_the_mode_at_the_end_of_a_curved_ridge_is_reached():
     """Rotation by differences: the climb stopped 26 standard deviations from the mode at the bound of k11."""
-    estimate = jb.find_map(jb.load_case(CONFIGS / "measured_rotation.toml"))
+    case = jb.load_case(CONFIGS / "measured_rotation.toml")
+    estimate = jb.find_map(case)
     assert estimate.stiffness[0] == pytest.approx(1e11, rel=1e-3)
     assert estimate.log_posterior == pytest.approx(-25106.5994, abs=1e-3)  # differential evolution, 60 × 3 × 300
     assert estimate.effort is not None
     assert not estimate.effort.explains
     assert not estimate.effort.mode_missed
     assert "It is likelier that the model is wrong" in estimate.sentence
+    # a proposal that begins at the edge itself has an efficiency of 0.05
+    assert estimate.modes[0].inside is not None
+    density = case.problem.log_posterior
+    rng = np.random.default_rng(1)
+    assert fit_proposal(density, workflow.charts(case.problem), workflow.starts_of(estimate), rng).efficiency > 0.5
 
 
 def wrong_summit(case):

@@ -233,8 +233,8 @@ def sample(
 
 
 def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
-    """Place and covariance of every mode, the highest first."""
-    return tuple((mode.theta, mode.covariance) for mode in estimate.modes) or ((estimate.theta, estimate.covariance),)
+    """Place and covariance of every mode, the highest first; of one on an edge of the prior those a little inside."""
+    return tuple(mode.start for mode in estimate.modes) or ((estimate.theta, estimate.covariance),)
 
 
 def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:

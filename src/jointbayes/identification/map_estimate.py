@@ -28,11 +28,29 @@ class StartOutcome:
 
 @dataclass(frozen=True, slots=True)
 class LocalMode:
-    """A local maximum of the posterior density: coordinates (d,), Laplace covariance (d, d), log density."""
+    """A local maximum of the posterior density.
+
+    Parameters
+    ----------
+    theta
+        Coordinates, shape (d,).
+    covariance
+        Laplace covariance, shape (d, d).
+    log_posterior
+        Log density.
+    inside
+        Of a mode on an edge of the prior's support, a point nearby inside it and the Laplace covariance there.
+    """
 
     theta: Array
     covariance: Array
     log_posterior: float
+    inside: tuple[Array, Array] | None = None
+
+    @property
+    def start(self) -> tuple[Array, Array]:
+        """Place and covariance from which to draw."""
+        return self.inside or (self.theta, self.covariance)
 
 
 @dataclass(frozen=True, slots=True)

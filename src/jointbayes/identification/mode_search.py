@@ -10,7 +10,7 @@ from jointbayes.errors import ModelError
 from jointbayes.identification.climb_all import climb_all
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
 from jointbayes.identification.mode_scan import with_modes_on_data
-from jointbayes.identification.refine import laplace_covariance, refine
+from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
 from jointbayes.identification.squares import PosteriorSquares
 from jointbayes.inference import LogPosterior
 
@@ -231,7 +231,8 @@ def local_modes(log_posterior: LogPosterior, ends: Sequence[tuple[Array, float]]
         if density < best - _LOWEST or len(modes) == _MOST_MODES:
             break
         if all(_parted(log_posterior, mode.theta, theta, density) for mode in modes):
-            modes.append(LocalMode(theta, laplace_covariance(log_posterior, theta), density))
+            inside = inside_the_edges(log_posterior, theta)
+            modes.append(LocalMode(theta, laplace_covariance(log_posterior, theta), density, inside))
     return tuple(modes)
 
 

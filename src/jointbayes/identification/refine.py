@@ -13,7 +13,7 @@ from jointbayes.identification.climb import newton_climb
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedChart, LogStiffness
 
-__all__ = ["laplace_covariance", "refine"]
+__all__ = ["inside_the_edges", "laplace_covariance", "refine"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ _TURNS = 3
 _EXACT, _ROUGH = 1e-12, 1e-5
 #: Edges of the support are looked for so often, and a climb along them that gains less has arrived.
 _EDGES, _SETTLED = 5, 1e-6
+#: Steps inwards from an edge, in prior standard deviations, of which the largest is taken that costs no more than this.
+_INWARDS, _COST = (0.5, 0.2, 0.05, 0.01), 1.0
 _FARTHEST = 40.0  # prior standard deviations from its mean
 
 
@@ -97,7 +99,7 @@ class _Coordinates:
     def at(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
         """About a point θ, shape (d,)."""
         condensed = isinstance(prior.parametrisation, LogStiffness) and bool(free[2])
-        place = CondensedChart().forward(theta[None])[0] if condensed else theta
+        place = CondensedChart().forward(theta[None])[0] if condensed else np.array(theta)
         # a normal prior has no end, but a stiffness of e^800 is no number
         low, high = (prior.mean + sign * _FARTHEST * prior.sd for sign in (-1, 1))
         ends = np.maximum(low, prior.support[0]), np.minimum(high, prior.support[1])
@@ -123,6 +125,34 @@ class _Coordinates:
             slope = ((CondensedChart().forward(theta + step) - CondensedChart().forward(theta - step)) / 2e-6).T
         turned: Array = (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
         return turned
+
+
+def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, Array] | None:
+    """A point inside the support near a mode, shape (d,), that lies on edges of it, and the Laplace covariance there.
+
+    At an edge the curvature says nothing of the width of a posterior that a ridge leads up to. The point lies on that
+    ridge: the other coordinates are at their best. None for a mode inside, and where no such point is nearly as high.
+    """
+    prior = log_posterior.prior
+    low, high = prior.support
+    edge = (mode <= low) | (mode >= high)
+    if not edge.any():
+        return None
+    best = float(log_posterior(mode)[0])
+    towards = np.where(mode <= low, 1.0, -1.0) * edge * prior.sd
+    for share in _INWARDS:
+        coordinates = _Coordinates.at(mode, ~edge, prior)
+        coordinates.place[edge] += share * towards[edge]
+        free = coordinates.place[coordinates.free]
+        theta = coordinates.theta(free[None])[0]
+        if not np.isfinite(log_posterior(theta)[0]):
+            continue
+        covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
+        free, value, _ = newton_climb(coordinates.density(log_posterior), free, covariance)
+        if value > best - _COST:
+            theta = coordinates.theta(free[None])[0]
+            return theta, laplace_covariance(log_posterior, theta)
+    return None
 
 
 def _gains_inwards(log_posterior: LogPosterior, theta: Array, value: float) -> NDArray[np.bool_]:
