@@ -126,7 +126,7 @@ def identify(config: Path) -> None:
     names = [n if n == "rho" else f"ln {n}" for n in case.problem.names]
     click.echo("Laplace sd: " + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True)))
     if estimate.failed_starts:
-        click.echo(f"Starts that ended elsewhere: {', '.join(estimate.failed_starts)}")
+        click.echo(f"Starts that ended elsewhere: {estimate.failed_text}")
     if estimate.sentence:
         click.echo(estimate.sentence)
 

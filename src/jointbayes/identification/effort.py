@@ -86,8 +86,8 @@ def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator,
     log_posterior = problem.log_posterior
     matched = frequency_starts(problem, rng, _POINTS)
     screened = screened_draws(log_posterior, rng, _SCREENED, _KEPT)
-    starts = {f"round {number}, natural frequencies {i}": t for i, t in enumerate(matched, 1)}
-    starts |= {f"round {number}, screened draw {i}": t for i, t in enumerate(screened, 1)}
+    starts = {f"round {number}: natural frequencies {i}": t for i, t in enumerate(matched, 1)}
+    starts |= {f"round {number}: screened draw {i}": t for i, t in enumerate(screened, 1)}
     search.climb(starts, _weights(problem))
     search.climb_on(_weights(problem))
 

@@ -326,7 +326,7 @@ def starts_section(
     head = ("Start", "k11, k12, k22 from", "to", "ln p", "Mode reached")
     reached = len(rows) - len(estimate.failed_starts)
     text = f"{reached} of {len(rows)} starts reach the mode"
-    text += f"; not: {', '.join(estimate.failed_starts)}." if estimate.failed_starts else "."
+    text += f"; not: {estimate.failed_text}." if estimate.failed_starts else "."
     text += (
         f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
     )
