@@ -27,7 +27,9 @@ MODULUS, DENSITY = "youngs_modulus_gpa = 210.0", "density_kg_m3 = 7800.0"
 
 
 def warnings_of(*changes, text=None):
-    return [str(w) for w in jb.case_from_text("case", edited(text or cheap_text(), *changes)).warnings]
+    text = edited(text or cheap_text(), *changes)
+    spec = parse_case(text, "case")
+    return [str(w) for w in plausibility.input_warnings(spec, text, plausibility.stated_band_hz(spec))]
 
 
 # ---- slips
@@ -113,7 +115,8 @@ def test_measured_natural_frequencies_are_looked_at_as_well():
 
 def test_a_warning_knows_its_line():
     text = edited(GOOD, (LENGTH, "length_mm = 0.383"))
-    (warning,) = jb.case_from_text("case", text).warnings
+    spec = parse_case(text, "case")
+    (warning,) = plausibility.input_warnings(spec, text, None)
     assert text.splitlines()[warning.line - 1].startswith("length_mm = 0.383")
 
 

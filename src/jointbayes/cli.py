@@ -11,7 +11,10 @@ import click
 from jointbayes.errors import JointBayesError, ReportInterruptedError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from jointbayes.case import Case
+    from jointbayes.plausibility import InputWarning
     from jointbayes.posterior import Posterior
 
 __all__ = ["main"]
@@ -306,17 +309,26 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
 
 
 def _load(config: Path) -> "Case":
-    """Read a case file; what in it is probably a slip is said on standard error."""
-    from jointbayes.case_schema import read_case_file
-    from jointbayes.toml_text import fault_line
+    """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
+    from jointbayes.case_schema import parse_case
+    from jointbayes.plausibility import input_warnings, stated_band_hz
+    from jointbayes.toml_text import fault_line, read_text
 
-    read_case_file(config)  # what is wrong with the file itself is said before anything heavy is loaded
+    # what is wrong with the file itself is said before anything heavy is loaded
+    text = read_text(config)
+    spec = parse_case(text, str(config))
+    early = input_warnings(spec, text, stated_band_hz(spec))
+
+    def tell(warnings: "Iterable[InputWarning]") -> None:
+        for warning in warnings:
+            place = fault_line(str(config), warning.line, warning.key, warning.text)
+            click.echo(f"jointbayes: warning: {place}", err=True)
+
+    tell(early)
     from jointbayes.case import load_case
 
     case = load_case(config)
-    for warning in case.warnings:
-        place = fault_line(str(config), warning.line, warning.key, warning.text)
-        click.echo(f"jointbayes: warning: {place}", err=True)
+    tell(warning for warning in case.warnings if warning not in early)
     return case
 
 

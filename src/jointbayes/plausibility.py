@@ -13,7 +13,7 @@ from jointbayes.case_schema import CaseSpec
 from jointbayes.case_structure import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, StructureSpec, TubeSpec
 from jointbayes.toml_text import key_lines
 
-__all__ = ["InputWarning", "input_warnings"]
+__all__ = ["InputWarning", "input_warnings", "stated_band_hz"]
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0
@@ -69,7 +69,16 @@ class InputWarning:
         return f"{self.key}: {self.text}"
 
 
-def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float]) -> tuple[InputWarning, ...]:
+def stated_band_hz(spec: CaseSpec) -> tuple[float, float] | None:
+    """Lowest and highest frequency of the data that a case states, Hz; None where they are in a measurement file."""
+    data = spec.data
+    if isinstance(data, MeasuredSpec):
+        return None
+    lines = data.lines_hz() if isinstance(data, SyntheticFrfSpec) else data.frequencies_hz
+    return lines[0], lines[-1]
+
+
+def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float] | None) -> tuple[InputWarning, ...]:
     """Look for values of a case that are far from those of machines.
 
     Parameters
@@ -79,10 +88,10 @@ def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float]) -> t
     text
         Its text, for the lines.
     band_hz
-        Lowest and highest measured frequency, Hz.
+        Lowest and highest measured frequency, Hz; None where they are not known yet.
     """
     findings = [*_material(spec.structure), *_shape(spec.structure)]
-    if not findings:  # else the frequencies are off because of these
+    if not findings and band_hz is not None:  # with findings the frequencies are off because of these
         findings = [*_band(spec, band_hz)]
     lines = key_lines(text)
     found = []
