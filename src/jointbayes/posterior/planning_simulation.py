@@ -176,6 +176,8 @@ class Simulator:
         best: WeightedDraws | None = None
         starts: tuple[Start, ...] = (at_truth,)
         for enough, count in _FITS:
+            if enough is None and best is not None and _effective(best.log_weight) >= _ROUGH:
+                break  # a rough figure is there: the best mixture would cost seconds more
             try:
                 proposal = fit_proposal(density, self._charts, starts, rng, enough=enough)
             except JointBayesError:
