@@ -426,6 +426,13 @@ def test_without_simulations_there_is_only_a_first_look(cheap_posterior):
     build_plan_report(plan.summary(), datetime.date(2026, 1, 1))
 
 
+def test_nothing_is_simulated_from_draws_that_have_not_converged(cheap_posterior):
+    failed = replace(cheap_posterior, record=replace(cheap_posterior.record, converged=False, reason="why"))
+    plan = jb.plan(jb.case_from_text("cheap", planned_text()), failed, simulations=4)
+    assert plan.recommended is None
+    assert all(one.simulation is None for one in plan.measurements)
+
+
 def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
     case = jb.load_case(CONFIGS / "clamped_beam_uncertain.toml")
     with pytest.raises(jb.CaseError, match="other parameters"):

@@ -309,7 +309,8 @@ def plan(
     tell(f"first look at {len(candidates)} candidates")
     look = FirstLook(problem, candidates, settings.parameter, simulator.truths[:FIRST])
     chosen, others, left_out = _chosen(candidates, look, settings.max_measurements)
-    simulated = _Race(simulator, candidates, tell).run(chosen, simulations)
+    # truths from draws that have not converged would be simulated for nothing
+    simulated = _Race(simulator, candidates, tell).run(chosen, simulations if posterior.converged else 0)
     planned = [
         PlannedMeasurement(tuple(candidates[name] for name in one.names), one, simulated.get(one.names))
         for one in (*chosen, *others)
