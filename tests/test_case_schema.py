@@ -95,8 +95,8 @@ supports=>suports ;; structure.suports ;; did you mean "supports"?
 [structure.section]=>[structure.secton] ;; structure.secton ;; did you mean "section"?
 [structure.section]=>[strcture.section] ;; strcture ;; did you mean "structure"? rename it
 [structure.section]=>[[structure.section]] ;; structure.section ;; single brackets
-elements = 10=>elements = 0 ;; structure.elements ;; a whole number from 1 to 2000
-elements = 10=>elements = 2001 ;; structure.elements ;; from 1 to 2000
+elements = 10=>elements = 0 ;; structure.elements ;; a whole number from 1 to 500
+elements = 10=>elements = 501 ;; structure.elements ;; from 1 to 500
 elements = 10=>elements = 10.0 ;; structure.elements ;; without a decimal point: elements = 10
 dofs_per_node = 2=>dofs_per_node = 3 ;; structure.dofs_per_node ;; 2 (y, rz) or 5
 gpa = 210.0=>gpa = -210.0 ;; structure.youngs_modulus_gpa ;; in GPa

@@ -298,7 +298,7 @@ def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, mode
     if not modes or not (ratios or isinstance(spec.data, schema.MeasuredFrequenciesSpec)):
         return
     family = BeamFamily(recipe, {})
-    count = min(len(modes), family.nominal.n_dofs - len(joint.dofs))
+    count = min(len(modes), recipe.dofs_per_node * recipe.elements)
     rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:

@@ -180,7 +180,7 @@ def _modes_in_band(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measu
         return measurement.frequency_hz.size
     joint = Joint(spec.joint.dofs, spec.joint.against)
     family = BeamFamily(recipe, {})
-    count = min(family.nominal.n_dofs - len(joint.dofs), _MOST_MODES)
+    count = min(recipe.dofs_per_node * recipe.elements, _MOST_MODES)
     rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 

@@ -134,7 +134,7 @@ class StructureSpec(Spec):
 
     kind: Annotated[Literal["beam"], key_field('the kind of structure, "beam"', "beam")]
     length_mm: Annotated[float, positive("the length of the beam in mm", 383.0)]
-    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 2000)]
+    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)]
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     dofs_per_node: Annotated[Literal[2, 5], key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
     youngs_modulus_gpa: Annotated[float, positive("Young's modulus in GPa", 210.0)]

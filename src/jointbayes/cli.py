@@ -361,6 +361,8 @@ def _print_summary(posterior: "Posterior") -> None:
         click.echo(verdict_line(posterior, name))
     if posterior.estimate.sentence:
         click.echo(posterior.estimate.sentence)
+    if posterior.mesh is not None and not posterior.mesh.within:
+        click.echo(posterior.mesh.sentence)
 
 
 def _exit_by_convergence(posterior: "Posterior") -> None:

@@ -66,24 +66,20 @@ class MeshCheck:
     @property
     def sentence(self) -> str:
         """The finding in plain words, with its figures."""
-        what = "the paper's two-node elements" if self.kind == "paper" else f"elements of order up to {self.order}"
-        size = (
-            f"{self.error_of_peak:.1e} of the peak" if self.exact_data else f"{self.error_sd:.1e} standard deviations"
+        what = "of the paper's two-node elements" if self.kind == "paper" else f"elements of order {self.order} or less"
+        error = (
+            f"{self.error_of_peak:.1g} of the peak of the FRF"
+            if self.exact_data
+            else f"{self.error_sd:.1g} standard deviations of the data"
         )
         moved = ", ".join(f"{name} by {shift:+.1g}" for name, shift in self.shift_sd.items())
-        shift = f"; it moves {moved} posterior standard deviations" if moved else ""
-        found = (
-            f"Mesh: {self.elements} {what}; the error of a predicted value is at most {size} of the data"
-            if not self.exact_data
-            else f"Mesh: {self.elements} {what}; the error of a predicted value is at most {size}"
-        )
-        limit = (
-            f"{LARGEST_ERROR_OF_PEAK:.0e} of the peak"
-            if self.exact_data
-            else f"{LARGEST_ERROR_SD:g} standard deviations"
-        )
-        caution = "" if self.within else f" This is more than the {limit} that the data could hide: the mesh shows."
-        return f"{found}{shift}.{caution}"
+        sentence = f"Mesh: {self.elements} {what}; no predicted value is off by more than {error}."
+        if moved:
+            sentence += f" It moves {moved} posterior standard deviations."
+        if not self.within:
+            limit = f"{LARGEST_ERROR_OF_PEAK:.0e} of the peak" if self.exact_data else f"{LARGEST_ERROR_SD:g}"
+            sentence += f" More than {limit} shows in the data: remove structure.element from the case."
+        return sentence
 
 
 def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, seed: int) -> MeshCheck | None:

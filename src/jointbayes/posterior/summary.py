@@ -12,6 +12,7 @@ from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.result import Posterior, data_sha256
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 
@@ -66,6 +67,7 @@ def summarise(
         "natural_frequencies_hz": _frequencies(posterior, initial, measured_frequencies_hz),
         "fit": _fit(posterior),
         "check": _check(posterior.check, posterior.diagnosis),
+        "mesh": _mesh(posterior.mesh),
         "identifiability": _identifiability(knowledge) if knowledge else None,
         "sampler": dict(record.sampler),
         "versions": dict(record.versions),
@@ -101,6 +103,22 @@ def _parameter(posterior: Posterior, index: int, name: str, unit: str) -> dict[s
         "r_hat": r_hat[name if name in r_hat else "rho"],
         "ess_bulk": ess_bulk,
         "ess_tail": ess_tail,
+    }
+
+
+def _mesh(mesh: MeshCheck | None) -> dict[str, Any] | None:
+    if mesh is None:
+        return None
+    return {
+        "kind": mesh.kind,
+        "elements": mesh.elements,
+        "order": mesh.order,
+        "largest_error_sd": mesh.error_sd,
+        "largest_error_of_peak": mesh.error_of_peak,
+        "shift_sd": dict(mesh.shift_sd),
+        "exact_data": mesh.exact_data,
+        "within_bound": mesh.within,
+        "sentence": mesh.sentence,
     }
 
 

@@ -83,7 +83,7 @@ def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
     draws = posterior.by_ensemble(name)
     low, high = (quantile_error(draws, probability) for probability in INTERVAL)
     known = replace(known, median_error=quantile_error(draws, 0.5), interval95_error=(low, high))
-    reasons = reasons_for_no_verdict(posterior)
+    reasons = (*reasons_for_no_verdict(posterior), *_moved_by_mesh(posterior, name))
     if reasons:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
@@ -94,6 +94,15 @@ def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
     if not posterior.check.explains and known.verdict != "not identified":
         known = replace(known, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {known.verdict_reason}")
     return known
+
+
+def _moved_by_mesh(posterior: "Posterior", name: str) -> tuple[str, ...]:
+    """That the elements of the model move a stiffness too far for a verdict, if they do."""
+    mesh = posterior.mesh
+    if mesh is None or not mesh.moves(name):
+        return ()
+    shift = abs(mesh.shift_sd[name])
+    return (f"the mesh moves it by {shift:.2g} posterior standard deviations",)
 
 
 def verdict_text(verdict: Verdict, *, if_model_right: bool) -> str:

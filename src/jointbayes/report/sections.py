@@ -61,6 +61,8 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
         )
     if summary["no_verdict"]:
         banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary['no_verdict'])}."))
+    if summary["mesh"] is not None and not summary["mesh"]["within_bound"]:
+        banners.append(Callout("caution", f"**The mesh shows.** {summary['mesh']['sentence']}"))
     if posterior.at_prior_edge:
         names = ", ".join(posterior.at_prior_edge)
         text = f"**The mode lies on an edge of the prior: {names}.** There the prior decides, not the data; widen it."
@@ -374,6 +376,7 @@ def settings_section(posterior: Posterior, summary: Summary) -> Section:
         "settings",
         "Settings and versions",
         (
+            *([] if summary["mesh"] is None else [Paragraph(summary["mesh"]["sentence"])]),
             Paragraph(f"Fingerprint of the data (SHA-256): `{summary['data_sha256']}`."),
             Table("Versions", ("Package", "Version"), versions, align="ll"),
             Code(posterior.record.case_text, "toml"),

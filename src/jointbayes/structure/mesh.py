@@ -24,9 +24,13 @@ from jointbayes.structure.high_order import (
 )
 from jointbayes.structure.section import Section
 
-__all__ = ["BeamMesh", "BeamShape", "mesh_through", "meshed_beam"]
+__all__ = ["MOST_NODES", "BeamMesh", "BeamShape", "mesh_through", "meshed_beam"]
 
 Array = NDArray[np.float64]
+
+#: A beam of so many nodes has hundreds of modes below the highest line: no test is made so, but units are mistaken.
+MOST_NODES = 1000
+_MOST_AT_A_POINT = 10  # nodes from one point to the next that are there for the point's sake
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +126,19 @@ def mesh_through(
     Raises
     ------
     ModelError
-        If the frequency is too high for the beam, see `jointbayes.structure.high_order.spans_between`.
+        If the frequency is too high for the beam.
     """
     places = sorted({1, points, *numbers})
     positions = [shape.length * (n - 1) / (points - 1) for n in places]
     planes = shape.planes[: 1 if dofs_per_node == 2 else 2]
     spans = spans_between(positions, planes, 2 * np.pi * top_hz, extra_order)
+    nodes = 1 + sum(s.elements * s.order for s in spans)
+    if nodes > MOST_NODES + _MOST_AT_A_POINT * len(places):
+        raise ModelError(
+            f"beam: found a length of {shape.length:g} m and frequencies up to {top_hz:g} Hz, which take {nodes} nodes; "
+            f"expected at most {MOST_NODES}, some hundred natural frequencies; lower the frequencies, or correct the "
+            "units of length and material"
+        )
     relative = tuple(Span(s.length / shape.length, s.elements, s.order) for s in spans)
     coordinates = 1 + (points - 1) * node_positions(relative)
     return BeamMesh(relative, tuple(f"{c:.9g}" for c in coordinates))
