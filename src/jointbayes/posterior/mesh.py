@@ -78,7 +78,8 @@ class MeshCheck:
             sentence += f" It moves {moved} posterior standard deviations."
         if not self.within:
             limit = f"{LARGEST_ERROR_OF_PEAK:.0e} of the peak" if self.exact_data else f"{LARGEST_ERROR_SD:g}"
-            sentence += f" More than {limit} shows in the data: remove structure.element from the case."
+            sentence += f" More than {limit} shows in the data."
+            sentence += " Remove structure.element from the case." if self.kind == "paper" else ""
         return sentence
 
 

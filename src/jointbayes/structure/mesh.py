@@ -135,7 +135,7 @@ def mesh_through(
     nodes = 1 + sum(s.elements * s.order for s in spans)
     if nodes > MOST_NODES + _MOST_AT_A_POINT * len(places):
         raise ModelError(
-            f"beam: found a length of {shape.length:g} m and frequencies up to {top_hz:g} Hz, which take {nodes} nodes; "
+            f"beam: found a length of {shape.length:g} m and lines up to {top_hz:g} Hz, which take {nodes} nodes; "
             f"expected at most {MOST_NODES}, some hundred natural frequencies; lower the frequencies, or correct the "
             "units of length and material"
         )
