@@ -221,9 +221,9 @@ class HeavierFamily:
         """The same beams, exact at these DOFs up to this frequency."""
         return type(self)(self._family.at(dofs, top_hz), self._own, self._added)
 
-    def reference(self) -> Self:
-        """The same beams, far more exact and far slower."""
-        return type(self)(self._family.reference(), self._own, self._added)
+    def reference(self, *, solved: bool = True) -> Self:
+        """The same beams on a much richer mesh."""
+        return type(self)(self._family.reference(solved=solved), self._own, self._added)
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz."""

@@ -107,10 +107,10 @@ class BeamFamily:
         """The same beams, exact at these DOFs up to this frequency; elements end at their points."""
         return type(self)(self.recipe, self._ranges, dofs=tuple(dofs), top_hz=top_hz, exact=self._exact)
 
-    def reference(self) -> "BeamFamily":
-        """The same beams of much richer elements, solved anew for each row of factors, with every mode kept."""
+    def reference(self, *, solved: bool = True) -> "BeamFamily":
+        """The same beams of much richer elements; solved anew for each row of factors, or interpolated as ever."""
         recipe = replace(self.recipe, element="converged", richer=True)
-        return BeamFamily(recipe, self._ranges, exact=True)
+        return BeamFamily(recipe, self._ranges, exact=solved)
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam."""

@@ -58,8 +58,11 @@ class StructureFamily(Protocol):
         """The same structures, exact at these DOFs up to this frequency; `nominal` has them among its DOFs."""
         ...
 
-    def reference(self) -> "StructureFamily":
-        """The same structures, far more exact and far slower: what others are compared with."""
+    def reference(self, *, solved: bool = True) -> "StructureFamily":
+        """The same structures on a much richer mesh: what others are compared with.
+
+        `solved` anew for each row of factors, with every mode kept, far slower; or interpolated and reduced as ever.
+        """
         ...
 
     def reach_hz(self, count: int) -> float:
@@ -121,9 +124,9 @@ class FixedFamily:
         """The same structure; its matrices are what they are."""
         return type(self)(self.nominal, top_hz)
 
-    def reference(self) -> "FixedFamily":
-        """The same structure with all its modes."""
-        return _Unreduced(self.nominal)
+    def reference(self, *, solved: bool = True) -> "FixedFamily":
+        """The same structure, with all its modes if `solved`."""
+        return _Unreduced(self.nominal) if solved else self
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz."""
