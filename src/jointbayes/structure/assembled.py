@@ -123,6 +123,8 @@ class Structure:
         inverse, shapes = linalg.eigh(self.mass, stiffness + shift * self.mass)
         inverse, shapes = inverse[::-1], shapes[:, ::-1]
         shapes = shapes / np.sqrt(inverse)
+        # the highest are orthonormal to rounding over their small inverse eigenvalue; a Newton step makes them all so
+        shapes = shapes @ (1.5 * np.eye(len(inverse)) - 0.5 * (shapes.T @ self.mass @ shapes))
         eigenvalues = 1 / inverse - shift
         # far below the shift the difference is all rounding; Rayleigh's quotient in extended precision is not
         low = shapes[:, eigenvalues < 0.1 * shift]
