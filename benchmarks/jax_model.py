@@ -55,7 +55,7 @@ def _modal(setup: Setup, problem: Problem) -> Callable[[Any], Any]:
 
     assert isinstance(setup.law, ModalDamping)
     modes = setup.modes()
-    shift = mode_shift(problem.structure)
+    shift = mode_shift(setup.structure)
     inverse = 1 / (modes.eigenvalues + shift)
     at_joint = modes.shapes.T @ setup.joined
     driven = inverse[:, None] * at_joint

@@ -27,9 +27,12 @@ class Setup:
     """What does not depend on the joint: matrices, selections, data and weights of a problem with one FRF."""
 
     def __init__(self, problem: Problem) -> None:
-        measurement, structure = problem.measurement, problem.structure
+        measurement = problem.measurement
         assert isinstance(measurement, FrfMeasurement)
         frf = measurement.frf
+        # the elements of the package's own forward model, so that likelihoods can be compared to rounding
+        dofs = (*problem.joint.dofs, *problem.joint.against, *frf.outputs, *frf.inputs)
+        structure = problem.structures.at(dofs, measurement.top_hz).nominal
         if frf.values[0].size != 1:
             raise ValueError(f"peers: found {frf.values[0].size} FRFs; expected one")
         self.omega = 2 * np.pi * np.asarray(frf.frequency_hz)
@@ -37,6 +40,7 @@ class Setup:
         self.measured = frf.values[:, 0, 0] / factor
         self.variance = measurement.variance[:, 0, 0] / np.abs(factor) ** 2
         self.constant = -float(np.log(np.pi * measurement.variance).sum())
+        self.structure = structure
         self.stiffness, self.mass, self.law = structure.stiffness, structure.mass, structure.damping
         self.joined = problem.joint.selection(structure)
         self.out, self.into = (np.eye(structure.n_dofs)[:, structure.index(d)] for d in (frf.outputs, frf.inputs))

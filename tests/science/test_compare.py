@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jointbayes.case import load_case
+from jointbayes.case import case_from_text, load_case
 from jointbayes.comparison import compare, under
 from jointbayes.posterior.evidence import nested_evidence
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, edited
 
 LONG, SHORT = "clamped_beam_frequencies", "clamped_beam_frequencies_360mm"
 #: ln Z by nested sampling of another implementation (the rigid joint: its likelihood).
@@ -20,9 +20,15 @@ KNOWN = {
 }
 
 
+def on_paper_elements(name):
+    """The figures known from elsewhere are those of ten of the paper's elements."""
+    text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
+    return case_from_text(name, edited(text, ("elements = 10", 'elements = 10\nelement = "paper"')))
+
+
 @pytest.fixture(scope="module")
 def cases():
-    return {name: load_case(CONFIGS / f"{name}.toml") for name in (LONG, SHORT)}
+    return {name: on_paper_elements(name) for name in (LONG, SHORT)}
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +90,9 @@ def test_the_evidence_of_the_full_joint_agrees_with_nested_sampling(cases, found
     assert nested.error < 0.3
 
 
-def test_the_page_on_comparison_shows_the_evidences_that_are_found(found):
+def test_the_page_on_comparison_shows_the_evidences_that_are_found():
+    shipped = compare([load_case(CONFIGS / f"{name}.toml") for name in (LONG, SHORT)], seed=1)
+    found = {(c.case, c.hypothesis): c for c in shipped.candidates}
     page = (CONFIGS.parent / "docs" / "comparison.md").read_text(encoding="utf-8")
     rows = [
         [cell.strip(" `") for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:3] == "| `"

@@ -12,6 +12,7 @@ from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
 from tests.conftest import CONFIGS
 
+_LIMIT = r"(k11|k12|k22) is bounded (below|above): it is (?:above|below) (\S+) \S+ with 95 % probability"
 _SPREAD = r"(\S.*?) is ([a-z ]+): its 95 % (?:credible )?interval spans (more than )?a factor of (\d+(?:\.\d+)?)"
 NAMES = ("k11", "k12", "k22")
 CASES = ("clamped_beam", "clamped_beam_frequencies")
@@ -42,6 +43,10 @@ def figures_of(values):
     return (low, high), max(high / low, low / high) if one_sign else math.inf
 
 
+def of_the_rule(ratio):
+    return "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
+
+
 def texts(report):
     return [b.text for b in report.blocks() if isinstance(b, Paragraph | Callout)]
 
@@ -50,18 +55,22 @@ def test_every_combination_in_the_summary_has_the_spread_of_its_own_draws(writte
     posterior, _, summary = written
     directions = summary["identifiability"]["directions"]
     assert len(directions) == 3
+    assert {d["quantity"] for d in directions if d["limit"]} == {
+        name for name, p in summary["parameters"].items() if p["verdict"].startswith("bounded")
+    }
     for named in directions:
         values = values_of(named["quantity"], posterior)
         ends, ratio = figures_of(values)
         assert named["interval95"] == pytest.approx(ends, rel=1e-9)
+        if named["quantity"] in NAMES:
+            assert named["verdict"] == summary["parameters"][named["quantity"]]["verdict"]
         if math.isinf(ratio):
             assert named["ratio"] is None
             assert named["verdict"] == "not identified"
         else:
             assert named["ratio"] == pytest.approx(ratio, rel=1e-9)
             assert named["sd_log"] == pytest.approx(np.log(np.abs(values)).std(), rel=1e-9)
-            expected = "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
-            assert named["verdict"] in (expected, "not identified")
+            assert named["limit"] or named["verdict"] in (of_the_rule(ratio), "not identified")
 
 
 def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
@@ -69,14 +78,19 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
     found = 0
     for text in [*texts(report), summary["identifiability"]["sentence"]]:
         for clause in re.split(r"; |\. ", text.replace("**", "")):
+            if (match := re.match(_LIMIT, clause)) is not None:
+                name, side, printed = match.groups()
+                expected = np.quantile(posterior.values(name), 0.05 if side == "below" else 0.95)
+                assert float(printed) == pytest.approx(expected, rel=0.01)
+                found += 1
+                continue
             match = re.match(_SPREAD, clause)
             if match is None:
                 continue
             quantity, verdict, beyond, factor = match.groups()
             _, ratio = figures_of(values_of(quantity.removeprefix("The coupling stiffness "), posterior))
             assert ratio > 1000 if beyond else float(factor) == pytest.approx(ratio, rel=0.01)
-            expected = "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
-            assert verdict == expected
+            assert verdict == of_the_rule(ratio)
             found += 1
     assert found >= 2
 
@@ -86,7 +100,14 @@ def test_the_table_of_combinations_prints_the_same_numbers(written):
     captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
     table = captions["Combinations of the stiffnesses that are known independently"]
     for quantity, interval, ratio, sd, _ in table.rows:
-        ends, expected = figures_of(values_of(quantity, posterior))
+        values = values_of(quantity, posterior)
+        if "…" not in interval:
+            side, limit, _ = interval.split(" ")
+            expected = np.quantile(values, 0.05 if side == "above" else 0.95)
+            assert float(limit) == pytest.approx(expected, rel=0.01)
+            assert (ratio, sd) == ("–", "–")
+            continue
+        ends, expected = figures_of(values)
         printed = [float(end) for end in interval.split(" … ")]
         assert printed == pytest.approx(ends, rel=0.01)
         assert (ratio == "–") if math.isinf(expected) else float(ratio) == pytest.approx(expected, rel=0.01)
@@ -107,6 +128,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
     cells = captions["What uncertain quantities cost"].rows[0]
     for name, cell in zip(NAMES, cells[1:4], strict=True):
         assert cell in on_page_one[name]
+    assert cells[4] == "; ".join(f"{name} {on_page_one[name][-1]}" for name in NAMES)
 
 
 def test_no_spread_is_wider_than_the_prior_that_it_includes(written):
@@ -129,4 +151,7 @@ def test_the_frequencies_case_claims_no_combination_that_its_draws_contradict(wr
     either_sign = bool((posterior.values("k12") < 0).any())
     assert either_sign == (summary["case"] == "clamped_beam_frequencies")
     if either_sign:
-        assert all(named["verdict"] == "not identified" for named in summary["identifiability"]["directions"])
+        for named in summary["identifiability"]["directions"]:
+            assert named["quantity"] in ("k11", "k22", "rho")
+            assert named["verdict"] not in ("identified", "weakly identified")
+            assert not (named["limit"] and "spans" in named["sentence"])

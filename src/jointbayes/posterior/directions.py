@@ -18,13 +18,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, PlainSprings, SignedCoupling
-from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO, Identifiability, Verdict, assess
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, LogStiffness, PlainSprings, SignedCoupling
+from jointbayes.posterior.identifiability import (
+    IDENTIFIED_RATIO,
+    WEAK_RATIO,
+    Identifiability,
+    Verdict,
+    assess,
+    verdict_by_rule,
+)
+from jointbayes.posterior.rounding import factor, rounded
 
 __all__ = [
     "NamedDirection",
     "factor_in_words",
     "interval_ratio",
+    "limit_in_words",
     "name_directions",
     "spread_in_words",
     "summary_sentence",
@@ -45,6 +54,7 @@ _ROUNDING_COST = 1.3
 _MOVES_WITH = 0.8
 _SUPERSCRIPT = {1: "", 2: "²"}
 _STEP = 1e-5
+_CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +72,14 @@ class NamedDirection:
     sd_log
         Standard deviation of ln |quantity| over the draws; NaN where they have both signs.
     verdict
-        By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness.
+        By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness; that of a stiffness itself
+        is the one of the whole posterior, see `jointbayes.posterior.verdicts`.
     sentence
         For example ``"k22 is identified: its 95 % credible interval spans a factor of 1.04"``.
+    interval95_error
+        Monte Carlo standard errors of the two ends; NaN for a combination.
+    limit
+        For a stiffness that is bounded below or above: its one-sided limit in words; else empty.
     """
 
     quantity: str
@@ -73,6 +88,8 @@ class NamedDirection:
     sd_log: float
     verdict: Verdict
     sentence: str
+    interval95_error: tuple[float, float] = (math.nan, math.nan)
+    limit: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +134,15 @@ def factor_in_words(ratio: float) -> str:
     """
     if ratio > _LARGEST_FACTOR:
         return f"more than a factor of {_LARGEST_FACTOR:.0f}"
-    return f"a factor of {ratio:.{4 if ratio < 1.1 else 3}g}"
+    return f"a factor of {factor(ratio)}"
+
+
+def limit_in_words(name: str, found: Identifiability) -> str:
+    """The one-sided 95 % limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
+    if not math.isfinite(found.limit95):
+        return ""
+    side = "above" if found.verdict == "bounded below" else "below"
+    return f"{side} {rounded(found.limit95, found.limit95_error)} {STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]}"
 
 
 def spread_in_words(sd: float) -> str:
@@ -135,7 +160,10 @@ def spread_in_words(sd: float) -> str:
 
 
 def name_directions(
-    stiffness: ArrayLike, prior: ArrayLike, known: Mapping[str, Identifiability] | None = None
+    stiffness: ArrayLike,
+    prior: ArrayLike,
+    known: Mapping[str, Identifiability] | None = None,
+    wider: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> tuple[NamedDirection, ...]:
     """Name the combinations of the stiffnesses that draws determine independently, best known first.
 
@@ -152,6 +180,9 @@ def name_directions(
     known
         What is already said of single stiffnesses, by name, so that it is said here in the same words; those that are
         not among them are assessed here.
+    wider
+        Posterior and prior draws under wider priors, where these change the posterior: a combination is no better
+        known than it would be with them.
 
     Returns
     -------
@@ -159,7 +190,8 @@ def name_directions(
         As many as the joint has coordinates.
     """
     draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
-    search = _Search(draws, before, dict(known or {}))
+    after = None if wider is None else (np.asarray(wider[0], dtype=float), np.asarray(wider[1], dtype=float))
+    search = _Search(draws, before, dict(known or {}), after)
     singles = [search.judged(quantity) for quantity in search.singles]
     if all(found.verdict == "identified" for found in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
@@ -183,9 +215,11 @@ def summary_sentence(named: Sequence[NamedDirection]) -> str:
 class _Search:
     """Quantities of one joint, evaluated on its draws."""
 
-    def __init__(self, stiffness: Array, prior: Array, known: dict[str, Identifiability]) -> None:
-        self._stiffness, self._prior, self._known = stiffness, prior, known
-        self._parametrisation = _coordinates_of(stiffness)
+    def __init__(
+        self, stiffness: Array, prior: Array, known: dict[str, Identifiability], wider: tuple[Array, Array] | None
+    ) -> None:
+        self._stiffness, self._prior, self._known, self._wider = stiffness, prior, known, wider
+        self._parametrisation = _coordinates_of(stiffness if wider is None else np.vstack([stiffness, wider[0]]))
         self.names = self._parametrisation.names
         self._theta = self._parametrisation.coordinates(stiffness)
         scale = np.maximum(self._theta.std(axis=0), np.finfo(float).tiny)
@@ -211,10 +245,21 @@ class _Search:
     def judged(self, quantity: _Quantity) -> Identifiability:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
-            found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+            found = self._assessed(quantity)
             withheld = [one.verdict for one in self._known.values() if str(one.verdict) == "no verdict"]
             self._known[quantity.name] = replace(found, verdict=withheld[0]) if withheld else found
         return self._known[quantity.name]
+
+    def _assessed(self, quantity: _Quantity) -> Identifiability:
+        """By the draws, and no better than by those under wider priors."""
+        found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+        if self._wider is None:
+            return found
+        wider = assess(*(quantity.of(draws) for draws in self._wider)).verdict
+        if _CERTAINTY.get(wider, 0) >= _CERTAINTY.get(found.verdict, 0):
+            return found
+        reason = f"rests on the prior: {wider} with wider priors of the joint"
+        return replace(found, verdict=wider, verdict_reason=reason)
 
     def _best(self, axes: Array) -> tuple[_Quantity, Identifiability]:
         """The best known quantity that says something else than those named."""
@@ -355,16 +400,24 @@ def _beside(gradient: Array, axes: Array) -> Array:
 
 
 def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:
+    """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
     low, high = found.interval95
-    if low <= 0 <= high:
+    limit = limit_in_words(quantity, found)
+    if limit:
+        spread = f"it is {limit} with 95 % probability"
+    elif low <= 0 <= high:
         spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, holds zero"
     elif math.isinf(found.ratio):
         spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:
         spread = f"its 95 % credible interval spans {factor_in_words(found.ratio)}"
-    verb = "has" if str(found.verdict) == "no verdict" else "is"  # a failed run
+        if found.verdict not in (verdict_by_rule(found.ratio, 1.0)[0], "no verdict"):
+            spread += f", and {found.verdict_reason.removeprefix('if the model were right: ')}"
+    verb = "has" if found.verdict == "no verdict" else "is"  # a failed run
     sentence = f"{quantity} {verb} {found.verdict}: {spread}{moving}"
-    return NamedDirection(quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence)
+    return NamedDirection(
+        quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence, found.interval95_error, limit
+    )
 
 
 def _powers_text(names: Sequence[str], powers: Sequence[float]) -> str:

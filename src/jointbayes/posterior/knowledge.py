@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
@@ -82,11 +83,23 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
     assumed = freed is not None and not uncertain_quantities(problem)
     return Knowledge(
         posterior.check,
-        name_directions(posterior.stiffness, prior, known),
+        name_directions(posterior.stiffness, prior, known, _under_wider_priors(posterior)),
         _profiles(problem, posterior),
         effect_of_uncertain_inputs(posterior, freed),
         assumed_words(freed) if assumed and freed is not None else (),
     )
+
+
+def _under_wider_priors(posterior: Posterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
+
+    Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
+    """
+    wide = posterior.widened
+    if wide is None:
+        return None
+    drawn = wide.prior.stiffness(wide.prior_theta)
+    return (wide.prior.stiffness(wide.theta) if wide.reliable else drawn), drawn
 
 
 def assumed_words(freed: Problem) -> tuple[str, ...]:

@@ -227,6 +227,7 @@ def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
                 "ratio": d.ratio,
                 "sd_log": d.sd_log,
                 "verdict": d.verdict,
+                "limit": d.limit,
                 "sentence": d.sentence,
             }
             for d in knowledge.directions
@@ -242,6 +243,7 @@ def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
                 "interval95": {name: list(found.interval95) for name, found in row.known.items()},
                 "sd_log": {name: found.sd_log for name, found in row.known.items()},
                 "verdict": row.verdict,
+                "if_model_right": {name: found.if_model_right for name, found in row.known.items()},
             }
             for row in knowledge.freed
         ],

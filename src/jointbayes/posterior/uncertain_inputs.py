@@ -6,7 +6,7 @@ be trusted by a short run of the ensemble sampler. Where neither settles it noth
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,11 +16,13 @@ from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import STIFFNESS_NAMES, ComplianceChart
 from jointbayes.posterior.arviz_bridge import pareto_k
-from jointbayes.posterior.directions import factor_in_words
+from jointbayes.posterior.directions import factor_in_words, limit_in_words
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.result import Posterior
+from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
+from jointbayes.posterior.widened import Side, bounds_within_reach
 from jointbayes.sampling import (
     BoxChart,
     Chart,
@@ -44,10 +46,18 @@ __all__ = [
 Array = NDArray[np.float64]
 Source = Literal["this run", "importance sampling", "short run", "none"]
 
-_ORDER: tuple[Verdict, ...] = ("identified", "weakly identified", "not identified")
+_RANK: dict[Verdict, int] = {
+    "identified": 0,
+    "weakly identified": 1,
+    "bounded below": 2,
+    "bounded above": 2,
+    "not identified": 3,
+}
 _DRAWS = 8000
 #: Effective draws below which the ends of a 95 % interval are not worth printing.
 _LEAST_EFFECTIVE = 400
+#: Efficiency of a proposal that will do: four times `_LEAST_EFFECTIVE` of the draws, or a start for a short run.
+_ENOUGH = 0.2
 #: Draws of the run among which a first point is looked for.
 _TRIED = 200
 #: A short run: long enough to tell a factor of 3 from one of 1.25, not for an end's second digit.
@@ -131,15 +141,13 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
         return "Whether other uncertain quantities matter could not be settled by draws."
     parts = []
     for name, verdict in least.verdict.items():
-        if verdict not in _ORDER or most.verdict[name] not in _ORDER:
-            continue
-        if _ORDER.index(most.verdict[name]) <= _ORDER.index(verdict):
+        if _RANK[most.verdict[name]] <= _RANK[verdict]:
             continue
         alone = [r.uncertain[0] for r in settled if len(r.uncertain) == 1 and r.verdict[name] == most.verdict[name]]
         enough = f", {' or '.join(alone)} alone suffices" if alone and len(most.uncertain) > 1 else ""
         parts.append(
-            f"{name} goes from {verdict} ({_spread(least.known[name])}) to {most.verdict[name]} "
-            f"({_spread(most.known[name])}{enough.replace('_', ' ')})"
+            f"{name} goes from {verdict} ({_spread(name, least.known[name])}) to {most.verdict[name]} "
+            f"({_spread(name, most.known[name])}{enough.replace('_', ' ')})"
         )
     names = listed(most.uncertain)
     if not parts:
@@ -147,8 +155,10 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     return f"With {names} uncertain: {'; '.join(parts)}."
 
 
-def _spread(found: Identifiability) -> str:
+def _spread(name: str, found: Identifiability) -> str:
     low, high = found.interval95
+    if limit := limit_in_words(name, found):
+        return f"{limit} with 95 % probability"
     return "its sign is open" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
 
@@ -160,17 +170,40 @@ def _row(
     try:
         start = part.start(posterior)
         covariance = part.covariance(start)
-        proposal = fit_proposal(part.log_density, part.charts(), ((start, covariance),), rng)
+        proposal = fit_proposal(part.log_density, part.charts(), ((start, covariance),), rng, enough=_ENOUGH)
         draws, source = _draws(part.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
         draws, source = None, "none"
     if draws is None:
         return UncertainInputsRow(uncertain, "none", {})
-    stiffness = problem.prior.stiffness(part.whole(draws))
-    known = {
-        name: assess(stiffness[:, i], posterior.prior_values(name).ravel()) for i, name in enumerate(STIFFNESS_NAMES)
-    }
+    theta = part.whole(draws)
+    held = bounds_within_reach(problem.prior, theta, BEYOND / (1 - BEYOND))
+    known = {}
+    for name, values in zip(STIFFNESS_NAMES, problem.prior.stiffness(theta).T, strict=True):
+        sides = [side for one, side in held if one == name]
+        found = _judged(values, posterior.prior_values(name).ravel(), sides)
+        conditional = not posterior.check.explains and found.verdict != "not identified"
+        known[name] = replace(found, if_model_right=conditional)
     return UncertainInputsRow(uncertain, source, known)
+
+
+def _judged(values: Array, prior: Array, held: Sequence[Side]) -> Identifiability:
+    """One stiffness by its draws; where they reach a bound of the prior, a limit to the other side.
+
+    As for a run, but without draws under wider priors: the density at a bound is taken to go on beyond it.
+    """
+    found = assess(values, prior)
+    if not held:
+        return found
+    if len(held) > 1:
+        return replace(found, verdict="not identified", verdict_reason="both bounds of its prior hold it")
+    above = held[0] == "upper"
+    limit = float(np.quantile(values, 0.05 if above else 0.95))
+    reason = f"the prior's {held[0]} bound holds it"
+    if float(((prior < limit) if above else (prior > limit)).mean()) < LEAST_EXCLUDED:
+        return replace(found, verdict="not identified", verdict_reason=reason)
+    verdict: Verdict = "bounded below" if above else "bounded above"
+    return replace(found, verdict=verdict, verdict_reason=reason, limit95=limit)
 
 
 class _Part:

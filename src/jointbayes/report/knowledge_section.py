@@ -5,9 +5,12 @@ from typing import Any
 import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
+from jointbayes.posterior.directions import NamedDirection
+from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
-from jointbayes.report.format import contraction, fixed, interval, number
+from jointbayes.report.format import contraction, factor, fixed, interval, number, rounded_interval
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 __all__ = [
@@ -54,17 +57,15 @@ def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summa
     """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
     blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
     condition = "" if knowledge.check.explains else ", if the model were right"
-    rows = tuple(
-        (d.quantity, interval(d.interval95), number(d.ratio), number(d.sd_log), d.verdict + condition)
-        for d in knowledge.directions
-    )
+    rows = tuple((d.quantity, *_figures(d), _words(d.verdict, condition)) for d in knowledge.directions)
     blocks.append(
         Table(
             "Combinations of the stiffnesses that are known independently",
             ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
             note="Each combination evaluated on the draws, best known first; judged as a single stiffness is. "
-            "rho = k12/√(k11 k22). A dash: draws of both signs.",
+            "rho = k12/√(k11 k22). A dash: draws of both signs, or a limit to one side, which holds with 95 % "
+            "probability.",
             row_kinds=tuple(_kind(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions),
         )
     )
@@ -72,6 +73,19 @@ def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summa
     if knowledge.freed:
         blocks += freed_blocks(knowledge)
     return Section("known", "What is known, and what it rests on", tuple(blocks))
+
+
+def _words(verdict: Verdict, condition: str) -> str:
+    """A verdict as on page one: what is not known is not known under any condition."""
+    return verdict if verdict in ("not identified", "no verdict") else verdict + condition
+
+
+def _figures(named: NamedDirection) -> tuple[str, str, str]:
+    """Interval, ratio of its ends and spread; of a stiffness that is bounded its limit only."""
+    if named.limit:
+        return named.limit, "–", "–"
+    ends = rounded_interval(named.interval95, named.interval95_error)
+    return ends, factor(named.ratio), number(named.sd_log)
 
 
 def _kind(verdict: str, *, explained: bool) -> str:
@@ -152,8 +166,11 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
     uncertain = ", ".join(_readable(name) for name in row.uncertain) or "none"
     if not row.known:
         return (uncertain, *("–" for _ in names), "–", "–")
-    intervals = (interval(row.known[name].interval95) for name in names)
-    verdicts = "; ".join(f"{name} {row.verdict[name]}" for name in names)
+    known = row.known
+    intervals = (rounded_interval(known[name].interval95, known[name].interval95_error) for name in names)
+    verdicts = "; ".join(
+        f"{name} {verdict_text(known[name].verdict, if_model_right=known[name].if_model_right)}" for name in names
+    )
     return (uncertain, *intervals, verdicts, row.source)
 
 
