@@ -58,8 +58,8 @@ def cheap_text() -> str:
         ('outputs = ["11:y"]', 'outputs = ["5:y"]'),
         ('inputs = ["11:y"]', 'inputs = ["5:y"]'),
         ("f_step_hz = 1.0", "f_step_hz = 10.0"),
-        ("relative = 0.03", "relative = 0.01"),
-        ("floor = 0.01", "floor = 0.002"),
+        ("relative = 0.03", "relative = 0.008"),
+        ("floor = 0.01", "floor = 0.0016"),
         ("walkers = 48", "walkers = 8"),
     )
 
@@ -78,7 +78,7 @@ def cheap_case() -> Case:
 @pytest.fixture(scope="session")
 def cheap_posterior(cheap_case: Case) -> Posterior:
     """A converged FRF posterior of a few seconds; nobody may change it."""
-    settings = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
+    settings = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.03)
     return sample(cheap_case, seed=1, settings=settings)
 
 

@@ -138,6 +138,21 @@ def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
     assert found["k22"].interval95 == (1.0, 2.0)
 
 
+def test_a_combination_that_is_known_by_the_prior_only_is_not_named():
+    values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
+    wider = draws_of(((-1, 2, 0), 0.5), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
+    assert name_directions(values, prior_draws())[0].quantity == "k12²/k11"
+    found = name_directions(values, prior_draws(), None, (wider, prior_draws()))
+    assert "k12²/k11" not in {named.quantity for named in found}
+
+
+def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
+    values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
+    k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8)
+    found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k11": k11})}
+    assert found["k11"].sentence == "k11 is bounded below: it is above 2.50e8 N/m with 95 % probability"
+
+
 def test_where_a_failed_run_allows_no_verdict_no_combination_has_one():
     values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
     known = {n: replace(assess(values[:, i], prior_draws()[:, i]), verdict="no verdict") for i, n in enumerate(NAMES)}

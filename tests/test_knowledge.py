@@ -20,17 +20,16 @@ from tests.conftest import CONFIGS, cheap_text
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
-SHORT = jb.SamplerSettings(walkers=16, max_steps=200)
 CONVERGING = jb.SamplerSettings(walkers=24, max_steps=3000, tau_factor=20, end_tolerance=0.05)
 #: Data of a beam 23 mm shorter than the one analysed.
 WRONG_LENGTH = cheap_text().replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\n#")
-UNCERTAIN = cheap_text() + "\n[uncertain.length]\nsd_percent = 0.5\n[uncertain.gain]\nsd_percent = 1.0\n"
+UNCERTAIN = cheap_text() + "\n[uncertain.length]\nsd_percent = 0.1\n[uncertain.gain]\nsd_percent = 1.0\n"
 
 
 @pytest.fixture(scope="module")
 def wrong():
     case = case_from_text("wrong length", WRONG_LENGTH)
-    return jb.sample(case, seed=1, settings=SHORT)
+    return jb.sample(case, seed=1, settings=CONVERGING)
 
 
 @pytest.fixture(scope="module")

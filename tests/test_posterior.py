@@ -382,7 +382,7 @@ PARAMETER_KEYS = {
 KEYS = {
     "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",
     "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "nuisances", "check",
-    "identifiability",
+    "identifiability", "mesh", "warnings",
 }  # fmt: skip
 
 
@@ -394,7 +394,8 @@ def test_the_summary_has_exactly_the_documented_keys_and_is_strict_json(cheap_po
         assert list(summary["parameters"]) == list(STIFFNESS_NAMES)
         assert all(set(p) == PARAMETER_KEYS for p in summary["parameters"].values())
         assert set(summary["natural_frequencies_hz"]) == {"measured", "initial", "map", "interval95"}
-        assert {"chi2_per_line", "n_data", "log_likelihood_map", "synthetic_data"} == set(summary["fit"])
+        fit = {"chi2_per_line", "n_data", "log_likelihood_map", "synthetic_data", "resonances", "frf_correlation"}
+        assert set(summary["fit"]) == fit
         documented = {"walkers", "steps", "ensembles", "tau", "seconds", "evaluations", "ess_per_second"}
         assert documented <= set(summary["sampler"])
         assert {"jointbayes", "python", "numpy", "scipy", "emcee"} <= set(summary["versions"])

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from jointbayes.case import case_from_text
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Uniform
 from jointbayes.joint import LogStiffness, Parametrisation
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.profile import profile_likelihood
+from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
 CENTRE = np.array([21.0, 15.0, 14.0, 0.01, 0.0])
@@ -140,12 +142,15 @@ def test_along_the_edge_of_positive_definite_joints_the_profile_is_that_of_the_c
     assert not profile.open_above
 
 
-def test_where_the_posterior_is_nearly_gaussian_the_interval_is_that_of_the_fisher_information(cheap_case):
-    theta = cheap_case_mode(cheap_case)
-    profile = profile_likelihood(cheap_case.problem, theta, "k22", level=0.6827)
-    sd = fisher_information(cheap_case.problem, theta).sd(with_prior=False)["k22"]
+def test_where_the_posterior_is_nearly_gaussian_the_interval_is_that_of_the_fisher_information():
+    # the cheap case itself is skewed: the tip sees k22 through the poorly known k11; less noise makes it Gaussian
+    text = edited(cheap_text(), ("relative = 0.008", "relative = 0.002"), ("floor = 0.0016", "floor = 0.0004"))
+    case = case_from_text("quiet", text)
+    theta = cheap_case_mode(case)
+    profile = profile_likelihood(case.problem, theta, "k22", level=0.6827)
+    sd = fisher_information(case.problem, theta).sd(with_prior=False)["k22"]
     low, high = profile.interval
-    assert (high - low) / 2 == pytest.approx(sd, rel=0.1)
+    assert (high - low) / 2 == pytest.approx(sd, rel=0.02)
 
 
 def test_no_point_of_the_profile_can_be_bettered(cheap_case):

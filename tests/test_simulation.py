@@ -24,7 +24,7 @@ from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
 from jointbayes.simulation import Truth, describe, simulate
 from tests.conftest import TABLE_3, cheap_frequencies_text, cheap_text, edited
 
-NOISE = "relative = 0.01 \nfloor = 0.002"
+NOISE = "relative = 0.008 \nfloor = 0.0016"
 
 
 def virtual_case(*changes: tuple[str, str], table: str = "") -> Case:
@@ -45,8 +45,8 @@ def as_set(records: list[Record]) -> FrfSet:
 def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
     case = virtual_case(
         ('quantity = "receptance"', f'quantity = "{quantity}"'),
-        ("relative = 0.01", "relative = 1e-9"),
-        ("floor = 0.002", "floor = 1e-12"),
+        ("relative = 0.008", "relative = 1e-9"),
+        ("floor = 0.0016", "floor = 1e-12"),
         ("k11 = 5.05e9", "gain = 1.5\nk11 = 5.05e9"),
         table='extra_outputs = ["3:y", "1:rz"]',
     )
@@ -99,10 +99,10 @@ def test_one_average_has_no_coherence_and_none_is_refused():
 
 
 def test_averages_are_those_of_the_test_then_of_the_noise():
-    by_coherence = ("relative = 0.01", "coherence = 0.9\naverages = 7")
+    by_coherence = ("relative = 0.008", "coherence = 0.9\naverages = 7")
     for case, averages in ((virtual_case(by_coherence), 7), (virtual_case(by_coherence, table="averages = 4"), 4)):
         assert simulate(case, None, np.random.default_rng(1))[0].averages == averages
-    case = virtual_case(by_coherence, ("floor = 0.002", "floor = 0"))
+    case = virtual_case(by_coherence, ("floor = 0.0016", "floor = 0"))
     coherence = as_set(simulate(case, None, np.random.default_rng(1))).coherence
     assert coherence.mean() == pytest.approx(0.9, abs=0.02)
 

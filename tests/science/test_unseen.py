@@ -36,8 +36,8 @@ def rigid_text():
         # the truth lies inside the priors below
         ("k11 = 5.05e9", "k11 = 1e14"),
         ("k12 = 3.44e7", "k12 = 1e5"),
-        ("relative = 0.01", "relative = 0.03"),
-        ("floor = 0.002", "floor = 0.1"),
+        ("relative = 0.008", "relative = 0.03"),
+        ("floor = 0.0016", "floor = 0.1"),
         ("ratio = 0.01 ", "ratio = [0.01, 0.01, 0.01] "),
     )
     head, rest = text.split("[prior.k11]")

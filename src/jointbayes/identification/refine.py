@@ -25,6 +25,7 @@ _EXACT, _ROUGH = 1e-12, 1e-5
 _EDGES, _SETTLED = 5, 1e-6
 #: Steps inwards from an edge, in prior standard deviations, of which the largest is taken that costs no more than this.
 _INWARDS, _COST = (0.5, 0.2, 0.05, 0.01), 1.0
+_AT_THE_EDGE = 1e-3  # prior standard deviations: a climb along a ridge may end so far from the edge that it leads to
 _FARTHEST = 40.0  # prior standard deviations from its mean
 
 
@@ -135,11 +136,12 @@ def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, A
     """
     prior = log_posterior.prior
     low, high = prior.support
-    edge = (mode <= low) | (mode >= high)
+    near = _AT_THE_EDGE * prior.sd
+    edge = (mode <= low + near) | (mode >= high - near)
     if not edge.any():
         return None
     best = float(log_posterior(mode)[0])
-    towards = np.where(mode <= low, 1.0, -1.0) * edge * prior.sd
+    towards = np.where(mode <= low + near, 1.0, -1.0) * edge * prior.sd
     for share in _INWARDS:
         coordinates = _Coordinates.at(mode, ~edge, prior)
         coordinates.place[edge] += share * towards[edge]

@@ -116,7 +116,8 @@ def predictive_range(values: Sequence[float]) -> tuple[float, float]:
 
     Examples
     --------
-    >>> predictive_range([float(i) for i in range(1, 20)])
+    >>> low, high = predictive_range([float(i) for i in range(1, 20)])
+    >>> round(low, 9), round(high, 9)
     (2.0, 18.0)
     """
     if not len(values):

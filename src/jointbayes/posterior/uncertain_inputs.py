@@ -22,7 +22,7 @@ from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.result import Posterior
 from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
-from jointbayes.posterior.widened import Side, bounds_within_reach
+from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
     BoxChart,
     Chart,
@@ -58,6 +58,8 @@ _DRAWS = 8000
 _LEAST_EFFECTIVE = 400
 #: Efficiency of a proposal that will do: four times `_LEAST_EFFECTIVE` of the draws, or a start for a short run.
 _ENOUGH = 0.2
+#: Of a decade: the strips before a bound in which draws are counted.
+_STRIP = 0.2
 #: Draws of the run among which a first point is looked for.
 _TRIED = 200
 #: A short run: long enough to tell a factor of 3 from one of 1.25, not for an end's second digit.
@@ -177,7 +179,7 @@ def _row(
     if draws is None:
         return UncertainInputsRow(uncertain, "none", {})
     theta = part.whole(draws)
-    held = bounds_within_reach(problem.prior, theta, BEYOND / (1 - BEYOND))
+    held = _bounds_that_hold(problem.prior, theta)
     known = {}
     for name, values in zip(STIFFNESS_NAMES, problem.prior.stiffness(theta).T, strict=True):
         sides = [side for one, side in held if one == name]
@@ -187,10 +189,30 @@ def _row(
     return UncertainInputsRow(uncertain, source, known)
 
 
+def _bounds_that_hold(prior: JointPrior, theta: Array) -> list[tuple[str, Side]]:
+    """Bounds within reach beyond which a wider prior would hold more than `BEYOND`, by the density before them.
+
+    The density beyond is taken to go on for a decade as it changes over the last two fifths of one before the bound.
+    """
+    found = []
+    names = prior.parametrisation.names
+    for name, side in bounds_within_reach(prior, theta):
+        low, high = prior.marginals[names.index(name)].support
+        column = theta[:, names.index(name)]
+        before = (column - low if side == "lower" else high - column) / DECADE
+        last, earlier = (float(((before >= a) & (before < a + _STRIP)).mean()) for a in (0.0, _STRIP))
+        change = min(last / earlier, 1.0) if earlier else 1.0
+        steps = np.arange(1, round(1 / _STRIP) + 1)
+        beyond = last * float((change**steps).sum())
+        if beyond / (1 + beyond) > BEYOND:
+            found.append((name, side))
+    return found
+
+
 def _judged(values: Array, prior: Array, held: Sequence[Side]) -> Identifiability:
     """One stiffness by its draws; where they reach a bound of the prior, a limit to the other side.
 
-    As for a run, but without draws under wider priors: the density at a bound is taken to go on beyond it.
+    As for a run, but without draws under wider priors.
     """
     found = assess(values, prior)
     if not held:

@@ -85,11 +85,11 @@ def _wider(name: str, marginal: Marginal) -> Marginal:
     return Normal(marginal.mean, marginal.sd + DECADE / _NORMAL_95)
 
 
-def bounds_within_reach(prior: JointPrior, theta: Array, reach: float = REACH) -> tuple[tuple[str, Side], ...]:
+def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Side], ...]:
     """Bounds of uniform priors of the joint beyond which a wider prior could hold mass of any consequence.
 
     It could if the density of the draws at the bound, kept up over the decade beyond it, would hold more than
-    `reach` of the mass.
+    `REACH` of the mass.
 
     Parameters
     ----------
@@ -97,8 +97,6 @@ def bounds_within_reach(prior: JointPrior, theta: Array, reach: float = REACH) -
         The prior as it is stated.
     theta
         Draws of θ, shape (n, d).
-    reach
-        The mass that is of consequence.
 
     Returns
     -------
@@ -114,9 +112,9 @@ def bounds_within_reach(prior: JointPrior, theta: Array, reach: float = REACH) -
         draws = theta[:, column]
         edge = _EDGE * min(DECADE, stated.high - stated.low)
         below, above = (draws < stated.low + edge).mean(), (draws > stated.high - edge).mean()
-        if below / edge * (stated.low - wider.low) > reach:
+        if below / edge * (stated.low - wider.low) > REACH:
             found.append((name, "lower"))
-        if above / edge * (wider.high - stated.high) > reach:
+        if above / edge * (wider.high - stated.high) > REACH:
             found.append((name, "upper"))
     return tuple(found)
 
