@@ -347,10 +347,10 @@ def test_a_discrepancy_has_the_bounds_of_its_keys():
 def test_the_noise_of_synthetic_data_is_that_of_the_case_file():
     case = case_of(EXACT)
     frf = np.abs(case.problem.measurement.frf.values[:, 0, 0])
-    expected = 2 * (0.01 * frf + 0.002 * np.median(frf)) ** 2
+    expected = 2 * (0.008 * frf + 0.0016 * np.median(frf)) ** 2
     np.testing.assert_allclose(case.problem.measurement.variance[:, 0, 0], expected, rtol=1e-12)
     coherent = case_of(EXACT, ("relative = 0.008", "coherence = 0.98\naverages = 8")).problem.measurement
-    expected = 2 * (np.sqrt(0.02 / (2 * 8 * 0.98)) * frf + 0.002 * np.median(frf)) ** 2
+    expected = 2 * (np.sqrt(0.02 / (2 * 8 * 0.98)) * frf + 0.0016 * np.median(frf)) ** 2
     np.testing.assert_allclose(coherent.variance[:, 0, 0], expected, rtol=1e-12)
 
 

@@ -172,7 +172,7 @@ def _exact(problem: Problem, parametrisation) -> Problem:
     frf = problem.measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     data = synthesise_frf(
-        problem.structure, problem.joint, joint_matrix(TABLE_3), ports, RelativeNoise(0.01, 0.002), frf.quantity
+        problem.structure, problem.joint, joint_matrix(TABLE_3), ports, RelativeNoise(0.008, 0.0016), frf.quantity
     )
     theta = parametrisation.coordinates(TABLE_3)
     signed = "rho" in parametrisation.names

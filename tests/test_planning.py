@@ -76,7 +76,7 @@ def test_information_adds_over_independent_measurements(cheap_case):
 def test_the_information_of_a_candidate_is_that_of_the_case_which_measures_it(cheap_case):
     """The extended case, its noise law at the truth, says the same as present case and candidate together."""
     extended = jb.case_from_text("both", edited(cheap_text(), ('outputs = ["5:y"]', 'outputs = ["5:y", "3:y"]')))
-    candidate = accelerometer(cheap_case, "3:y", law=RelativeNoise(0.01, 0.002))
+    candidate = accelerometer(cheap_case, "3:y", law=RelativeNoise(0.008, 0.0016))
     added = measurement_information(candidate, cheap_case.problem, TRUTH)
     whole = fisher_information(cheap_case.problem, TRUTH).data + added
     np.testing.assert_allclose(whole, fisher_information(extended.problem, TRUTH).data, rtol=1e-6)
@@ -186,9 +186,9 @@ def test_a_range_holds_a_further_value_in_four_of_five_cases():
 def test_a_noise_law_is_estimated_from_the_variance(cheap_case):
     exact = jb.case_from_text("exact", edited(cheap_text(), ("added = true", "added = false")))
     law = estimated_law(exact.problem.measurement)
-    assert (law.relative, law.floor) == pytest.approx((0.01, 0.002), rel=1e-6)
+    assert (law.relative, law.floor) == pytest.approx((0.008, 0.0016), rel=1e-6)
     noisy = estimated_law(cheap_case.problem.measurement)
-    assert noisy.relative == pytest.approx(0.01, rel=0.1)
+    assert noisy.relative == pytest.approx(0.008, rel=0.1)
 
 
 def test_a_stated_variance_belongs_to_frfs_of_its_shape():
@@ -232,7 +232,7 @@ def test_a_wider_band_adds_only_its_own_lines_with_the_floor_of_all():
     assert measured.frf.frequency_hz[-1] == 3000.0
     ports = Ports(np.concatenate([present, measured.frf.frequency_hz]), ("5:y",), ("5:y",))
     whole = DirectSolve(case.problem.structure, case.problem.joint, ports).receptance(joint_matrix(TABLE_3))[0]
-    expected = RelativeNoise(0.01, 0.002).variance(whole)[present.size :]
+    expected = RelativeNoise(0.008, 0.0016).variance(whole)[present.size :]
     np.testing.assert_allclose(measured.variance, expected, rtol=1e-6)
 
 

@@ -125,9 +125,14 @@ def identify(config: Path) -> None:
     estimate = find_map(case, tell=_tell)
     k11, k12, k22 = estimate.stiffness
     click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
-    sd = estimate.covariance.diagonal() ** 0.5
-    names = [n if n == "rho" else f"ln {n}" for n in case.problem.names]
-    click.echo("Laplace sd: " + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True)))
+    edges = case.problem.prior.at_edge(estimate.theta)
+    if edges:
+        click.echo(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
+    else:
+        sd = estimate.covariance.diagonal() ** 0.5
+        names = [n if n == "rho" else f"ln {n}" for n in case.problem.names]
+        words = ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True))
+        click.echo(f"Linearised sd, without draws: {words}")
     if estimate.failed_starts:
         click.echo(f"Starts that ended elsewhere: {estimate.failed_text}")
     if estimate.sentence:

@@ -261,6 +261,12 @@ class JointPrior:
             inside = inside & (t[..., i] >= low) & (t[..., i] <= high)
         return inside
 
+    def at_edge(self, theta: Array) -> tuple[str, ...]:
+        """Names of the coordinates of θ, shape (d,), that lie on an edge of the support, within 1e-4 of their sd."""
+        low, high = self.support
+        on_edge = np.minimum(theta - low, high - theta) < 1e-4 * self.sd
+        return tuple(name for name, edge in zip(self.names, on_edge, strict=True) if edge)
+
     def moved(self, theta: Array, moves: Array) -> Array:
         """θ, shape (d,), after each of several moves, shape (n, d), that stops at the support's edge, shape (n, d).
 

@@ -10,9 +10,8 @@ Gutenkunst, R. N. et al. (2007). Universally sloppy parameter sensitivities in s
 Computational Biology 3(10), e189. DOI 10.1371/journal.pcbi.0030189 (combinations of logarithms that data determine)
 """
 
-import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +25,13 @@ from jointbayes.posterior.identifiability import (
     Verdict,
     assess,
     verdict_by_rule,
+)
+from jointbayes.posterior.joint_quantities import (
+    JointQuantity,
+    condensed_stiffnesses,
+    powers_text,
+    products_of_powers,
+    single_value,
 )
 from jointbayes.posterior.rounding import factor, rounded
 
@@ -52,7 +58,6 @@ _ODD_POWERS = 4.0
 _ROUNDING_COST = 1.3
 #: A stiffness moves with another one if the correlation of their logarithms over the draws is larger than this.
 _MOVES_WITH = 0.8
-_SUPERSCRIPT = {1: "", 2: "²"}
 _STEP = 1e-5
 _CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
 
@@ -90,16 +95,6 @@ class NamedDirection:
     sentence: str
     interval95_error: tuple[float, float] = (math.nan, math.nan)
     limit: str = ""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Quantity:
-    """A quantity: name, values by stiffness (n, 3), whether it is a coordinate, and what it must be better by."""
-
-    name: str
-    of: Callable[[Array], Array]
-    single: bool
-    penalty: float
 
 
 def interval_ratio(sd: float) -> float:
@@ -226,8 +221,8 @@ class _Search:
         off = (self._theta - np.median(self._theta, axis=0)) / scale
         #: The draw in the middle: a possible joint, which a median of each coordinate by itself need not be.
         self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
-        self.singles = [_Quantity(name, _single(name), True, 1.0) for name in self.names]
-        self._others = _products(self.names) + _condensed(self.names)
+        self.singles = [JointQuantity(name, single_value(name), True, 1.0) for name in self.names]
+        self._others = products_of_powers(self.names) + condensed_stiffnesses(self.names)
 
     def run(self) -> tuple[NamedDirection, ...]:
         """Best known first; the last is a single stiffness, and says what moves with it."""
@@ -242,7 +237,7 @@ class _Search:
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
         return tuple(found)
 
-    def judged(self, quantity: _Quantity) -> Identifiability:
+    def judged(self, quantity: JointQuantity) -> Identifiability:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
             found = self._assessed(quantity)
@@ -250,7 +245,7 @@ class _Search:
             self._known[quantity.name] = replace(found, verdict=withheld[0]) if withheld else found
         return self._known[quantity.name]
 
-    def _assessed(self, quantity: _Quantity) -> Identifiability:
+    def _assessed(self, quantity: JointQuantity) -> Identifiability:
         """By the draws, and no better than by those under wider priors."""
         found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
         if self._wider is None:
@@ -261,7 +256,7 @@ class _Search:
         reason = f"rests on the prior: {wider} with wider priors of the joint"
         return replace(found, verdict=wider, verdict_reason=reason)
 
-    def _best(self, axes: Array) -> tuple[_Quantity, Identifiability]:
+    def _best(self, axes: Array) -> tuple[JointQuantity, Identifiability]:
         """The best known quantity that says something else than those named."""
         quantities = [*self.singles, *self._others, *self._powers(axes)]
         for i in np.argsort([self._score(quantity, axes) for quantity in quantities]):
@@ -270,18 +265,18 @@ class _Search:
                 return quantity, self.judged(quantity)
         raise AssertionError("single stiffnesses are always among the quantities")  # pragma: no cover
 
-    def _widest(self, axes: Array) -> tuple[_Quantity, Identifiability]:
+    def _widest(self, axes: Array) -> tuple[JointQuantity, Identifiability]:
         """The least known single stiffness among those that say something else than the quantities named."""
         inside = [quantity for quantity in self.singles if self._share(quantity, axes) > 0]
         quantity = max(inside or self.singles, key=self._width)
         return quantity, self.judged(quantity)
 
-    def _score(self, quantity: _Quantity, axes: Array) -> float:
+    def _score(self, quantity: JointQuantity, axes: Array) -> float:
         """How well a quantity is known for what it adds to those named; infinite where it adds nothing."""
         share = self._share(quantity, axes)
         return self._width(quantity) * quantity.penalty / share if share else math.inf
 
-    def _width(self, quantity: _Quantity) -> float:
+    def _width(self, quantity: JointQuantity) -> float:
         """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""
         values = quantity.of(self._stiffness)
         if (values > 0).all() or (values < 0).all():
@@ -291,7 +286,7 @@ class _Search:
         low, high = np.quantile(values, [0.025, 0.975])
         return float(high - low) / (2 * _NORMAL_95)
 
-    def _gradient(self, quantity: _Quantity) -> Array:
+    def _gradient(self, quantity: JointQuantity) -> Array:
         """∂ ln q/∂ coordinates at the draw in the middle, shape (p,); of q itself for a coordinate."""
         if quantity.single:
             unit: Array = np.eye(len(self.names))[self.names.index(quantity.name)]
@@ -302,13 +297,13 @@ class _Search:
         slope: Array = (up - down) / (2 * _STEP)
         return slope
 
-    def _share(self, quantity: _Quantity, axes: Array) -> float:
+    def _share(self, quantity: JointQuantity, axes: Array) -> float:
         """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
         gradient = self._gradient(quantity)
         left = float(np.linalg.norm(_beside(gradient, axes)))
         return left if left >= _NEW * np.linalg.norm(gradient) else 0.0
 
-    def _powers(self, axes: Array) -> list[_Quantity]:
+    def _powers(self, axes: Array) -> list[JointQuantity]:
         """The product of powers that varies least over the draws, beside what is named."""
         count = len(self.names)
         basis = np.linalg.svd(np.vstack([axes, np.zeros((1, count))]))[2][len(axes) :]
@@ -328,9 +323,9 @@ class _Search:
             columns = [each[i](k) if self.names[i] == "rho" else np.log(np.abs(each[i](k))) for i in kept]
             return np.asarray(np.exp(np.stack(columns, axis=-1) @ rounded[kept]))
 
-        return [_Quantity(_powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
+        return [JointQuantity(powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
 
-    def _moving_with(self, quantity: _Quantity) -> str:
+    def _moving_with(self, quantity: JointQuantity) -> str:
         """How the other coordinates move with one that is not known."""
         main = self.names.index(quantity.name)
         parts = []
@@ -348,49 +343,6 @@ def _coordinates_of(stiffness: Array) -> LogStiffness | SignedCoupling | PlainSp
         moving = tuple(n for n, i in (("k11", 0), ("k22", 2)) if np.ptp(stiffness[:, i]) > 0)
         return PlainSprings(moving)
     return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
-
-
-def _single(name: str) -> Callable[[Array], Array]:
-    if name == "rho":
-        return lambda k: k[:, 1] / np.sqrt(k[:, 0] * k[:, 2])
-    index = STIFFNESS_NAMES.index(name)
-    return lambda k: k[:, index]
-
-
-def _products(names: tuple[str, ...]) -> list[_Quantity]:
-    """Products of small powers of the coordinates that are logarithms."""
-    logs = [name for name in names if name != "rho"]
-    columns = [STIFFNESS_NAMES.index(name) for name in logs]
-    out = []
-    for powers in itertools.product(range(-2, 3), repeat=len(logs)):
-        used = [p for p in powers if p]
-        if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1 or (sum(used) == 0 and used[0] < 0):
-            continue  # no simple quantity, or the reciprocal or a power of another one
-        exponents = np.array(powers, dtype=float)
-
-        def product(k: Array, exponents: Array = exponents) -> Array:
-            return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
-
-        out.append(_Quantity(_powers_text(logs, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
-    return out
-
-
-def _condensed(names: tuple[str, ...]) -> list[_Quantity]:
-    """Stiffness of one DOF with the other free (the reciprocal of its compliance), det K^J and the cross compliance."""
-    if len(names) < len(STIFFNESS_NAMES):
-        return []
-    out = [
-        _Quantity("k22 − k12²/k11", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
-        _Quantity("k11 − k12²/k22", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
-        _Quantity("k11·k22 − k12²", _determinant, False, 1.6),
-    ]
-    if "rho" not in names:
-        out.append(_Quantity("k12/(k11·k22 − k12²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
-    return out
-
-
-def _determinant(k: Array) -> Array:
-    return k[:, 0] * k[:, 2] - k[:, 1] ** 2
 
 
 def _beside(gradient: Array, axes: Array) -> Array:
@@ -418,22 +370,6 @@ def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDire
     return NamedDirection(
         quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence, found.interval95_error, limit
     )
-
-
-def _powers_text(names: Sequence[str], powers: Sequence[float]) -> str:
-    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``; ρ in an exponential."""
-    by_name = dict(zip(names, powers, strict=True))
-    rho = by_name.pop("rho", 0.0)
-
-    def product(sign: int) -> list[str]:
-        sizes = {name: abs(power) for name, power in by_name.items() if power * sign > 0}
-        return [name + _SUPERSCRIPT.get(int(p) if p == int(p) else 0, f"^{p:g}") for name, p in sizes.items()]
-
-    above, below = product(1), product(-1)
-    text = "·".join(above) or "1"
-    if below:
-        text += f"/{below[0]}" if len(below) == 1 else f"/({'·'.join(below)})"
-    return text if not rho else f"{text}·exp({'−' if rho < 0 else ''}{abs(rho):g} rho)"
 
 
 def _moves_with(name: str, main: str, slope: float) -> str:

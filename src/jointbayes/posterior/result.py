@@ -135,10 +135,7 @@ class Posterior:
     @property
     def at_prior_edge(self) -> tuple[str, ...]:
         """Coordinates whose mode lies on an edge of the prior's support: there the prior decides, not the data."""
-        low, high = self.problem.prior.support
-        gap = np.minimum(self.mode_theta - low, high - self.mode_theta)
-        on_edge = gap < 1e-4 * self.problem.prior.sd
-        return tuple(name for name, edge in zip(self.problem.names, on_edge, strict=True) if edge)
+        return self.problem.prior.at_edge(self.mode_theta)
 
     def values(self, name: str) -> Array:
         """All draws of one stiffness or other quantity, shape (chains, draws).
