@@ -170,7 +170,7 @@ seed = 20150787=>seed = -1 ;; data.noise.seed ;; a whole number from 0
 added = true=>added = "yes" ;; data.noise.added ;; true
 "measured"  =>"mesured"   ;; identification.sensitivity ;; did you mean "measured"?
 max_steps = 30=>max_steps = 10001 ;; identification.max_steps ;; from 1 to 10000
-threshold = 1.0e-9=>threshold = 0.0 ;; identification.threshold ;; greater than 0
+threshold = 1.0e-8=>threshold = 0.0 ;; identification.threshold ;; greater than 0
 seed = 1\n=>seed = 1.5\n ;; sampling.seed ;; a whole number
 ensembles = 4=>ensembles = 3 ;; sampling.ensembles ;; from 4
 walkers = 48=>walkers = 25 ;; sampling.walkers ;; an even number from 8

@@ -31,7 +31,7 @@ class IdentificationSpec(Spec):
         "measured"
     )
     max_steps: Annotated[int, count_field("the largest number of steps", 30, 1, 10000)] = 30
-    threshold: Annotated[float, positive("the residual to stop at, relative to the measured FRF", 1e-9)] = 1e-9
+    threshold: Annotated[float, positive("the residual to stop at, relative to the measured FRF", 1e-8)] = 1e-8
     line_weight: Annotated[
         float, not_negative("the exponent p of the weights |H|^-p of the lines, 0 as in the paper", 0.5)
     ] = 0.0
