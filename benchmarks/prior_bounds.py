@@ -22,6 +22,7 @@ OUTPUTS = {"tip": '["11:y"]', "tip and mid-span": '["11:y", "6:y"]'}
 FACTORS = (10.0, 100.0)
 #: Where no joint of the prior comes near the data, walkers stay in many places; such a run need not be waited for.
 SETTINGS = jb.SamplerSettings(max_steps=1000)
+_STIFFEST = 1e15  # the limit of a case file
 _COUPLING = 0.39  # of Table 3: k12/√(k11 k22)
 
 
@@ -53,7 +54,7 @@ def outside_cases(outputs: str, coarse: bool = True) -> Iterator[OutsideCase]:
             if (name, side, factor) == ("k12", "low", FACTORS[-1]):
                 continue  # no such prior: it would leave hardly a positive definite joint
             by = truth[name] / shift / prior[name][side]  # both bounds move: as many decades lie between them
-            bounds = {end: by * prior[name][end] for end in ("low", "high")}
+            bounds = {end: min(by * prior[name][end], _STIFFEST) for end in ("low", "high")}
             yield OutsideCase(f"{outputs}, bound {label}", name, _with(text, f"[prior.{name}]", bounds))
 
 

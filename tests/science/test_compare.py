@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jointbayes.case import case_from_text, load_case
+from jointbayes.case import load_case
 from jointbayes.comparison import compare, under
 from jointbayes.posterior.evidence import nested_evidence
-from tests.conftest import CONFIGS, edited
+from tests.conftest import CONFIGS, on_paper_elements
 
 LONG, SHORT = "clamped_beam_frequencies", "clamped_beam_frequencies_360mm"
 #: ln Z by nested sampling of another implementation (the rigid joint: its likelihood).
@@ -18,12 +18,6 @@ KNOWN = {
     (SHORT, "springs"): -14.2,
     (SHORT, "full"): -14.5,
 }
-
-
-def on_paper_elements(name):
-    """The figures known from elsewhere are those of ten of the paper's elements."""
-    text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
-    return case_from_text(name, edited(text, ("elements = 10", 'elements = 10\nelement = "paper"')))
 
 
 @pytest.fixture(scope="module")

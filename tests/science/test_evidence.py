@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import jointbayes as jb
 from jointbayes.joint import ComplianceChart, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.sampling import BoxChart, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
 from jointbayes.workflow import charts, find_map, starts_of
-from tests.conftest import CONFIGS
+from tests.conftest import on_paper_elements
 
 pytestmark = pytest.mark.science
 
@@ -21,7 +20,7 @@ KNOWN = {"clamped_beam_frequencies": (-16.0, 0.2), "clamped_beam_frequencies_360
 
 @pytest.fixture(scope="module", params=KNOWN)
 def measured(request):
-    case = jb.load_case(CONFIGS / f"{request.param}.toml")
+    case = on_paper_elements(request.param)
     found = evidence(
         case.problem.log_posterior, charts(case.problem), starts_of(find_map(case)), np.random.default_rng(1)
     )

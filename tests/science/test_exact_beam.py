@@ -125,6 +125,7 @@ def _finite_elements(elements: int, law: DampingLaw, lines: np.ndarray, mass: fl
         elements,
         accelerometer_mass=mass,
         accelerometer_dofs=(f"{end}:y", f"{middle}:y"),
+        element="paper",
     )
     ports = Ports(lines, (f"{end}:y", f"{middle}:y", f"{middle}:rz", "1:rz"), (f"{end}:y", f"{middle}:rz"))
     return DirectSolve(recipe.structure(), Joint(("1:y", "1:rz")), ports).receptance(joint_matrix(TABLE_3))[0]

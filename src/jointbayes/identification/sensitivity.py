@@ -68,7 +68,7 @@ def sensitivity_iteration(
     outputs: tuple[str, ...],
     initial: ArrayLike,
     *,
-    threshold: float = 1e-8,
+    threshold: float = 1e-9,
     max_steps: int = 30,
     sensitivity: SensitivityKind = "measured",
     line_weight: float = 0.0,
