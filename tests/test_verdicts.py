@@ -344,7 +344,7 @@ def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_pos
     assert known.verdict == "not identified"
     assert known.verdict_reason.startswith("rests on the prior: the posterior with every prior")
     same = widened_by(cheap_posterior, cheap_posterior.theta[:4000])
-    assert same.identifiability("k22") == cheap_posterior.identifiability("k22")
+    assert repr(same.identifiability("k22")) == repr(cheap_posterior.identifiability("k22"))  # NaN is not itself
 
 
 def test_a_lower_bound_on_k11_is_not_silently_better():
