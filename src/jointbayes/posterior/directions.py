@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, LogStiffness, PlainSprings, SignedCoupling
 from jointbayes.posterior.identifiability import (
+    CERTAINTY,
     IDENTIFIED_RATIO,
     WEAK_RATIO,
     Identifiability,
@@ -59,7 +60,6 @@ _ROUNDING_COST = 1.3
 #: A stiffness moves with another one if the correlation of their logarithms over the draws is larger than this.
 _MOVES_WITH = 0.8
 _STEP = 1e-5
-_CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +251,7 @@ class _Search:
         if self._wider is None:
             return found
         wider = assess(*(quantity.of(draws) for draws in self._wider)).verdict
-        if _CERTAINTY.get(wider, 0) >= _CERTAINTY.get(found.verdict, 0):
+        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(found.verdict, 0):
             return found
         reason = f"rests on the prior: {wider} with wider priors of the joint"
         return replace(found, verdict=wider, verdict_reason=reason)

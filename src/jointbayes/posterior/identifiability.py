@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from jointbayes.posterior.rounding import factor
 
 __all__ = [
+    "CERTAINTY",
     "IDENTIFIED_RATIO",
     "LEAST_CONTRACTION",
     "RULE",
@@ -35,6 +36,10 @@ RULE = (
     f"identified: at most {WEAK_RATIO:g} times; not identified: beyond that, or if the variance of ln k shrank by "
     f"less than {100 * LEAST_CONTRACTION:g} % from prior to posterior"
 )
+
+
+#: How certain a verdict is; those that are not named, not at all.
+CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
 
 
 @dataclass(frozen=True, slots=True)

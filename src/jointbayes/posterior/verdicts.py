@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import Uniform
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
-from jointbayes.posterior.identifiability import Identifiability, Verdict, assess, verdict_by_rule
+from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
@@ -43,7 +43,6 @@ LEAST_EXCLUDED = 0.1
 IF_MODEL_RIGHT = "if the model were right"
 
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
-_CERTAINTY: dict[Verdict, int] = {"identified": 2, "weakly identified": 1}
 _WIDER = "every prior of the joint a decade wider on each side"
 
 
@@ -175,7 +174,7 @@ def _with_wider_priors(
 
 
 def _less_certain(known: Identifiability, verdict: Verdict, reason: str) -> Identifiability:
-    worst = min(known.verdict, verdict, key=lambda one: _CERTAINTY.get(one, 0))
+    worst = min(known.verdict, verdict, key=lambda one: CERTAINTY.get(one, 0))
     return replace(known, verdict=worst, verdict_reason=reason)
 
 
@@ -206,7 +205,7 @@ def _bounded(
     if excluded < LEAST_EXCLUDED:
         reason += f", and the data exclude {100 * excluded:.0f} % of the prior only"
         return replace(known, verdict="not identified", verdict_reason=reason)
-    if wider in _CERTAINTY:
+    if wider in CERTAINTY:
         reason += f"; with {_WIDER} it would be {wider}"
     error = quantile_error(posterior.by_ensemble(name), probability)
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
