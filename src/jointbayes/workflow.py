@@ -37,7 +37,7 @@ from jointbayes.sampling import (
     SamplerSettings,
     Start,
     fit_proposal,
-    run_ensembles,
+    run_adapted,
 )
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
@@ -217,15 +217,16 @@ def sample(
     estimate = find_map(case, seed=seed, tell=tell)
     start = laplace_ball(case, estimate, settings, rng)
     log_posterior = case.problem.log_posterior
-    proposal = fit_proposal(log_posterior, charts(case.problem), starts_of(estimate), rng)
+    coordinates = charts(case.problem)
+    proposal = fit_proposal(log_posterior, coordinates, starts_of(estimate), rng)
     start = brought_in(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
-    chains = run_ensembles(
+    chains, proposal = run_adapted(
         log_posterior,
         start,
         rng,
         settings,
         progress,
-        chart=proposal.chart,
+        charts=coordinates,
         proposal=proposal,
         quantities=judged_quantities(case.problem.prior),
     )
@@ -249,8 +250,9 @@ def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, r
         walkers = len(range(index, settings.walkers, len(starts)))
         wanted = settings.ensembles * walkers
         found: list[Array] = []
-        for _ in range(200):
-            ball = rng.multivariate_normal(theta, covariance, size=wanted)
+        for trial in range(200):
+            narrower = covariance * 0.5 ** max(0, trial - 19)
+            ball = rng.multivariate_normal(theta, narrower, size=wanted)
             found.extend(ball[np.isfinite(log_posterior.prior.log_density(ball))])
             if len(found) >= wanted:
                 break
@@ -306,9 +308,9 @@ def _posterior(
     sampler = {
         "ensembles": settings.ensembles,
         "walkers": settings.walkers,
-        "steps": chains.steps,
+        "steps": chains.discarded + chains.steps,
         "max_steps": settings.max_steps,
-        "burn_in": chains.burn_in,
+        "burn_in": chains.discarded + chains.burn_in,
         "thin": chains.thin,
         "processes": settings.processes,
         "acceptance": float(chains.acceptance.mean()),

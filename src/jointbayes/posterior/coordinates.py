@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 def charts(problem: Problem) -> tuple[Chart, ...]:
     """Coordinates in which the posterior may be near a bell: the joint's compliance, and the prior's normal scores.
 
-    An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends.
+    An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends, or
+    flat but for the rotational stiffness with the translation free to follow, which then takes the place of k22.
     Errors of natural frequencies are replaced by the frequencies themselves, which data fix whatever the joint is.
     """
     prior, count = problem.prior, len(problem.parametrisation.names)
@@ -26,8 +27,13 @@ def charts(problem: Problem) -> tuple[Chart, ...]:
     compliance: Chart = ComplianceChart(problem.parametrisation)
     if len(problem.names) > count:
         compliance = ProductChart(compliance, count, BoxChart(low[count:], high[count:]))
+    flat = BoxChart(low, high)
+    freed: tuple[Chart, ...] = ()
+    if isinstance(problem.parametrisation, LogStiffness):
+        low[2], high[2] = -np.inf, np.inf
+        freed = CondensedChart(), BoxChart(low, high)
     if not errors.size:
-        return compliance, BoxChart(low, high)
+        return (compliance, flat, ComposedChart(*freed)) if freed else (compliance, flat)
 
     def log_frequency(theta: Array) -> Array:
         k, factors = prior.stiffness(theta), prior.factors(theta)
@@ -35,11 +41,7 @@ def charts(problem: Problem) -> tuple[Chart, ...]:
         return np.log(np.maximum(frequency, np.finfo(float).tiny))  # a free body has modes at 0 Hz
 
     resonances = ResonanceChart(log_frequency, errors, prior.support)
-    scores: tuple[Chart, ...] = (BoxChart(low, high),)
-    if isinstance(problem.parametrisation, LogStiffness):
-        low[2], high[2] = -np.inf, np.inf
-        scores = CondensedChart(), BoxChart(low, high)
-    return ComposedChart(resonances, compliance), ComposedChart(resonances, *scores)
+    return ComposedChart(resonances, compliance), ComposedChart(resonances, *(freed or (flat,)))
 
 
 def judged_quantities(prior: JointPrior) -> Quantities:

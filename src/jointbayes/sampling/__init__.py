@@ -1,5 +1,6 @@
 """Draws from a posterior of which nothing but the log-density is known."""
 
+from jointbayes.sampling.adapted import run_adapted
 from jointbayes.sampling.chains import Chains, Draws, Progress
 from jointbayes.sampling.chart import BoxChart, Chart, Identity
 from jointbayes.sampling.composed_chart import ComposedChart
@@ -25,6 +26,7 @@ __all__ = [
     "LogDensity",
     "Quantities",
     "SamplerSettings",
+    "run_adapted",
     "run_ensembles",
     # Coordinates and proposal
     "BoxChart",

@@ -89,6 +89,8 @@ class Chains:
         Wall time of the run.
     history : tuple of Check
         Every check of the stop rule; the last one is that of the last step.
+    discarded : int
+        Steps of earlier stages, which are not among these.
     """
 
     theta: NDArray[np.float64]
@@ -102,6 +104,7 @@ class Chains:
     singular: int
     seconds: float
     history: tuple[Check, ...]
+    discarded: int = 0
 
     def __post_init__(self) -> None:
         for array in (self.theta, self.log_density, self.acceptance):

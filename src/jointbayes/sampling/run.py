@@ -42,6 +42,7 @@ def run_ensembles(
     chart: Chart | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
+    stop_at: int | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
@@ -64,6 +65,8 @@ def run_ensembles(
         more of the steps are proposed from it.
     quantities : Quantities, optional
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
+    stop_at : int, optional
+        Step at which the run ends before its limit, to be judged as it then stands.
 
     Raises
     ------
@@ -88,10 +91,10 @@ def run_ensembles(
 
     began = time.perf_counter()
     states = initial_states(log_density, start, rng, settings)
-    run = _Run(blocks=[], checks=[], step=0)
+    run = _Run(blocks=[], checks=[], step=0, end=min(stop_at or settings.max_steps, settings.max_steps))
     verdict = Verdict(converged=False, reason="")
     with mover(log_density, mixture(chart, proposal), min(settings.processes, settings.ensembles)) as move_on:
-        while not verdict.converged and run.step < settings.max_steps:
+        while not verdict.converged and run.step < run.end:
             states = run.extend(move_on, states, settings)
             if run.step == run.due(settings):
                 run.check(settings, quantities)
@@ -111,14 +114,15 @@ class _Run:
     blocks: list[list[Block]]
     checks: list[Check]
     step: int
+    end: int
 
     def due(self, settings: SamplerSettings) -> int:
-        """Step of the next check."""
-        return next_check(self.checks[-1].step if self.checks else 0, settings)
+        """Step of the next check, of which one is at the end."""
+        return min(next_check(self.checks[-1].step if self.checks else 0, settings), self.end)
 
     def extend(self, move_on: MoveOn, states: list[EnsembleState], settings: SamplerSettings) -> list[EnsembleState]:
         """Move every ensemble on by one block and return where they stand."""
-        size = min(settings.check_every, settings.max_steps - self.step)
+        size = min(settings.check_every, self.end - self.step)
         self.blocks.append(move_on(states, size))
         self.step += size
         return [block.end for block in self.blocks[-1]]

@@ -1,0 +1,188 @@
+"""Runs that learn from their own first steps what to propose."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from jointbayes.sampling.chains import Chains, Progress
+from jointbayes.sampling.chart import Chart
+from jointbayes.sampling.density import LogDensity
+from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.proposal import Proposal
+from jointbayes.sampling.run import run_ensembles
+from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.stopping import Quantities
+from jointbayes.sampling.straight_chart import straightened
+from jointbayes.sampling.student_mixture import StudentMixture
+from jointbayes.sampling.weights import importance_efficiency
+
+__all__ = ["proposal_from_draws", "run_adapted"]
+
+Array = NDArray[np.float64]
+
+#: Steps of each stage: after one without convergence the run starts again from where it stands, with a proposal fitted
+#: to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.
+_STAGES = (500, 1000, 2000, 4000)
+_FITTED = 6000  # draws to which a mixture is fitted
+_HELD_OUT = 2000  # others than these, by which the coordinates are chosen
+_COMPONENTS = 12
+_CONFIRMING = 4000
+_MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed
+_FEWEST = 5  # such draws for each parameter, for components to be added for them
+_MORE, _MOST = 3.0, 0.3  # times their share of all draws is the weight of what is added, but no more than this
+_ADDED, _ROUNDS = 4, 8  # components in each round
+
+
+def run_adapted(
+    log_density: LogDensity,
+    start: Array,
+    rng: np.random.Generator,
+    settings: SamplerSettings,
+    progress: Callable[[Progress], None] | None = None,
+    *,
+    charts: Sequence[Chart],
+    proposal: Proposal,
+    quantities: Quantities | None = None,
+) -> tuple[Chains, Proposal]:
+    """Run ensembles as :func:`run_ensembles` does, and fit the proposal anew where they are slow to converge.
+
+    A proposal that was fitted without knowing the posterior may miss a part of it. A walker there is hardly ever
+    moved by the independence move, and τ is hundreds of steps. After 500 steps without convergence a proposal is
+    fitted to the draws, which do reach that part; after 1000 more again, and so on. Each time the steps made so far
+    become burn-in: moves never change while steps are made that count, so that the posterior stays invariant. A run
+    that converges within 500 steps is the same, bit for bit, as that of :func:`run_ensembles`.
+
+    Parameters
+    ----------
+    log_density, start, rng, settings, progress, quantities
+        As for :func:`run_ensembles`; `settings.max_steps` is the limit of all steps together.
+    charts : sequence of Chart
+        Coordinates to choose from for the new proposal.
+    proposal : Proposal
+        The first.
+
+    Returns
+    -------
+    chains, proposal
+        Of the last stage; `chains.discarded` counts the steps before it.
+
+    References
+    ----------
+    C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
+    """
+    discarded, evaluations, seconds = 0, 0, 0.0
+    for stage in (*_STAGES, settings.max_steps):
+        left = settings.max_steps - discarded
+        # a stage so short that it would end at its first checks is none of its own
+        steps = left if left < stage + 2 * settings.check_every else stage
+        chains = run_ensembles(
+            log_density,
+            start,
+            rng,
+            replace(settings, max_steps=left),
+            progress and _with_earlier(progress, discarded, settings.max_steps, seconds),
+            chart=proposal.chart,
+            proposal=proposal,
+            quantities=quantities,
+            stop_at=steps,
+        )
+        evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
+        if chains.converged or steps == left:
+            break
+        discarded += steps
+        proposal = proposal_from_draws(log_density, charts, _draws(chains), rng)
+        start = chains.theta[:, -1]
+    reason = f"{chains.reason}; {discarded} steps before these served to fit what is proposed" * (discarded > 0)
+    return replace(
+        chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason or chains.reason
+    ), proposal
+
+
+def proposal_from_draws(
+    log_density: LogDensity, charts: Sequence[Chart], theta: Array, rng: np.random.Generator
+) -> Proposal:
+    """Fit a mixture of Student-t distributions to draws of a density, in the best of several charts.
+
+    Each chart is tried as it is and straightened (:func:`straightened`); the best is that in which draws held back are
+    the likeliest. Components are added for draws that the mixture hardly proposes.
+
+    Parameters
+    ----------
+    log_density : callable
+        Log of the unnormalised density over θ.
+    charts : sequence of Chart
+        Coordinates to choose from.
+    theta : ndarray, shape (n, d)
+        Equally weighted draws, in any order.
+    rng : numpy.random.Generator
+        Source of all randomness.
+    """
+    theta = theta[rng.permutation(len(theta))]
+    held_out, fitted = theta[:_HELD_OUT], theta[_HELD_OUT : _HELD_OUT + _FITTED]
+    found = []
+    for chart in (*charts, *(straightened(chart, fitted) for chart in charts)):
+        phi = chart.forward(fitted)
+        phi = phi[np.isfinite(phi).all(axis=1)]
+        weight = np.full(len(phi), 1 / len(phi))
+        mixture = most_likely_mixture(first_mixture(phi, weight, _COMPONENTS, rng), phi, weight)
+        likely = mixture.log_density(chart.forward(held_out)) - chart.log_volume(held_out)
+        found.append((float(likely[np.isfinite(likely)].mean()), chart, mixture))
+    _, chart, mixture = max(found, key=lambda one: one[0])
+    mixture = _reaching(mixture, chart, fitted, log_density(fitted), rng)
+    proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, chart)
+    _, log_weight = proposal.weighted_draws(log_density, rng, _CONFIRMING)
+    # one draw far out, where a walker stays for long but hardly ever comes, must not make the fit look useless
+    limit = logsumexp(log_weight) - 0.5 * np.log(_CONFIRMING)
+    dead = np.full(_CONFIRMING - log_weight.size, -np.inf)
+    efficiency = importance_efficiency(np.concatenate([np.minimum(log_weight, limit), dead]))
+    return replace(proposal, efficiency=efficiency)
+
+
+def _reaching(
+    mixture: StudentMixture, chart: Chart, theta: Array, value: Array, rng: np.random.Generator
+) -> StudentMixture:
+    """Mixture with components added where draws θ lie that it hardly proposes: there a walker would wait for long.
+
+    `value` is the log of the density at θ, normalised or not.
+    """
+    phi = chart.forward(theta)
+    volume = chart.log_volume(theta)
+    for _ in range(_ROUNDS):
+        log_weight = value - (mixture.log_density(phi) - volume)
+        log_weight += logsumexp(-log_weight) - np.log(log_weight.size)  # the mean of q/p over draws from p is 1/Z
+        missed = phi[(log_weight > _MISSED) & np.isfinite(phi).all(axis=1)]
+        if len(missed) < _FEWEST * (phi.shape[1] + 1):
+            break
+        weight = np.full(len(missed), 1 / len(missed))
+        added = most_likely_mixture(first_mixture(missed, weight, _ADDED, rng), missed, weight)
+        share = min(_MORE * len(missed) / len(theta), _MOST)
+        mixture = StudentMixture(
+            (*added.components[:-1], *mixture.components),
+            np.concatenate([share * added.weights[:-1] / added.weights[:-1].sum(), (1 - share) * mixture.weights]),
+        )
+    return mixture
+
+
+def _draws(chains: Chains) -> Array:
+    """Every draw after burn-in, shape (n, d), of at most some ten thousand."""
+    kept = chains.theta[:, chains.burn_in :]
+    every = max(1, kept[..., 0].size // (4 * (_FITTED + _HELD_OUT)))
+    return kept[:, ::every].reshape(-1, kept.shape[-1])
+
+
+def _with_earlier(
+    progress: Callable[[Progress], None], steps: int, limit: int, seconds: float
+) -> Callable[[Progress], None]:
+    """Progress of a stage told as that of the whole run."""
+
+    def tell(one: Progress) -> None:
+        expected = min(one.expected_steps + steps, limit)
+        elapsed = one.elapsed_seconds + seconds
+        progress(
+            replace(one, steps=one.steps + steps, max_steps=limit, expected_steps=expected, elapsed_seconds=elapsed)
+        )
+
+    return tell

@@ -1,0 +1,151 @@
+"""Runs that fit their proposal anew, and the coordinates in which bent draws are straight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jointbayes.sampling import (
+    BoxChart,
+    Identity,
+    Proposal,
+    SamplerSettings,
+    StudentT,
+    fit_proposal,
+    run_adapted,
+    run_ensembles,
+)
+from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.straight_chart import straightened
+
+SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
+WIDTH = 0.02
+
+
+def filament(theta):
+    """x normal, y and z thin about x² and x y: a bent thread."""
+    x, y, z = theta.T
+    return -0.5 * (x**2 + ((y - x**2) / WIDTH) ** 2 + ((z - x * y) / WIDTH) ** 2)
+
+
+def exact(n, rng):
+    x = rng.normal(size=n)
+    y = x**2 + WIDTH * rng.normal(size=n)
+    return np.column_stack([x, y, x * y + WIDTH * rng.normal(size=n)])
+
+
+def of_one_half(rng):
+    """A proposal for that part of the thread where x is positive, where it would be a good one."""
+    draws = exact(20_000, rng)
+    half = draws[draws[:, 0] > 0.2][:6000]
+    weight = np.full(len(half), 1 / len(half))
+    return Proposal(most_likely_mixture(first_mixture(half, weight, 12, rng), half, weight), 0.4, 0)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    rng = np.random.default_rng(3)
+    proposal, start = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)
+    plain = run_ensembles(filament, start, np.random.default_rng(4), SETTINGS, chart=proposal.chart, proposal=proposal)
+    told = []
+    chains, last = run_adapted(
+        filament, start, np.random.default_rng(4), SETTINGS, told.append, charts=[Identity()], proposal=proposal
+    )
+    return plain, chains, last, told
+
+
+def test_a_run_whose_proposal_misses_half_the_density_converges_where_it_fits_it_anew(runs):
+    plain, chains, last, _ = runs
+    assert not plain.converged
+    assert chains.converged
+    assert chains.discarded in (500, 1500, 3500)
+    assert last.efficiency > 0.4
+    assert f"{chains.discarded} steps before these" in chains.reason
+    assert chains.tau.max() < plain.tau.max() / 5
+
+
+def test_its_draws_are_of_the_density(runs):
+    _, chains, _, _ = runs
+    draws = chains.draws().theta.reshape(-1, 3)
+    picked = np.random.default_rng(5).choice(draws, 800, replace=False)
+    assert stats.kstest(picked[:, 0], stats.norm.cdf).pvalue > 1e-3
+    assert np.std(picked[:, 1] - picked[:, 0] ** 2) == pytest.approx(WIDTH, rel=0.1)
+    assert np.std(picked[:, 2] - picked[:, 0] * picked[:, 1]) == pytest.approx(WIDTH, rel=0.1)
+
+
+def test_progress_counts_the_steps_of_all_stages(runs):
+    _, chains, _, told = runs
+    steps = [one.steps for one in told]
+    assert steps == sorted(set(steps))
+    assert steps[-1] == chains.discarded + chains.steps
+    assert all(one.max_steps == SETTINGS.max_steps for one in told)
+    assert all(one.expected_steps <= SETTINGS.max_steps for one in told)
+    assert np.all(np.diff([one.elapsed_seconds for one in told]) > 0)
+    assert chains.seconds == pytest.approx(told[-1].elapsed_seconds, rel=0.2)
+
+
+def test_a_run_that_converges_at_once_is_that_of_run_ensembles_bit_for_bit():
+    def gaussian(theta):
+        return -0.5 * (theta**2).sum(axis=1)
+
+    rng = np.random.default_rng(1)
+    proposal = fit_proposal(gaussian, [Identity()], [(np.zeros(2), np.eye(2))], rng)
+    start = rng.normal(size=(4, 24, 2))
+    plain = run_ensembles(gaussian, start, np.random.default_rng(4), SETTINGS, chart=proposal.chart, proposal=proposal)
+    chains, last = run_adapted(
+        gaussian, start, np.random.default_rng(4), SETTINGS, charts=[Identity()], proposal=proposal
+    )
+    assert chains.converged
+    assert last is proposal
+    assert chains.theta.tobytes() == plain.theta.tobytes()
+    assert (chains.discarded, chains.reason, chains.evaluations) == (0, plain.reason, plain.evaluations)
+
+
+@pytest.mark.parametrize("limit", [100, 500, 590, 600, 1650])
+def test_all_stages_together_make_no_more_steps_than_allowed(limit):
+    rng = np.random.default_rng(3)
+    poor = Proposal(StudentT(np.full(3, 9.0), 1e-4 * np.eye(3), 5.0), 0.5, 0)
+    start = exact(4 * 24, rng).reshape(4, 24, 3)
+    settings = replace(SETTINGS, max_steps=limit, tau_factor=1e6)  # never converged
+    chains, _ = run_adapted(filament, start, rng, settings, charts=[Identity()], proposal=poor)
+    assert not chains.converged
+    assert chains.discarded + chains.steps == limit
+    assert chains.evaluations >= 4 * 24 * limit
+
+
+class TestStraightChart:
+    BASE = BoxChart([-np.inf, 0.0, -np.inf], [np.inf, 2.0, np.inf])
+
+    @staticmethod
+    def bent(rng, n=4000):
+        a, b, c = rng.normal(size=(3, n))
+        return np.column_stack([a, 2 * stats.norm.cdf(0.5 * a**2 + 0.1 * b - 1), a * b + 0.05 * c])
+
+    def test_bent_draws_are_straight_in_it(self):
+        draws = self.bent(np.random.default_rng(1))
+        before, phi = self.BASE.forward(draws), straightened(self.BASE, draws).forward(draws)
+        spread = phi.std(axis=0) * before.std(axis=0)
+        assert spread.min() < 0.2 * before.std(axis=0).min()
+        assert abs(np.corrcoef(phi[:, 0] ** 2, phi[:, 1])[0, 1]) < 0.05
+
+    def test_there_and_back(self):
+        rng = np.random.default_rng(2)
+        draws = self.bent(rng)
+        chart, others = straightened(self.BASE, draws), self.bent(rng)
+        theta, inside = chart.inverse(chart.forward(others))
+        assert inside.all()
+        np.testing.assert_allclose(theta, others, rtol=1e-9, atol=1e-9)
+
+    def test_its_volume_is_that_of_differences(self):
+        draws = self.bent(np.random.default_rng(3))
+        chart, h = straightened(self.BASE, draws), 1e-5
+        points = draws[np.abs(self.BASE.forward(draws)[:, 1]) < 3][:20]  # at an edge differences have no digits
+        slopes = [(chart.forward(points + h * e) - chart.forward(points - h * e)) / (2 * h) for e in np.eye(3)]
+        _, log_slope = np.linalg.slogdet(np.stack(slopes, axis=-1))
+        np.testing.assert_allclose(chart.log_volume(points), -log_slope, atol=1e-5)
+
+    def test_independent_draws_are_left_as_they_are(self):
+        draws = np.random.default_rng(4).normal(size=(4000, 3)) * [1.0, 5.0, 0.2] + 7.0
+        phi = straightened(Identity(), draws).forward(draws)
+        np.testing.assert_allclose(phi, (draws - draws.mean(axis=0)) / draws.std(axis=0), atol=1e-12)
