@@ -202,7 +202,7 @@ def test_a_report_without_convergence_says_so_before_anything_else(unconverged, 
     page = (unconverged / "report.html").read_text(encoding="utf-8")
     body = page[page.index("<body") :]
     assert 0 < body.index("has NOT converged: do not use these numbers") < body.index("<table")
-    assert "The sampler converged" not in page
+    assert "The sampler</strong> converged" not in page
     assert cli("report", unconverged / "posterior.nc", "--out", tmp_path / "other").exit_code == 3
 
 

@@ -9,6 +9,7 @@ from jointbayes.case import case_from_text
 from jointbayes.frf import Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.posterior.diagnosis import diagnose, diagnose_frequencies, diagnose_frfs
+from jointbayes.posterior.resonances import fit_resonance
 from jointbayes.workflow import find_map
 from tests.conftest import CONFIGS, TABLE_3, edited
 
@@ -163,3 +164,12 @@ def test_natural_frequencies_are_compared_one_by_one(measured, causes):
     worst = max(100 * abs(p / m - 1) for p, m in zip(predicted, measured, strict=True))
     assert max(abs(mode.error_percent) for mode in found.modes) == pytest.approx(worst)
     assert f"off by up to {worst:.2g} %" in found.measure
+
+
+def test_a_flank_whose_parabola_has_its_foot_below_0_hz_is_no_resonance():
+    coarse, f = np.arange(10.0, 100.0, 10.0), np.arange(10.0, 40.0, 0.5)
+    x = (coarse**2 - 10.0**2) / 10.0**2
+    for foot in (-1.5, -1.05):  # of 1/|H|² over x = (f² − f₀²)/f₀²; 0 Hz is x = −1
+        assert np.isnan(fit_resonance(coarse, 1 / (0.01 + (x - foot) ** 2), 0)).all()
+    x = (f**2 - 20.0**2) / 20.0**2
+    assert np.exp(fit_resonance(f, 1 / (1e-4 + x**2), 20)) == pytest.approx([20.0, 0.005, 20.0**2], rel=1e-6)

@@ -317,6 +317,17 @@ class TestModes:
         assert np.isfinite(prior.log_density(theta)).all()
         assert {-0.95, 0.0, 0.95} == set(np.round(theta[:, 2], 12))
 
+    def test_walkers_start_in_a_corner_of_the_support_where_hardly_a_draw_of_the_laplace_approximation_lies(self):
+        case = jb.load_case(CONFIGS / "clamped_beam.toml")
+        low, high = case.problem.prior.support
+        corner = np.array([high[0] - 1e-4, low[1] + 1.0, low[2] + 1e-4])
+        # what lowers k11, and so leads inside, lowers k22, and so leads outside
+        covariance = np.array([[4.0, 0.0, 4.0 * (1 - 1e-12)], [0.0, 1.0, 0.0], [4.0 * (1 - 1e-12), 0.0, 4.0]])
+        estimate = jb.MapEstimate(corner, np.exp(corner), covariance, 0.0, (), ())
+        start = laplace_ball(case, estimate, case.sampler, np.random.default_rng(15))
+        assert np.isfinite(case.problem.prior.log_density(start.reshape(-1, 3))).all()
+        assert (start.std(axis=(0, 1)) > 0).all()
+
     def test_walkers_of_each_ensemble_start_about_every_mode_and_modes_are_stored(self):
         case = jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml")
         density = self.Bimodal()

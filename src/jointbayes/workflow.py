@@ -241,7 +241,8 @@ def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
 def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
     """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density.
 
-    From several modes each ensemble has walkers about every one of them.
+    From several modes each ensemble has walkers about every one of them. Near a corner of the support, where hardly a
+    draw lies inside, the approximation is narrowed until enough do.
     """
     log_posterior = case.problem.log_posterior
     starts = starts_of(estimate)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-__all__ = ["SharedResonances", "median_seen"]
+__all__ = ["SharedResonances", "fit_resonance", "median_seen"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -70,7 +70,7 @@ class SharedResonances:
 
     def _fits(self, values: Complex, peak: int) -> Array:
         """ln of frequency, damping and level of one resonance in each FRF, shape (pairs, 3)."""
-        return np.array([_fit(self._f, np.abs(values[:, i]) ** 2, peak) for i in range(values.shape[1])])
+        return np.array([fit_resonance(self._f, np.abs(values[:, i]) ** 2, peak) for i in range(values.shape[1])])
 
 
 def _peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
@@ -95,7 +95,7 @@ def _matched(f: Array, measured: NDArray[np.intp], predicted: NDArray[np.intp]) 
     ]
 
 
-def _fit(f: Array, power: Array, peak: int) -> Array:
+def fit_resonance(f: Array, power: Array, peak: int) -> Array:
     """ln of natural frequency, damping ratio and level of one mode from |H|² about a line, shape (3,); NaN if none.
 
     1/|H|² of a single mode is a parabola in f², whose least value is the damping, whose place the frequency and whose
@@ -116,7 +116,8 @@ def _fit(f: Array, power: Array, peak: int) -> Array:
     square, slope, least = np.polyfit(x, y, 2, w=1 / y)
     place = -slope / (2 * square) if square > 0 else np.nan
     floor = least - slope**2 / (4 * square) if square > 0 else np.nan
-    if not (floor > 0 and abs(place) < np.ptp(x)):
+    # a broad flank may put the place below 0 Hz (x = −1): that is no resonance
+    if not (floor > 0 and abs(place) < min(np.ptp(x), 1.0)):
         return np.full(3, np.nan)
     frequency = f[here] * math.sqrt(1 + place)
     damping = math.sqrt(floor / square) * (f[here] / frequency) ** 2 / 2

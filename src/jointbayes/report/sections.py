@@ -46,11 +46,10 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
     banners: list[Block] = []
     banners += check_banners(summary)
     if posterior.converged:
-        banners.append(Callout("good", f"**The sampler converged.** {posterior.reason}"))
+        banners.append(Callout("good", f"**The sampler** {posterior.reason}"))
     else:
-        banners.append(
-            Callout("bad", f"**The sampler has NOT converged: do not use these numbers.** {posterior.reason}")
-        )
+        found = posterior.reason.removeprefix("not converged ")
+        banners.append(Callout("bad", f"**The sampler has NOT converged, do not use these numbers**: {found}"))
     if not posterior.mode_agrees:
         banners.append(
             Callout(
