@@ -11,7 +11,10 @@ from benchmarks.calibration_page import BEGIN, END
 from benchmarks.exact_data import NAMES, SUBJECTS
 from benchmarks.page import number, table
 
-__all__ = ["PAGE", "bounds_summary", "coverage_summary", "mode_summary", "page_text", "seeds_summary", "write_page"]
+__all__ = [
+    "PAGE", "bounds_summary", "coverage_summary", "mode_summary", "page_text", "seeds_summary", "where_measured",
+    "write_page",
+]  # fmt: skip
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "trust.md"
 Outcomes = Sequence[Mapping[str, Any]]
@@ -120,7 +123,7 @@ def page_text(results: Mapping[str, Any]) -> str:
     for part, write in sections.items():
         if part in results:
             title, body = write(results[part]["subjects"])
-            lines += [f"## {title}", "", _where(results[part]["environment"]), "", *body, ""]
+            lines += [f"## {title}", "", where_measured(results[part]["environment"]), "", *body, ""]
     return "\n".join(lines)
 
 
@@ -133,7 +136,7 @@ def write_page(results: Path) -> None:
     print(f"written: {PAGE.name}", flush=True)
 
 
-def _where(environment: Mapping[str, Any]) -> str:
+def where_measured(environment: Mapping[str, Any]) -> str:
     version = environment["packages"]["jointbayes"]
     return (
         f"{environment['date']}, {environment['cores']} cores, {environment['cpu']} ({environment['machine']}), "

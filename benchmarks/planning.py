@@ -11,26 +11,53 @@ sampled, by the whole search for the mode and the ensemble sampler, not by the m
 - first choices: whether the plan's first is one of the two candidates that leave least, in the median over repeated
   measurements.
 
+A case whose present posterior does not converge has no plan; it is counted as such.
+
+Cases are kept in build/planning as they come, one line of JSON each, so that a run that was cut off goes on where it
+was. The table goes to docs/planning.md.
+
     python -m benchmarks.planning --cases 50
 """
 
 import argparse
+import json
 import math
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
+from benchmarks.calibration_page import between
+from benchmarks.exact_page import where_measured
+from benchmarks.record import environment
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.planning import PlannedMeasurement
 from jointbayes.posterior.candidates import Candidate
 
-__all__ = ["RandomCase", "Row", "analyse", "in_range", "measured_together", "random_case", "report"]
+__all__ = [
+    "RESULTS",
+    "RandomCase",
+    "Row",
+    "analyse",
+    "counts",
+    "in_range",
+    "kept_cases",
+    "measured_together",
+    "random_case",
+    "report",
+]
 
 Array = NDArray[np.float64]
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "planning.json"
+KEPT, PAGE = ROOT / "build" / "planning" / "cases.jsonl", ROOT / "docs" / "planning.md"
 
 #: About 1000 effective draws: a standard deviation to 3 %.
 SETTINGS = jb.SamplerSettings(walkers=24, max_steps=4000, tau_factor=20.0, tau_tolerance=0.1, r_hat_max=1.03)
@@ -77,8 +104,6 @@ floor = 0.01
 seed = {noise_seed}
 [identification]
 line_weight = 0.5
-[sampling]
-walkers = 24
 [plan]
 parameter = "{parameter}"
 outputs = {outputs}
@@ -180,7 +205,7 @@ def analyse(seed: int, repeats: int = 2) -> list[Row]:
     began = time.process_time()
     found = jb.plan(drawn.case, seed=1)
     print(f"case {seed}: planned in {time.process_time() - began:.0f} s of CPU: {found.sentence}", flush=True)
-    return [_measured(drawn, found, one, repeats) for one in found.ranked]
+    return [_measured(drawn, found, one, repeats) for one in found.ranked] if found.converged else []
 
 
 def _measured(drawn: RandomCase, plan: jb.Plan, one: PlannedMeasurement, repeats: int) -> Row:
@@ -190,7 +215,9 @@ def _measured(drawn: RandomCase, plan: jb.Plan, one: PlannedMeasurement, repeats
     for repeat in range(repeats):
         rng = np.random.default_rng([drawn.seed, repeat, *one.label.encode()])
         posterior = jb.sample(measured_together(drawn, candidate, rng), seed=repeat, settings=SETTINGS)
-        sds.append(float(np.log(posterior.values(drawn.parameter)).std()))
+        # a run that did not converge says nothing of the spread, whatever its draws are like
+        spread = float(np.log(posterior.values(drawn.parameter)).std())
+        sds.append(spread if posterior.converged else math.nan)
     return Row(
         drawn.seed, drawn.parameter, len(drawn.uncertain), one.label, one is plan.ranked[0], plan.now.sd,
         one.sd_after, *one.simulation.range80, tuple(sds),
@@ -198,53 +225,102 @@ def _measured(drawn: RandomCase, plan: jb.Plan, one: PlannedMeasurement, repeats
 
 
 def in_range(rows: list[Row]) -> tuple[int, int]:
-    """Number of standard deviations found in the stated range, and number found."""
-    inside = [row.low <= sd <= row.high for row in rows for sd in row.found]
+    """Number of standard deviations found in the stated range, and number found: those of runs that converged."""
+    inside = [row.low <= sd <= row.high for row in rows for sd in row.found if math.isfinite(sd)]
     return sum(inside), len(inside)
 
 
 def first_is_among_best_two(rows: list[Row]) -> bool:
     """Whether the plan's first of one case leaves one of the two least medians."""
-    ordered = sorted(rows, key=lambda row: float(np.median(row.found)))
+    ordered = sorted(rows, key=lambda row: float(np.median(row.found)))  # NaN comes last
     return any(row.recommended for row in ordered[:2])
 
 
+def counts(cases: list[list[Row]]) -> dict[str, Any]:
+    """What the study claims; an empty case is one that was not planned."""
+    planned = [rows for rows in cases if rows]
+    all_rows = [row for rows in planned for row in rows]
+    every, first = in_range(all_rows), in_range([row for row in all_rows if row.recommended])
+    return {
+        "cases": len(cases),
+        "planned": len(planned),
+        "spreads": every[1],
+        "in_range": every[0],
+        "spreads_of_first": first[1],
+        "in_range_of_first": first[0],
+        "first_among_best_two": sum(first_is_among_best_two(rows) for rows in planned),
+        "not_converged": sum(len(row.found) for row in all_rows) - every[1],
+    }
+
+
 def report(cases: list[list[Row]]) -> str:
-    """Markdown table of all candidates, and the two counts."""
-    all_rows = [row for rows in cases for row in rows]
+    """Markdown table of all candidates, and the counts."""
     lines = [
         "| case | wanted | uncertain | measurement | sd now | forecast (80 %) | found |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row in all_rows:
+    for row in (row for rows in cases for row in rows):
         found = ", ".join(f"{sd:.3g}" if row.low <= sd <= row.high else f"**{sd:.3g}**" for sd in row.found)
         name = f"{row.name} (first)" if row.recommended else row.name
         lines.append(
             f"| {row.seed} | {row.parameter} | {row.uncertain} | {name} | {row.before:.3g} | {row.median:.3g} "
-            f"({row.low:.3g} to {row.high:.3g}) | {found} |"
+            f"({row.low:.3g} to {row.high:.3g}) | {found.replace('**nan**', '–')} |"
         )
-    every, first = in_range(all_rows), in_range([row for row in all_rows if row.recommended])
-    best = sum(first_is_among_best_two(rows) for rows in cases)
+    n = counts(cases)
     return "\n".join([
-        *lines, "", "Bold: outside the stated range.", "",
-        f"- In the stated 80 % range: {every[0]} of {every[1]} found; of first choices {first[0]} of {first[1]}.",
-        f"- First choice among the best two: {best} of {len(cases)} cases.",
+        f"- Of {n['cases']} cases {n['planned']} were planned; the present posterior of the others had not converged.",
+        f"- In the stated 80 % range: {_share(n['in_range'], n['spreads'])} of the standard deviations found; of first "
+        f"choices {_share(n['in_range_of_first'], n['spreads_of_first'])}.",
+        f"- First choice among the best two: {_share(n['first_among_best_two'], n['planned'])} of the planned cases.",
+        f"- Left out: {n['not_converged']} measurements whose posterior had not converged within "
+        f"{SETTINGS.max_steps} steps (–).",
+        "", "Bold: outside the stated range.", "", *lines,
     ])  # fmt: skip
 
 
+def _share(some: int, all_: int) -> str:
+    return f"{some} of {all_} ({some / max(all_, 1):.0%})"
+
+
+def kept_cases(seeds: Iterable[int], repeats: int, kept: Path | None) -> list[list[Row]]:
+    """Every case, those of an earlier run of the same study as they were kept in a file."""
+    head = json.dumps({"template": TEMPLATE, "repeats": repeats})
+    done: dict[int, list[Row]] = {}
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        lines = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
+        if not lines or lines[0] != head:
+            lines = [head]
+            kept.write_text(head + "\n", encoding="utf-8")
+        for one in map(json.loads, lines[1:]):
+            done[one["seed"]] = [Row(**{**row, "found": tuple(row["found"])}) for row in one["rows"]]
+    for seed in seeds:
+        if seed in done:
+            continue
+        done[seed] = analyse(seed, repeats)
+        if kept is not None:
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"seed": seed, "rows": [asdict(row) for row in done[seed]]}) + "\n")
+    return [done[seed] for seed in seeds]
+
+
 def main() -> None:
-    """Run and print the table."""
+    """Run, print the table and write it to the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--cases", type=int, default=50)
     parser.add_argument("--first", type=int, default=1, help="number of the first case")
     parser.add_argument("--repeats", type=int, default=2, help="real measurements of each candidate")
+    parser.add_argument("--pilot", action="store_true", help="print only: leave the page as it is")
     options = parser.parse_args()
-    cases = []
-    for seed in range(options.first, options.first + options.cases):
-        cases.append(analyse(seed, options.repeats))
-        for row in cases[-1]:
-            print(row, flush=True)
-    print(report(cases))
+    seeds = range(options.first, options.first + options.cases)
+    cases = kept_cases(seeds, options.repeats, KEPT)
+    text = report(cases)
+    print(text)
+    if not options.pilot:
+        found = {"environment": environment(), **counts(cases)}
+        RESULTS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        text = f"{where_measured(environment())}\n\n{text}\n"
+        PAGE.write_text(between(PAGE.read_text(encoding="utf-8"), text), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -142,7 +142,7 @@ class Simulator:
         A candidate has the same noise for the same truth, alone and in every set.
         """
         theta = self.truths[truth]
-        further = [c.problem(self._problem, theta, self._generator(truth, c.name)) for c in candidates]
+        further = [c.problem(self._problem, theta, self.noise(truth, c)) for c in candidates]
         density = WithFurther(self._problem.log_posterior, further)
         rng = self._generator(truth, *(c.name for c in candidates), "draws")
         few = self._draws[:_FEW].copy()
@@ -222,6 +222,10 @@ class Simulator:
         sd = math.sqrt(float(weight @ (logs - weight @ logs) ** 2))
         verdict = assess(self._values(draws.resample(rng, _RESAMPLED)), self._prior_values).verdict
         return SimulatedPosterior(sd, verdict, _effective(draws.log_weight), method)
+
+    def noise(self, truth: int, candidate: Candidate) -> np.random.Generator:
+        """Generator, at its beginning, of the noise with which a candidate measures truth number `truth`."""
+        return self._generator(truth, candidate.name)
 
     def _generator(self, truth: int, *names: str) -> np.random.Generator:
         return np.random.default_rng([self._seed, truth, *" + ".join(names).encode()])
