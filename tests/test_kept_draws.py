@@ -7,10 +7,12 @@ import subprocess
 import sys
 import tempfile
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
+from jointbayes import workflow
 from jointbayes.cli import main
 from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
 from jointbayes.run_directory import write_report
@@ -262,3 +264,11 @@ def test_a_written_file_has_the_permissions_of_any_other(tmp_path):
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
     write_whole_file(tmp_path / "new", b"newer")
     assert (tmp_path / "new").read_bytes() == b"newer"
+
+
+def test_draws_survive_a_climb_from_the_best_of_them_that_fails(cheap_case, monkeypatch):
+    monkeypatch.setattr(workflow, "refine", failing(np.linalg.LinAlgError("Singular matrix")))
+    posterior = jb.sample(cheap_case, seed=1, settings=jb.SamplerSettings(walkers=8, max_steps=100))
+    assert len(posterior.theta) > 1000
+    assert posterior.mode_theta in posterior.theta
+    assert not posterior.mode_agrees  # so there is no verdict

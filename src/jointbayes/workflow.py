@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from jointbayes.case import Case, case_from_text
-from jointbayes.errors import ModelError, SamplingError
+from jointbayes.errors import JointBayesError, ModelError, SamplingError
 from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
@@ -22,7 +22,7 @@ from jointbayes.identification import (
     search_further,
     sensitivity_iteration,
 )
-from jointbayes.inference import JointPrior
+from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
@@ -303,7 +303,7 @@ def _posterior(
 ) -> Posterior:
     problem = case.problem
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
-    mode_theta, mode_density = refine(problem.log_posterior, chains.theta[best])
+    mode_theta, mode_density = _refined(problem.log_posterior, chains.theta[best])
     names = problem.names
     ess = chains.ess
     sampler = {
@@ -339,6 +339,17 @@ def _posterior(
     if case.provenance and case.joint_frf is not None:
         tree = with_joint_frf(tree, case.joint_frf)
     return Posterior(problem, tree, estimate, mode_theta, mode_density, record)
+
+
+def _refined(log_posterior: LogPosterior, best: Array) -> tuple[Array, float]:
+    """Place and height of the mode next to the best draw; of the draw itself where the climb fails.
+
+    Draws that took long must not be lost to it: the mode is then apart from the MAP, and there is no verdict.
+    """
+    try:
+        return refine(log_posterior, best)
+    except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return best.copy(), float(log_posterior(best)[0])
 
 
 def load_posterior(path: str | os.PathLike[str]) -> Posterior:
