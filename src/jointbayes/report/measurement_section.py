@@ -24,7 +24,7 @@ def mode_table(posterior: Posterior, provenance: Provenance) -> tuple[Block, ...
             f"{100 * mode.damping_ratio:.3f}",
             number(100 * mode.damping_sd, 2),
             f"{near:.2f}",
-            f"{100 * (near / mode.frequency_hz - 1):+.2f}",
+            f"{round(100 * (near / mode.frequency_hz - 1), 2) + 0.0:+.2f}",
         )
         for i, (mode, near) in enumerate(zip(provenance.modes, predicted, strict=True), 1)
     )
