@@ -55,7 +55,12 @@ def _measure(posterior: Posterior) -> list[Block]:
     blocks: list[Block] = []
     if found.modes:
         rows = tuple(
-            (f"{m.measured_hz:.2f}", f"{m.predicted_hz:.2f}", f"{round(m.error_percent, 2) + 0.0:+.2f}", number(m.damping_ratio, 2))
+            (
+                f"{m.measured_hz:.2f}",
+                f"{m.predicted_hz:.2f}",
+                f"{round(m.error_percent, 2) + 0.0:+.2f}",
+                number(m.damping_ratio, 2),
+            )
             for m in found.modes
         )
         head = ("Measured (Hz)", "MAP (Hz)", "Error (%)", "Damping, measured over MAP")
