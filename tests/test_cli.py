@@ -201,7 +201,7 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
 def test_a_report_without_convergence_says_so_before_anything_else(unconverged, tmp_path):
     page = (unconverged / "report.html").read_text(encoding="utf-8")
     body = page[page.index("<body") :]
-    assert 0 < body.index("has NOT converged: do not use these numbers") < body.index("<table")
+    assert 0 < body.index("has NOT converged, do not use these numbers") < body.index("<table")
     assert "The sampler</strong> converged" not in page
     assert cli("report", unconverged / "posterior.nc", "--out", tmp_path / "other").exit_code == 3
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.chart import Chart
@@ -135,7 +134,7 @@ def proposal_from_draws(
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, chart)
     _, log_weight = proposal.weighted_draws(log_density, rng, _CONFIRMING)
     # one draw far out, where a walker stays for long but hardly ever comes, must not make the fit look useless
-    limit = logsumexp(log_weight) - 0.5 * np.log(_CONFIRMING)
+    limit = np.logaddexp.reduce(log_weight) - 0.5 * np.log(_CONFIRMING)
     dead = np.full(_CONFIRMING - log_weight.size, -np.inf)
     efficiency = importance_efficiency(np.concatenate([np.minimum(log_weight, limit), dead]))
     return replace(proposal, efficiency=efficiency)
@@ -152,7 +151,9 @@ def _reaching(
     volume = chart.log_volume(theta)
     for _ in range(_ROUNDS):
         log_weight = value - (mixture.log_density(phi) - volume)
-        log_weight += logsumexp(-log_weight) - np.log(log_weight.size)  # the mean of q/p over draws from p is 1/Z
+        log_weight += np.logaddexp.reduce(-log_weight) - np.log(
+            log_weight.size
+        )  # the mean of q/p over draws from p is 1/Z
         missed = phi[(log_weight > _MISSED) & np.isfinite(phi).all(axis=1)]
         if len(missed) < _FEWEST * (phi.shape[1] + 1):
             break
