@@ -29,6 +29,10 @@ def filament(theta):
     return -0.5 * (x**2 + ((y - x**2) / WIDTH) ** 2 + ((z - x * y) / WIDTH) ** 2)
 
 
+def gaussian(theta):
+    return -0.5 * (theta**2).sum(axis=1)
+
+
 def exact(n, rng):
     x = rng.normal(size=n)
     y = x**2 + WIDTH * rng.normal(size=n)
@@ -59,7 +63,7 @@ def test_a_run_whose_proposal_misses_half_the_density_converges_where_it_fits_it
     plain, chains, last, _ = runs
     assert not plain.converged
     assert chains.converged
-    assert chains.discarded in (500, 1500, 3500)
+    assert chains.discarded >= 500
     assert last.efficiency > 0.4
     assert f"{chains.discarded} steps before these" in chains.reason
     assert chains.tau.max() < plain.tau.max() / 5
@@ -86,9 +90,6 @@ def test_progress_counts_the_steps_of_all_stages(runs):
 
 
 def test_a_run_that_converges_at_once_is_that_of_run_ensembles_bit_for_bit():
-    def gaussian(theta):
-        return -0.5 * (theta**2).sum(axis=1)
-
     rng = np.random.default_rng(1)
     proposal = fit_proposal(gaussian, [Identity()], [(np.zeros(2), np.eye(2))], rng)
     start = rng.normal(size=(4, 24, 2))
@@ -100,6 +101,16 @@ def test_a_run_that_converges_at_once_is_that_of_run_ensembles_bit_for_bit():
     assert last is proposal
     assert chains.theta.tobytes() == plain.theta.tobytes()
     assert (chains.discarded, chains.reason, chains.evaluations) == (0, plain.reason, plain.evaluations)
+
+
+def test_a_run_that_mixes_well_and_wants_more_steps_goes_on_as_it_is():
+    rng = np.random.default_rng(1)
+    fitted = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
+    start, settings = rng.normal(size=(4, 24, 2)), replace(SETTINGS, max_steps=800, end_tolerance=1e-4)
+    chains, last = run_adapted(gaussian, start, rng, settings, charts=[Identity()], proposal=fitted)
+    assert not chains.converged
+    assert last is fitted
+    assert (chains.discarded, chains.steps) == (0, 800)
 
 
 @pytest.mark.parametrize("limit", [100, 500, 590, 600, 1650])

@@ -124,7 +124,7 @@ def test_the_first_block_says_whether_the_sampler_converged(whole, cheap_posteri
     record = dataclasses.replace(cheap_posterior.record, converged=False, reason="not converged at 9 of 9 steps")
     stopped = report_of(dataclasses.replace(cheap_posterior, record=record)).lead[0]
     assert stopped.kind == "bad"
-    assert "has NOT converged: do not use these numbers.** not converged at 9 of 9 steps" in stopped.text
+    assert "has NOT converged, do not use these numbers**: at 9 of 9 steps" in stopped.text
 
 
 def test_a_mode_that_the_map_search_missed_has_a_banner(whole, cheap_posterior):

@@ -145,13 +145,13 @@ def spread_in_words(sd: float) -> str:
 
     Examples
     --------
-    >>> spread_in_words(0.0058), spread_in_words(0.15), spread_in_words(0.36), spread_in_words(math.inf)
-    ('0.58 %', '16 %', 'a factor of 4.1', 'more than a factor of 1000')
+    >>> spread_in_words(0.0058), spread_in_words(0.15), spread_in_words(0.36), spread_in_words(1.3)
+    ('0.58 %', '16 %', 'a factor of 4.1', 'a factor of 160')
     """
     ratio = interval_ratio(sd)
     if ratio > _LARGEST_FACTOR:
         return factor_in_words(ratio)
-    return f"a factor of {ratio:.2g}" if ratio > WEAK_RATIO else f"{100 * math.expm1(sd):.2g} %"
+    return f"a factor of {float(f'{ratio:.2g}'):g}" if ratio > WEAK_RATIO else f"{100 * math.expm1(sd):.2g} %"
 
 
 def name_directions(

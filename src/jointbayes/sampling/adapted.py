@@ -11,7 +11,7 @@ from jointbayes.sampling.chart import Chart
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture
 from jointbayes.sampling.proposal import Proposal
-from jointbayes.sampling.run import run_ensembles
+from jointbayes.sampling.run import Slow, run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.straight_chart import straightened
@@ -22,9 +22,10 @@ __all__ = ["proposal_from_draws", "run_adapted"]
 
 Array = NDArray[np.float64]
 
-#: Steps of each stage: after one without convergence the run starts again from where it stands, with a proposal fitted
-#: to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.
+#: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
+#: proposal fitted to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.
 _STAGES = (500, 1000, 2000, 4000)
+_SLOW_TAU = 20.0
 _FITTED = 6000  # draws to which a mixture is fitted
 _HELD_OUT = 2000  # others than these, by which the coordinates are chosen
 _COMPONENTS = 12
@@ -49,10 +50,10 @@ def run_adapted(
     """Run ensembles as :func:`run_ensembles` does, and fit the proposal anew where they are slow to converge.
 
     A proposal that was fitted without knowing the posterior may miss a part of it. A walker there is hardly ever
-    moved by the independence move, and τ is hundreds of steps. After 500 steps without convergence a proposal is
+    moved by the independence move, and τ is hundreds of steps. Where τ is above 20 after 500 steps a proposal is
     fitted to the draws, which do reach that part; after 1000 more again, and so on. Each time the steps made so far
     become burn-in: moves never change while steps are made that count, so that the posterior stays invariant. A run
-    that converges within 500 steps is the same, bit for bit, as that of :func:`run_ensembles`.
+    of shorter τ is the same, bit for bit, as that of :func:`run_ensembles`.
 
     Parameters
     ----------
@@ -73,10 +74,8 @@ def run_adapted(
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
     discarded, evaluations, seconds = 0, 0, 0.0
-    for stage in (*_STAGES, settings.max_steps):
+    for stage in (*_STAGES, None):
         left = settings.max_steps - discarded
-        # a stage so short that it would end at its first checks is none of its own
-        steps = left if left < stage + 2 * settings.check_every else stage
         chains = run_ensembles(
             log_density,
             start,
@@ -86,12 +85,13 @@ def run_adapted(
             chart=proposal.chart,
             proposal=proposal,
             quantities=quantities,
-            stop_at=steps,
+            # what is left must be enough for a stage of its own
+            slow=Slow(stage, left - max(2 * settings.check_every, stage // 2), _SLOW_TAU) if stage else None,
         )
         evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
-        if chains.converged or steps == left:
+        if chains.converged or chains.steps == left:
             break
-        discarded += steps
+        discarded += chains.steps
         proposal = proposal_from_draws(log_density, charts, _draws(chains), rng)
         start = chains.theta[:, -1]
     reason = f"{chains.reason}; {discarded} steps before these served to fit what is proposed" * (discarded > 0)

@@ -29,7 +29,16 @@ from jointbayes.sampling.stopping import (
 )
 from jointbayes.sampling.workers import MoveOn, mover
 
-__all__ = ["run_ensembles"]
+__all__ = ["Slow", "run_ensembles"]
+
+
+@dataclass(frozen=True, slots=True)
+class Slow:
+    """Between which steps, and above which τ, a run is ended because it mixes slowly."""
+
+    first: int
+    last: int
+    tau: float
 
 
 def run_ensembles(
@@ -42,7 +51,7 @@ def run_ensembles(
     chart: Chart | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
-    stop_at: int | None = None,
+    slow: Slow | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
@@ -65,8 +74,8 @@ def run_ensembles(
         more of the steps are proposed from it.
     quantities : Quantities, optional
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
-    stop_at : int, optional
-        Step at which the run ends before its limit, to be judged as it then stands.
+    slow : Slow, optional
+        When the run ends before its limit because it mixes slowly; by default never.
 
     Raises
     ------
@@ -91,10 +100,10 @@ def run_ensembles(
 
     began = time.perf_counter()
     states = initial_states(log_density, start, rng, settings)
-    run = _Run(blocks=[], checks=[], step=0, end=min(stop_at or settings.max_steps, settings.max_steps))
+    run = _Run(blocks=[], checks=[], step=0)
     verdict = Verdict(converged=False, reason="")
     with mover(log_density, mixture(chart, proposal), min(settings.processes, settings.ensembles)) as move_on:
-        while not verdict.converged and run.step < run.end:
+        while not verdict.converged and run.step < settings.max_steps and not (slow and run.is_slow(slow)):
             states = run.extend(move_on, states, settings)
             if run.step == run.due(settings):
                 run.check(settings, quantities)
@@ -114,15 +123,20 @@ class _Run:
     blocks: list[list[Block]]
     checks: list[Check]
     step: int
-    end: int
 
     def due(self, settings: SamplerSettings) -> int:
-        """Step of the next check, of which one is at the end."""
-        return min(next_check(self.checks[-1].step if self.checks else 0, settings), self.end)
+        """Step of the next check."""
+        return next_check(self.checks[-1].step if self.checks else 0, settings)
+
+    def is_slow(self, slow: Slow) -> bool:
+        """Whether the run stands at a check between these steps and mixes slowly."""
+        if not slow.first <= self.step <= slow.last or self.checks[-1].step != self.step:
+            return False
+        return self.checks[-1].tau_max > slow.tau
 
     def extend(self, move_on: MoveOn, states: list[EnsembleState], settings: SamplerSettings) -> list[EnsembleState]:
         """Move every ensemble on by one block and return where they stand."""
-        size = min(settings.check_every, self.end - self.step)
+        size = min(settings.check_every, settings.max_steps - self.step)
         self.blocks.append(move_on(states, size))
         self.step += size
         return [block.end for block in self.blocks[-1]]
