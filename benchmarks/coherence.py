@@ -6,12 +6,12 @@ import time
 import numpy as np
 
 from benchmarks.cases import ROOT
-from jointbayes.case import Case, case_from_text
-from jointbayes.case_virtual_test import VirtualTestSpec
+from jointbayes.case.case import Case, case_from_text
+from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.simulation import simulate
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.variance import coherence_variance
-from jointbayes.simulation import simulate
 
 AVERAGES = (3, 10, 50)
 METHODS = ("impact", "shaker", "frf")

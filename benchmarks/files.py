@@ -20,10 +20,10 @@ import numpy as np
 
 import jointbayes as jb
 from benchmarks.calibration_data import case_of
+from jointbayes.case.simulation import simulate
 from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_records
-from jointbayes.simulation import simulate
 
 __all__ = ["Outcome", "analyse", "measured_text", "table", "truth_text"]
 

@@ -58,7 +58,7 @@ def fingerprint(path: Path) -> str:
 
 def command(folder: Path, *arguments: str) -> tuple[int, list[str]]:
     """Exit status and output, without the progress, of the command line run in a directory."""
-    code = "from jointbayes.cli import main; main()"
+    code = "from jointbayes.cli.commands import main; main()"
     found = subprocess.run(
         [sys.executable, "-c", code, *arguments],
         cwd=folder,

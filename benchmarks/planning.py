@@ -37,8 +37,8 @@ from benchmarks.exact_page import where_measured
 from benchmarks.record import environment
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.planning import PlannedMeasurement
-from jointbayes.posterior.candidates import Candidate
+from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.plan import PlannedMeasurement
 
 __all__ = [
     "RESULTS",

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import jointbayes as jb
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.errors import JointBayesError
 from jointbayes.posterior.verdicts import verdict_line
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from jointbayes.case_objects import beam_recipe
+from jointbayes.case.build import beam_recipe
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jointbayes.case import Case, case_from_text
+from jointbayes.case.case import Case, case_from_text
 from jointbayes.joint import Joint
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings

@@ -16,8 +16,8 @@ from jointbayes.sampling import (
     run_adapted,
     run_ensembles,
 )
-from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture
-from jointbayes.sampling.straight_chart import straightened
+from jointbayes.sampling.coordinates.straight import straightened
+from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
 WIDTH = 0.02

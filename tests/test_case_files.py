@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case import Case
-from jointbayes.cli import main
+from jointbayes.case.case import Case
+from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.identification import maximise_posterior
@@ -19,7 +19,7 @@ from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise
 from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
-from jointbayes.measurement.virtual_frf import noisy_frf
+from jointbayes.measurement.virtual.virtual_frf import noisy_frf
 from jointbayes.posterior.storage import stored_test
 from jointbayes.sampling import SamplerSettings
 from tests.conftest import TABLE_3, cheap_text, edited

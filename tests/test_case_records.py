@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case import Case
+from jointbayes.case.case import Case
+from jointbayes.case.simulation import simulate
 from jointbayes.errors import CaseError
 from jointbayes.identification import maximise_posterior
 from jointbayes.measurement.formats import write_records
-from jointbayes.simulation import simulate
 from tests.conftest import TABLE_3, cheap_text, edited
 
 VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'

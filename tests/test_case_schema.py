@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointbayes import case_schema
-from jointbayes.case_schema import CaseSpec, CircleSpec, parse_case, read_case_file
+from jointbayes.case.schema import case as case_schema
+from jointbayes.case.schema.case import CaseSpec, CircleSpec, parse_case, read_case_file
+from jointbayes.case.toml_text import key_lines
 from jointbayes.errors import CaseError
-from jointbayes.toml_text import key_lines
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes import case_schema as schema
-from jointbayes.case_variance import variance_of
+from jointbayes.case.schema import case as schema
+from jointbayes.case.variance import variance_of
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.joint import joint_matrix
 from tests.conftest import TABLE_3, cheap_text
@@ -15,7 +15,7 @@ LAW = schema.VarianceSpec(source="relative", relative=0.05, floor=0.02)
 
 
 def exact_frf() -> FrfSet:
-    from jointbayes.case import case_from_text
+    from jointbayes.case.case import case_from_text
 
     case = case_from_text("truth", cheap_text())
     lines = np.arange(20.0, 2500.0, 4.0)

@@ -6,7 +6,7 @@ import pytest
 from scipy import special, stats
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.noise import (
+from jointbayes.inference.noise.models import (
     CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,

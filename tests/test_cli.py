@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from jointbayes.case import case_from_text
-from jointbayes.check import check_posterior
-from jointbayes.cli import main
+from jointbayes.case.case import case_from_text
+from jointbayes.cli.commands import main
 from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import rounded
+from jointbayes.studies.reference_check import check_posterior
 from jointbayes.workflow import load_posterior
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
 
@@ -49,10 +49,10 @@ def python(code, cwd=None):
     "code",
     [
         "import jointbayes",
-        "import jointbayes.cli",
-        "from jointbayes.cli import main; main(['--help'], standalone_mode=False)",
-        "from jointbayes.cli import main; main(['run', '--help'], standalone_mode=False)",
-        "from jointbayes.cli import main; main(['--version'], standalone_mode=False)",
+        "import jointbayes.cli.commands",
+        "from jointbayes.cli.commands import main; main(['--help'], standalone_mode=False)",
+        "from jointbayes.cli.commands import main; main(['run', '--help'], standalone_mode=False)",
+        "from jointbayes.cli.commands import main; main(['--version'], standalone_mode=False)",
     ],
 )
 def test_nothing_heavy_is_loaded_before_it_is_needed(code):
@@ -68,7 +68,7 @@ def test_what_is_wrong_with_a_case_file_is_said_before_anything_heavy_is_loaded(
         code = f"""
 import sys
 from click.testing import CliRunner
-from jointbayes.cli import main
+from jointbayes.cli.commands import main
 result = CliRunner().invoke(main, [{command!r}, {name!r}])
 print(result.exit_code, len(result.stderr.splitlines()), *sorted(set(sys.modules) & {{"numpy", "numba", "scipy"}}))
 """
@@ -481,7 +481,7 @@ def test_a_real_process_prints_one_line_and_no_traceback(tmp_path):
     (tmp_path / "bad.toml").write_text(edited(GOOD, ("length_mm = 383.0", "length_mm = -1")), encoding="utf-8")
     (tmp_path / "cut.nc").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(200))
     for arguments, words in ((["run", "bad.toml"], "structure.length_mm"), (["report", "cut.nc"], "no posterior")):
-        done = python(f"from jointbayes.cli import main; main({arguments})", tmp_path)
+        done = python(f"from jointbayes.cli.commands import main; main({arguments})", tmp_path)
         assert (done.returncode, done.stdout) == (2, "")
         (line,) = done.stderr.splitlines()
         assert words in line

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from jointbayes.case import case_from_text
-from jointbayes.cli import main
-from jointbayes.comparison import HYPOTHESES, compare, require_same_data, under
-from jointbayes.comparison_result import Candidate, Comparison, PriorEdge
+from jointbayes.case.case import case_from_text
+from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID, joint_matrix
-from jointbayes.posterior.bayes_factors import bayes_factor_words, model_probabilities
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.posterior.leave_one_out import leave_one_out
 from jointbayes.report.comparison import build_comparison_report, evidence_table, text_table
-from jointbayes.run_directory import write_comparison
+from jointbayes.report.run_directory import write_comparison
+from jointbayes.studies.comparison.bayes_factors import bayes_factor_words, model_probabilities
+from jointbayes.studies.comparison.compare import HYPOTHESES, compare, require_same_data, under
+from jointbayes.studies.comparison.leave_one_out import leave_one_out
+from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
 from tests.conftest import cheap_frequencies_text, cheap_text, edited
 
 DATE = datetime.date(2026, 1, 2)
@@ -355,7 +355,7 @@ def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path):
 
 def test_an_evidence_that_is_not_to_be_trusted_exits_3(tmp_path, monkeypatch):
     doubtful = Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, "")
-    monkeypatch.setattr("jointbayes.comparison.compare", lambda *_: doubtful)
+    monkeypatch.setattr("jointbayes.studies.comparison.compare.compare", lambda *_: doubtful)
     result = cli("compare", write(tmp_path, "case.toml", frequencies_text()))
     assert result.exit_code == 3
     assert "NOT TRUSTED" in result.stdout

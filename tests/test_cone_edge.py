@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.identification.refine import laplace_covariance
 from tests.conftest import cheap_text
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.frf import Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.posterior.diagnosis import diagnose, diagnose_frequencies, diagnose_frfs

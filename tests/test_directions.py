@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jointbayes.joint import is_positive_semidefinite
-from jointbayes.posterior.directions import (
+from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.information.directions import (
     factor_in_words,
     interval_ratio,
     name_directions,
@@ -16,7 +17,6 @@ from jointbayes.posterior.directions import (
     summary_sentence,
     verdict_of,
 )
-from jointbayes.posterior.identifiability import assess
 
 NAMES = ("k11", "k12", "k22")
 COUPLED = np.array([1.0e9, 2.4e7, 1.0e6])  # ρ = 0.76: k22 and k22 − k12²/k11 are different things

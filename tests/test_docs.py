@@ -15,8 +15,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 import jointbayes as jb
-from jointbayes.case_schema import CaseSpec
-from jointbayes.cli import main
+from jointbayes.case.schema.case import CaseSpec
+from jointbayes.cli.commands import main
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
@@ -177,7 +177,7 @@ def test_every_case_file_and_page_named_exists(page):
 
 
 def test_the_readme_states_the_exit_codes_of_the_command_line():
-    from jointbayes import cli
+    from jointbayes.cli.commands import commands as cli
 
     text = README.read_text(encoding="utf-8")
     assert f"**{cli.NOT_MATCHED}** the check does not match" in text

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import quantity_factor
-from jointbayes.measurement.doubts import DoubtCollector, find_doubts
 from jointbayes.measurement.formats import iter_records, write_records
 from jointbayes.measurement.records import FrfRecord, TimeRecord
+from jointbayes.measurement.warnings.warnings import DoubtCollector, find_doubts
 
 UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
 LINES = np.arange(10, 3201) * 0.5

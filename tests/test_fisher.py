@@ -9,8 +9,8 @@ from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling, joint_matrix
 from jointbayes.measurement import RelativeNoise, synthesise_frf
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.freeing import freeing_table
+from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.information.freeing import freeing_table
 from tests.conftest import TABLE_3
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "length")

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.storage import draws_tree
-from jointbayes.report.frf_section import fit_section, frf_unit
 from jointbayes.report.model import Figure
+from jointbayes.report.sections.frfs import fit_section, frf_unit
 from jointbayes.sampling import Draws, SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import TABLE_3, cheap_text, edited

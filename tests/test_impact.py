@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.hits import HitSettings
-from jointbayes.measurement.impact import ImpactSettings, frfs_of_hits, impact_frf, impact_frfs
 from jointbayes.measurement.records import TimeRecord
-from jointbayes.measurement.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
+from jointbayes.measurement.signals.hits import HitSettings
+from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits, impact_frf, impact_frfs
+from jointbayes.measurement.signals.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
+from jointbayes.measurement.signals.windows import added_decay_rate
 from jointbayes.measurement.variance import coherence_variance
-from jointbayes.measurement.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
-from jointbayes.measurement.windows import added_decay_rate
+from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 
 RATE, BLOCK = 4096.0, 2048
 SILENT = ChannelNoise(0.0, 0.0)

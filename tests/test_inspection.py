@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from jointbayes import inspection
-from jointbayes.cli import main
-from jointbayes.inspection import inspect_file, inspect_records
-from jointbayes.inspection_text import text_of
+from jointbayes.cli.commands import main
 from jointbayes.measurement.formats import write_records
+from jointbayes.measurement.inspection import inspection
+from jointbayes.measurement.inspection.inspection import inspect_file, inspect_records
+from jointbayes.measurement.inspection.text import text_of
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.report.inspect_figure import inspect_figure
 from tests.test_doubts import DAMPING, FREQUENCY, LINES, hammer, records, times

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes import workflow
-from jointbayes.cli import main
+from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
-from jointbayes.run_directory import write_report
+from jointbayes.report.run_directory import write_report
 from jointbayes.whole_file import write_whole_file
 from tests.conftest import cheap_frequencies_text
 
@@ -77,7 +77,7 @@ def test_a_report_that_fails_leaves_the_draws_and_one_line(
 
 def test_the_line_goes_on_to_the_report_even_from_names_with_blanks(config, monkeypatch):
     with monkeypatch.context() as broken:
-        broken.setattr("jointbayes.run_directory.render_pdf", failing(RuntimeError("no fonts")))
+        broken.setattr("jointbayes.report.run_directory.render_pdf", failing(RuntimeError("no fonts")))
         result = cli("run", config, "--out", "my report")
     command = shlex.split(result.stderr.split("go on with: ")[1])
     assert command == ["jointbayes", "report", "my report.posterior.nc", "--out", "my report"]
@@ -93,13 +93,13 @@ def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, fre
         seen.append(jb.load_posterior("out.posterior.nc").theta.tobytes())
         raise RuntimeError
 
-    monkeypatch.setattr("jointbayes.run_directory.case_from_text", look)
+    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", look)
     assert cli("run", config, "--out", "out").exit_code == 2
     assert seen == [frequency_posterior.theta.tobytes()]
 
 
 def test_an_interrupted_report_says_that_the_draws_are_kept(config, monkeypatch):
-    monkeypatch.setattr("jointbayes.run_directory.render_html", failing(KeyboardInterrupt()))
+    monkeypatch.setattr("jointbayes.report.run_directory.render_html", failing(KeyboardInterrupt()))
     result = cli("run", config, "--out", "out")
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == (
@@ -111,7 +111,7 @@ def test_an_interrupted_report_says_that_the_draws_are_kept(config, monkeypatch)
 
 @pytest.mark.parametrize(("command", "written"), [("run", "out"), ("sample", "out")])
 def test_an_interrupt_after_the_writing_says_what_was_written(config, monkeypatch, command, written):
-    monkeypatch.setattr("jointbayes.cli._print_summary", failing(KeyboardInterrupt()))
+    monkeypatch.setattr("jointbayes.cli.commands._print_summary", failing(KeyboardInterrupt()))
     result = cli(command, config, "--out", "out")
     assert (result.exit_code, result.stderr) == (130, f"jointbayes: interrupted; {written} is whole\n")
 
@@ -127,7 +127,7 @@ def test_too_little_memory_is_one_line(config, monkeypatch):
 def test_an_earlier_run_and_its_kept_draws_survive_runs_that_fail(config, monkeypatch):
     assert cli("run", config, "--out", "out").exit_code == 0
     before = content(config.parent)
-    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(RuntimeError("broken")))
+    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(RuntimeError("broken")))
     for number, kept in enumerate(("out.posterior.nc", "out.posterior-2.nc", "out.posterior-3.nc"), 1):
         result = cli("run", config, "--out", "out")
         assert f"the draws are whole in {kept}; " in result.stderr
@@ -162,7 +162,7 @@ def test_a_run_that_ends_well_leaves_the_draws_in_its_directory_only(config, fre
 
 def test_a_report_from_a_file_names_that_file_and_makes_no_other(config, monkeypatch, frequency_posterior):
     frequency_posterior.save("draws.nc")
-    monkeypatch.setattr("jointbayes.run_directory.render_html", failing(RuntimeError("broken")))
+    monkeypatch.setattr("jointbayes.report.run_directory.render_html", failing(RuntimeError("broken")))
     result = cli("report", "draws.nc")
     assert result.exit_code == 2
     assert "the draws are whole in draws.nc; go on with: jointbayes report draws.nc --out reports/" in result.stderr
@@ -172,18 +172,18 @@ def test_a_report_from_a_file_names_that_file_and_makes_no_other(config, monkeyp
 
 def test_python_gets_the_same_with_the_cause_behind_it(config, monkeypatch, frequency_posterior):
     cause = IndexError("here")
-    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(cause))
+    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(cause))
     with pytest.raises(ReportError, match=r"the draws are whole in out\.posterior\.nc") as caught:
         write_report(frequency_posterior, "out")
     assert caught.value.__cause__ is cause
-    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(KeyboardInterrupt()))
+    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(KeyboardInterrupt()))
     with pytest.raises(KeyboardInterrupt) as stopped:
         write_report(frequency_posterior, "out")
     assert isinstance(stopped.value, ReportInterruptedError)
 
 
 def test_the_traceback_is_there_for_who_asks(config, monkeypatch):
-    monkeypatch.setattr("jointbayes.run_directory.case_from_text", failing(IndexError("here")))
+    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(IndexError("here")))
     monkeypatch.setenv("JOINTBAYES_DEBUG", "1")
     result = cli("run", config, "--out", "out")
     assert result.exit_code == 2

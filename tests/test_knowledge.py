@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes import case_objects
-from jointbayes.case import case_from_text
+from jointbayes.case import build as case_objects
+from jointbayes.case.case import case_from_text
 from jointbayes.posterior import gather_knowledge, summarise
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import assumed_words
-from jointbayes.posterior.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs, effect_sentence
+from jointbayes.posterior.information.knowledge import assumed_words
+from jointbayes.posterior.information.uncertain_inputs import (
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
+    effect_sentence,
+)
 from jointbayes.report import ReportInputs, build_report, render_html
-from jointbayes.report.knowledge_section import coordinate_label, freed_blocks
 from jointbayes.report.model import Callout, Paragraph, Table
+from jointbayes.report.sections.knowledge import coordinate_label, freed_blocks
 from tests.conftest import CONFIGS, cheap_text
 
 INITIAL = (1e8, 0.0, 0.0)
@@ -173,8 +177,8 @@ def test_the_sentence_says_which_verdicts_rest_on_what():
 
 
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
-    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs.pareto_k", lambda log_weight: 0.71)
-    monkeypatch.setattr("jointbayes.posterior.uncertain_inputs._SHORT_R_HAT", 1.0)
+    monkeypatch.setattr("jointbayes.posterior.information.uncertain_inputs.pareto_k", lambda log_weight: 0.71)
+    monkeypatch.setattr("jointbayes.posterior.information.uncertain_inputs._SHORT_R_HAT", 1.0)
     rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
     assert len(rows) == 2
     assert rows[-1].source == "none"

@@ -10,7 +10,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import RelativeNoise, synthesise_frf
-from jointbayes.measurement.modal_fit import fit_modes, identify_modes
+from jointbayes.measurement.modal.fit import fit_modes, identify_modes
 from tests.conftest import CLAMP, TABLE_3, rod
 
 MATRIX = joint_matrix(TABLE_3)

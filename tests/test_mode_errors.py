@@ -7,7 +7,7 @@ from benchmarks.calibration_data import VARIANTS, draw_data
 from benchmarks.wrong_model import in_band
 
 import jointbayes as jb
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.identification import maximise_posterior, screened_draws
 from jointbayes.identification.climb import newton_climb
 from jointbayes.identification.mode_scan import with_modes_on_data

@@ -7,7 +7,7 @@ from scipy import integrate, stats
 
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import FrfSet
-from jointbayes.inference.noise import (
+from jointbayes.inference.noise.models import (
     CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,

@@ -6,9 +6,9 @@ import re
 import pytest
 from benchmarks import numbers, quoted
 
-from jointbayes.check import EXACT_TOLERANCE, NOISY_TOLERANCE_K22, REGION
-from jointbayes.paper import audit
 from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
+from jointbayes.report.paper_tables import audit
+from jointbayes.studies.reference_check import EXACT_TOLERANCE, NOISY_TOLERANCE_K22, REGION
 
 AGAIN = "run `python -m benchmarks.numbers` (all cases) or `python -m benchmarks.numbers --write-only` (pages only)"
 

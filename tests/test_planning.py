@@ -9,19 +9,21 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case_candidates import HeavierFamily, candidates_of
-from jointbayes.case_objects import beam_recipe
-from jointbayes.cli import main
+from jointbayes.case.build import beam_recipe
+from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise
 from jointbayes.joint import LogStiffness, joint_matrix
 from jointbayes.measurement import RelativeNoise
-from jointbayes.planning import Plan, PlannedMeasurement, could_come_first
-from jointbayes.posterior.candidates import Candidate, StatedVariance, estimated_law, repeated
-from jointbayes.posterior.directions import spread_in_words
 from jointbayes.posterior.evidence import WeightedDraws
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.planning import (
+from jointbayes.posterior.information.directions import spread_in_words
+from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
+from jointbayes.report.plan import build_plan_report, candidate_table, plan_lines
+from jointbayes.sampling import fit_proposal
+from jointbayes.structure import BeamFamily
+from jointbayes.studies.planning.candidates import Candidate, StatedVariance, estimated_law, repeated
+from jointbayes.studies.planning.case_candidates import HeavierFamily, candidates_of
+from jointbayes.studies.planning.first_look import (
     FirstLook,
     Linearised,
     measurement_information,
@@ -29,11 +31,9 @@ from jointbayes.posterior.planning import (
     sets_of,
     worth_simulating,
 )
-from jointbayes.posterior.planning_forecast import SimulatedPosterior, Simulation, predictive_range
-from jointbayes.posterior.planning_simulation import Simulator, WithFurther, assumed_truth
-from jointbayes.report.plan import build_plan_report, candidate_table
-from jointbayes.sampling import fit_proposal
-from jointbayes.structure import BeamFamily
+from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation, predictive_range
+from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first
+from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth
 from jointbayes.workflow import charts
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
 
@@ -122,7 +122,7 @@ def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case,
         return [simulator.after([candidate], i) for i in range(5)]
 
     usual = simulated()
-    monkeypatch.setattr("jointbayes.posterior.planning_simulation._SPARE", 1e9)
+    monkeypatch.setattr("jointbayes.studies.planning.simulation._SPARE", 1e9)
     by_importance = simulated()
     assert {one.method for one in by_importance} == {"importance sampling"}
     both = [(a.sd, b.sd) for a, b in zip(usual, by_importance, strict=True) if a.method == "reweighting"]
@@ -412,7 +412,7 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert len(plan.measurements) == 6  # three alone, three pairs
     assert plan.now.sd == pytest.approx(np.log(cheap_posterior.values("k12")).std(), rel=1e-9)
     assert lines[1].startswith("simulating candidate 1 of 6: ")
-    assert plan.sentence in plan.text()
+    assert plan.sentence in plan_lines(plan)
     report = build_plan_report(summary, datetime.date(2026, 1, 1))
     assert report.lead[0].text == plan.sentence
     assert (report.lead[0].kind, len(report.lead)) == ("good", 1)
@@ -442,7 +442,7 @@ def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
 
 
 def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_path, monkeypatch):
-    monkeypatch.setattr("jointbayes.planning.FIRST", 3)
+    monkeypatch.setattr("jointbayes.studies.planning.plan.FIRST", 3)
     file, out = tmp_path / "cheap.toml", tmp_path / "plan"
     file.write_text(edited(planned_text(), ('"3:y", "5:rz"', '"1:y"')), encoding="utf-8")
     result = CliRunner().invoke(main, ["plan", str(file), "--out", str(out), "--seed", "2"])
@@ -463,7 +463,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
 
 def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp_path, monkeypatch):
     found = planned(converged=False, a=simulated(0.1, 0.1))
-    monkeypatch.setattr("jointbayes.planning.plan", lambda *arguments, **options: found)
+    monkeypatch.setattr("jointbayes.studies.planning.plan.plan", lambda *arguments, **options: found)
     file = tmp_path / "cheap.toml"
     file.write_text(planned_text(), encoding="utf-8")
     result = CliRunner().invoke(main, ["plan", str(file)])

@@ -11,10 +11,10 @@ from click.testing import CliRunner
 from pydantic import BaseModel
 
 import jointbayes as jb
-from jointbayes import plausibility
-from jointbayes.case_limits import LIMITS, TABLE, limit_text
-from jointbayes.case_schema import CaseSpec, parse_case
-from jointbayes.cli import main
+from jointbayes.case import plausibility
+from jointbayes.case.schema.case import CaseSpec, parse_case
+from jointbayes.case.schema.limits import LIMITS, TABLE, limit_text
+from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout
@@ -150,7 +150,9 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
 
 def test_a_run_writes_the_warnings_of_its_case(tmp_path, monkeypatch, frequency_posterior):
     text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))
-    monkeypatch.setattr("jointbayes.run_directory.case_from_text", lambda *_a, **_o: jb.case_from_text("case", text))
+    monkeypatch.setattr(
+        "jointbayes.report.run_directory.case_from_text", lambda *_a, **_o: jb.case_from_text("case", text)
+    )
     jb.write_report(frequency_posterior, tmp_path / "out")
     (line,) = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["warnings"]
     assert line.startswith("structure.density_kg_m3: found 7.8, ")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Uniform
 from jointbayes.joint import LogStiffness, Parametrisation
-from jointbayes.posterior.fisher import fisher_information
-from jointbayes.posterior.profile import profile_likelihood
+from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.posterior.information.profile import profile_likelihood
 from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.posterior import summarise
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.format import number, rounded, rounded_interval
 from jointbayes.report.model import Callout, Code, Paragraph, Table
-from jointbayes.report.sections import chain_figures, coupling_sentence
+from jointbayes.report.sections.lead import chain_figures, coupling_sentence
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import identify, sample
 from tests.conftest import cheap_text, edited

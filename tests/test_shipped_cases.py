@@ -9,7 +9,7 @@ import pytest
 from benchmarks import numbers
 from click.testing import CliRunner
 
-from jointbayes.cli import main
+from jointbayes.cli.commands import main
 
 CASES = numbers.shipped()
 RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))

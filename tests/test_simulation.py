@@ -7,21 +7,21 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
-from jointbayes.case import Case, case_from_text
-from jointbayes.case_virtual_test import VirtualTestSpec
-from jointbayes.cli import main
+from jointbayes.case.case import Case, case_from_text
+from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.simulation import Truth, describe, simulate
+from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
 from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
-from jointbayes.measurement.hits import HitSettings, find_hits
-from jointbayes.measurement.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.thinning import lines_apart
+from jointbayes.measurement.signals.hits import HitSettings, find_hits
+from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
+from jointbayes.measurement.signals.line_thinning import lines_apart
 from jointbayes.measurement.variance import coherence_variance
-from jointbayes.measurement.virtual_frf import frf_records, noisy_frf
-from jointbayes.simulation import Truth, describe, simulate
+from jointbayes.measurement.virtual.virtual_frf import frf_records, noisy_frf
 from tests.conftest import TABLE_3, cheap_frequencies_text, cheap_text, edited
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"

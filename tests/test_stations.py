@@ -7,7 +7,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.frf.rotation import transform_frf
 from jointbayes.joint import joint_matrix
-from jointbayes.measurement.stations import Rotation, at_joint, with_rotations
+from jointbayes.measurement.rotations import Rotation, at_joint, with_rotations
 from tests.conftest import CLAMP, rod
 
 LINES = np.linspace(30.0, 800.0, 40)

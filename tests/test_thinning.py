@@ -7,14 +7,14 @@ from scipy import signal
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.thinning import (
+from jointbayes.measurement.signals.line_thinning import (
     effective_averages,
     independent_step,
     line_correlation,
     lines_apart,
     thinned,
 )
-from jointbayes.measurement.windows import exponential_window
+from jointbayes.measurement.signals.windows import exponential_window
 
 HANN = signal.get_window("hann", 64)
 

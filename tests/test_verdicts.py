@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from benchmarks.prior_bounds import OUTPUTS, outside_cases
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.inference import JointPrior, Normal, Uniform
 from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, SignedCoupling
 from jointbayes.posterior import Posterior, summarise
@@ -36,7 +36,7 @@ from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, bounds
 from jointbayes.report import render_html, render_pdf
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Report, Table
-from jointbayes.report.sections import lead
+from jointbayes.report.sections.lead import lead
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import cheap_text, edited

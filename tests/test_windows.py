@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.windows import (
+from jointbayes.measurement.signals.windows import (
     added_decay_rate,
     exponential_window,
     force_window,

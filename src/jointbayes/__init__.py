@@ -7,10 +7,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jointbayes.case import Case, case_from_text, load_case
-    from jointbayes.check import check_posterior
-    from jointbayes.comparison import compare
-    from jointbayes.comparison_result import Comparison
+    from jointbayes.case.case import Case, case_from_text, load_case
+    from jointbayes.case.simulation import simulate
     from jointbayes.errors import (
         CaseError,
         JointBayesError,
@@ -23,24 +21,26 @@ if TYPE_CHECKING:
     from jointbayes.frf import FrfSet, Ports
     from jointbayes.identification import IterationHistory, MapEstimate
     from jointbayes.inference import Problem
-    from jointbayes.inspection import Inspection, inspect_file
-    from jointbayes.measurement.doubts import Doubt, find_doubts
     from jointbayes.measurement.formats import iter_records, read_frf, write_frf, write_records
-    from jointbayes.measurement.modal_fit import MeasuredMode, identify_modes
+    from jointbayes.measurement.inspection.inspection import Inspection, inspect_file
+    from jointbayes.measurement.modal.fit import MeasuredMode, identify_modes
     from jointbayes.measurement.records import FrfRecord, TimeRecord
-    from jointbayes.plan_directory import write_plan
-    from jointbayes.planning import Plan, plan
+    from jointbayes.measurement.warnings.warnings import Doubt, find_doubts
     from jointbayes.posterior import Knowledge, Posterior, PredictiveCheck, gather_knowledge, summarise
-    from jointbayes.run_directory import write_report
+    from jointbayes.report.plan_directory import write_plan
+    from jointbayes.report.run_directory import write_report
     from jointbayes.sampling import SamplerSettings
-    from jointbayes.simulation import simulate
+    from jointbayes.studies.comparison.compare import compare
+    from jointbayes.studies.comparison.result import Comparison
+    from jointbayes.studies.planning.plan import Plan, plan
+    from jointbayes.studies.reference_check import check_posterior
     from jointbayes.workflow import find_map, identify, load_posterior, sample
 
 _HOMES = {
-    "jointbayes.case": ("Case", "case_from_text", "load_case"),
-    "jointbayes.check": ("check_posterior",),
-    "jointbayes.comparison": ("compare",),
-    "jointbayes.comparison_result": ("Comparison",),
+    "jointbayes.case.case": ("Case", "case_from_text", "load_case"),
+    "jointbayes.studies.reference_check": ("check_posterior",),
+    "jointbayes.studies.comparison.compare": ("compare",),
+    "jointbayes.studies.comparison.result": ("Comparison",),
     "jointbayes.errors": (
         "CaseError",
         "JointBayesError",
@@ -53,17 +53,17 @@ _HOMES = {
     "jointbayes.frf": ("FrfSet", "Ports"),
     "jointbayes.identification": ("IterationHistory", "MapEstimate"),
     "jointbayes.inference": ("Problem",),
-    "jointbayes.inspection": ("Inspection", "inspect_file"),
-    "jointbayes.measurement.doubts": ("Doubt", "find_doubts"),
+    "jointbayes.measurement.inspection.inspection": ("Inspection", "inspect_file"),
+    "jointbayes.measurement.warnings.warnings": ("Doubt", "find_doubts"),
     "jointbayes.measurement.formats": ("iter_records", "read_frf", "write_frf", "write_records"),
-    "jointbayes.measurement.modal_fit": ("MeasuredMode", "identify_modes"),
+    "jointbayes.measurement.modal.fit": ("MeasuredMode", "identify_modes"),
     "jointbayes.measurement.records": ("FrfRecord", "TimeRecord"),
-    "jointbayes.plan_directory": ("write_plan",),
-    "jointbayes.planning": ("Plan", "plan"),
+    "jointbayes.report.plan_directory": ("write_plan",),
+    "jointbayes.studies.planning.plan": ("Plan", "plan"),
     "jointbayes.posterior": ("Knowledge", "Posterior", "PredictiveCheck", "gather_knowledge", "summarise"),
-    "jointbayes.run_directory": ("write_report",),
+    "jointbayes.report.run_directory": ("write_report",),
     "jointbayes.sampling": ("SamplerSettings",),
-    "jointbayes.simulation": ("simulate",),
+    "jointbayes.case.simulation": ("simulate",),
     "jointbayes.workflow": ("find_map", "identify", "load_posterior", "sample"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

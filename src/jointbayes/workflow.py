@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
-from jointbayes.case import Case, case_from_text
+from jointbayes.case.case import Case, case_from_text
 from jointbayes.errors import JointBayesError, ModelError, SamplingError
 from jointbayes.identification import (
     IterationHistory,

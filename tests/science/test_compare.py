@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jointbayes.case import load_case
-from jointbayes.comparison import compare, under
+from jointbayes.case.case import load_case
 from jointbayes.posterior.evidence import nested_evidence
+from jointbayes.studies.comparison.compare import compare, under
 from tests.conftest import CONFIGS, on_paper_elements
 
 LONG, SHORT = "clamped_beam_frequencies", "clamped_beam_frequencies_360mm"

@@ -15,8 +15,8 @@ from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness, joint_matrix
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.freeing import freeing_table
+from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.information.freeing import freeing_table
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section, beam
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, rod

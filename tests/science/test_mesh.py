@@ -5,7 +5,7 @@ import pytest
 from benchmarks.exact_beam import ExactBeam, circle
 
 import jointbayes as jb
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.joint import Joint, joint_matrix
 from jointbayes.posterior.mesh import LARGEST_ERROR_SD, LARGEST_SHIFT_SD, check_mesh

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from benchmarks.planning import PAGE, RESULTS, SETTINGS, analyse, measured_together, random_case
 
-from jointbayes.case_candidates import candidates_of
-from jointbayes.posterior.planning_simulation import Simulator
+from jointbayes.studies.planning.case_candidates import candidates_of
+from jointbayes.studies.planning.simulation import Simulator
 from jointbayes.workflow import charts, sample
 
 

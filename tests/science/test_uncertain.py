@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jointbayes.case import case_from_text, load_case
+from jointbayes.case.case import case_from_text, load_case
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.identification import refine
 from jointbayes.inference import (
@@ -179,7 +179,7 @@ def test_a_case_samples_what_it_calls_uncertain_and_saves_it(tmp_path):
 def test_a_quantity_is_the_wider_the_more_of_the_others_are_free():
     """k22 from the tip: 0.6 per cent with all else known, a factor with the length free to half a per cent."""
     case = load_case("configs/clamped_beam_uncertain.toml")
-    from jointbayes.posterior.fisher import fisher_information
+    from jointbayes.posterior.information.fisher import fisher_information
 
     theta = np.concatenate([case.problem.parametrisation.coordinates(TRUTH), np.zeros(4)])
     fisher = fisher_information(case.problem, theta)

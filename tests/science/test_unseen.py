@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.case import case_from_text
+from jointbayes.case.case import case_from_text
 from jointbayes.inference import Normal
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample

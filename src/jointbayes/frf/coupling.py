@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.compiled import compiled
 from jointbayes.frf.direct import solve_lines
-from jointbayes.frf.pair import PairCoupling
+from jointbayes.frf.kernels.compiled import compiled
+from jointbayes.frf.kernels.multi_dof import SweepCoupling
+from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, split_along
-from jointbayes.frf.sweep import SweepCoupling
 from jointbayes.joint import Joint
 from jointbayes.structure import FreeModes, ModalDamping, Rayleigh, Structure, StructureFamily, as_family
 

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.joined_modes import JoinedModes
-from jointbayes.frf.modal_sum import ModalMisfit, ModalSum
+from jointbayes.frf.kernels.joined_modes import JoinedModes
+from jointbayes.frf.kernels.modal_sum import ModalMisfit, ModalSum
 from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
 from jointbayes.joint import Joint, symmetric_changes
 from jointbayes.structure import ModalDamping, Structure, StructureFamily, as_family

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.coupling import free_receptance
-from jointbayes.frf.pair import PairCoupling
+from jointbayes.frf.kernels.multi_dof import SweepCoupling
+from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, as_batch, as_factors, split_along
-from jointbayes.frf.sweep import SweepCoupling
 from jointbayes.joint import Joint
 from jointbayes.structure import StructureFamily
 

@@ -1,14 +1,14 @@
 """Point estimates of a joint: the paper's iteration, a start without a guess, the posterior mode."""
 
+from jointbayes.identification.compliance_fit import compliance_start
 from jointbayes.identification.effort import search_further
-from jointbayes.identification.equation_error import compliance_start
 from jointbayes.identification.frequency_starts import frequency_starts
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.identification.mode_search import ModeSearch, maximise_posterior
+from jointbayes.identification.paper_iteration import IterationHistory, SensitivityKind, sensitivity_iteration
 from jointbayes.identification.refine import refine
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.screening import screened_draws
-from jointbayes.identification.sensitivity import IterationHistory, SensitivityKind, sensitivity_iteration
 
 __all__ = [
     "IterationHistory",

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.differences import covariance_roots, derivatives_along
+from jointbayes.sampling.differences import covariance_roots, derivatives_along
 
 __all__ = ["newton_climb"]
 

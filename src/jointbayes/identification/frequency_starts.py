@@ -15,7 +15,7 @@ from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.structure import is_mode_frequency
-from jointbayes.structure.recipe import is_damping_ratio
+from jointbayes.structure.uncertain_quantities import is_damping_ratio
 
 __all__ = ["FrequencyMatch", "frequency_starts", "natural_frequency_model"]
 

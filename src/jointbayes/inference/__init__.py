@@ -2,7 +2,7 @@
 
 from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
-from jointbayes.inference.noise import (
+from jointbayes.inference.noise.models import (
     CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.noise import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise
-from jointbayes.inference.noise_values import Residuals
+from jointbayes.inference.noise.models import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise
+from jointbayes.inference.noise.values import Residuals
 from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import Joint, symmetric_changes
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement

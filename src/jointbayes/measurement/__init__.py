@@ -1,7 +1,7 @@
 """Measurements and their noise."""
 
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, Measurement
-from jointbayes.measurement.synthetic import CoherenceNoise, NoiseLaw, RelativeNoise, synthesise_frf
+from jointbayes.measurement.virtual.synthetic import CoherenceNoise, NoiseLaw, RelativeNoise, synthesise_frf
 
 __all__ = [
     "CoherenceNoise",

@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from jointbayes.frf import FrfSet
+from jointbayes.measurement.channels import ChannelUse
 from jointbayes.measurement.data import Measurement
-from jointbayes.measurement.mapping import ChannelUse
-from jointbayes.measurement.modal_fit import MeasuredMode
+from jointbayes.measurement.modal.fit import MeasuredMode
 
 __all__ = ["MeasuredFile", "MeasuredTest", "NotedDoubt", "Provenance"]
 

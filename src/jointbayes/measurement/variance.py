@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.synthetic import RelativeNoise
+from jointbayes.measurement.virtual.synthetic import RelativeNoise
 
 __all__ = ["coherence_variance", "mean_of_repeats", "measured_variance"]
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.noise import IntegratedScale, NoiseModel, ScaledNoise
+from jointbayes.inference.noise.models import IntegratedScale, NoiseModel, ScaledNoise
 
 __all__ = ["FALSE_ALARM", "Finding", "PredictiveCheck", "check_frequencies", "check_frfs"]
 

@@ -11,9 +11,9 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.knowledge import Knowledge
+from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
-from jointbayes.posterior.result import Posterior, data_sha256
+from jointbayes.posterior.posterior import Posterior, data_sha256
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 
 __all__ = ["SCHEMA_VERSION", "summarise"]

@@ -20,7 +20,7 @@ from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_r
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 
 if TYPE_CHECKING:
-    from jointbayes.posterior.result import Posterior
+    from jointbayes.posterior.posterior import Posterior
 
 __all__ = [
     "BEYOND",

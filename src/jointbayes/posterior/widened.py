@@ -15,7 +15,7 @@ from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
 
 if TYPE_CHECKING:
-    from jointbayes.posterior.result import Posterior
+    from jointbayes.posterior.posterior import Posterior
 
 __all__ = ["DECADE", "REACH", "Side", "WidenedPosterior", "bounds_within_reach", "widen_posterior", "widened_prior"]
 

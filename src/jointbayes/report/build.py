@@ -8,13 +8,14 @@ from typing import Any
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.measurement.measured import Provenance
-from jointbayes.paper import audit
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge, summarise
-from jointbayes.report import paper_sections, sections
-from jointbayes.report.frf_section import fit_section
-from jointbayes.report.knowledge_section import knowledge_section, likelihood_section, nuisance_section
-from jointbayes.report.measurement_section import measurement_section, mode_table
 from jointbayes.report.model import Block, Callout, Report, Section
+from jointbayes.report.paper_tables import audit
+from jointbayes.report.sections import lead as sections
+from jointbayes.report.sections import paper as paper_sections
+from jointbayes.report.sections.frfs import fit_section
+from jointbayes.report.sections.knowledge import knowledge_section, likelihood_section, nuisance_section
+from jointbayes.report.sections.measurement import measurement_section, mode_table
 
 __all__ = ["ReportInputs", "build_report"]
 

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.posterior.directions import spread_in_words
+from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.report.figures import svg
 from jointbayes.report.format import number
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
+from jointbayes.studies.planning.plan import Plan
 
-__all__ = ["build_plan_report", "candidate_table"]
+__all__ = ["build_plan_report", "candidate_table", "plan_lines"]
 
 Entry = Mapping[str, Any]
 
@@ -38,6 +39,15 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
         note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: first look by "
         "Fisher information, never a reason to recommend.",
     )
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """A plan as lines for the terminal: the table, the recommendation and notes."""
+    table = candidate_table(plan.summary())
+    rows = [table.head, *table.rows]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(table.head))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return [*lines, table.note, "", plan.sentence, *plan.notes]
 
 
 def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:

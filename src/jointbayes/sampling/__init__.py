@@ -2,8 +2,9 @@
 
 from jointbayes.sampling.adapted import run_adapted
 from jointbayes.sampling.chains import Chains, Draws, Progress
-from jointbayes.sampling.chart import BoxChart, Chart, Identity
-from jointbayes.sampling.composed_chart import ComposedChart
+from jointbayes.sampling.coordinates.chart import BoxChart, Chart, Identity
+from jointbayes.sampling.coordinates.composed import ComposedChart
+from jointbayes.sampling.coordinates.product import ProductChart
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import (
     autocorrelation_time,
@@ -12,14 +13,13 @@ from jointbayes.sampling.diagnostics import (
     quantile_spread,
     split_r_hat,
 )
-from jointbayes.sampling.product_chart import ProductChart
-from jointbayes.sampling.proposal import Proposal, Start, fit_proposal
+from jointbayes.sampling.proposal.fit import Proposal, Start, fit_proposal
+from jointbayes.sampling.proposal.student_mixture import StudentMixture
+from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.proposal.weights import importance_efficiency
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
-from jointbayes.sampling.student_mixture import StudentMixture
-from jointbayes.sampling.student_t import StudentT
-from jointbayes.sampling.weights import importance_efficiency
 
 __all__ = [
     # Run

@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.sampling.chains import Chains, Progress
-from jointbayes.sampling.chart import Chart
+from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.coordinates.straight import straightened
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.mixture_fit import first_mixture, most_likely_mixture
-from jointbayes.sampling.proposal import Proposal
+from jointbayes.sampling.proposal.fit import Proposal
+from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.proposal.student_mixture import StudentMixture
+from jointbayes.sampling.proposal.weights import importance_efficiency
 from jointbayes.sampling.run import Slow, run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Quantities
-from jointbayes.sampling.straight_chart import straightened
-from jointbayes.sampling.student_mixture import StudentMixture
-from jointbayes.sampling.weights import importance_efficiency
 
 __all__ = ["proposal_from_draws", "run_adapted"]
 

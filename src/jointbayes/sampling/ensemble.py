@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import Checked, LogDensity
-from jointbayes.sampling.mixture import Move, WeightedMove, mixture
+from jointbayes.sampling.moves.mixture import Move, WeightedMove, mixture
 from jointbayes.sampling.settings import SamplerSettings
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def advance(
     """
     from emcee import State
 
-    from jointbayes.sampling.driver import Driver
+    from jointbayes.sampling.moves.driver import Driver
 
     walkers, dimension = state.theta.shape
     counted = {one.name: _Counted(one.move) for one in moves or mixture()}

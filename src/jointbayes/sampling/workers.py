@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, advance
-from jointbayes.sampling.mixture import WeightedMove
+from jointbayes.sampling.moves.mixture import WeightedMove
 
 __all__ = ["MoveOn", "mover"]
 

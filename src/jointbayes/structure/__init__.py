@@ -1,13 +1,13 @@
 """Structures as matrices: beams, their damping and their DOF labels."""
 
-from jointbayes.structure.assembled import Modes, Structure, mode_shift
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.beam_family import BeamFamily
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
 from jointbayes.structure.family import Discretisation, FixedFamily, FreeModes, StructureFamily, as_family
+from jointbayes.structure.matrices import Modes, Structure, mode_shift
 from jointbayes.structure.mesh import BeamMesh
-from jointbayes.structure.recipe import STRUCTURE_QUANTITIES, BeamRecipe, ElementKind, is_mode_frequency
 from jointbayes.structure.section import Section
+from jointbayes.structure.uncertain_quantities import STRUCTURE_QUANTITIES, BeamRecipe, ElementKind, is_mode_frequency
 
 __all__ = [
     # structures

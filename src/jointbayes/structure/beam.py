@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.assembled import Structure
 from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
 
 __all__ = ["DIRECTIONS", "BeamMaterial", "beam", "bending_element"]

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.assembled import Modes, Structure
 from jointbayes.structure.damping import LossFactor, ModalDamping
 from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes, nominal_ratios
+from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.mode_table import ModeTable, tabulated
-from jointbayes.structure.recipe import BeamRecipe, is_damping_ratio, is_mode_frequency
 from jointbayes.structure.reduction import Reduction
+from jointbayes.structure.uncertain_quantities import BeamRecipe, is_damping_ratio, is_mode_frequency
 
 __all__ = ["BeamFamily"]
 

@@ -7,8 +7,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.structure.assembled import Structure
 from jointbayes.structure.damping import LossFactor, ModalDamping
+from jointbayes.structure.matrices import Structure
 from jointbayes.structure.reduction import Reduction
 
 __all__ = ["MOST_HELD", "Discretisation", "FixedFamily", "FreeModes", "StructureFamily", "as_family", "nominal_ratios"]

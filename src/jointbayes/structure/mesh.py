@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.assembled import Structure
 from jointbayes.structure.beam import DIRECTIONS, BeamMaterial
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.high_order import (
@@ -22,6 +21,7 @@ from jointbayes.structure.high_order import (
     node_positions,
     spans_between,
 )
+from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
 
 __all__ = ["MOST_NODES", "BeamMesh", "BeamShape", "mesh_through", "meshed_beam"]

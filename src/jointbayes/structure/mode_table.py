@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from jointbayes.structure.assembled import Modes
+from jointbayes.structure.matrices import Modes
 
 __all__ = ["ModeTable", "ModesAt", "tabulated"]
 

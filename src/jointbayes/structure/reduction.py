@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.structure.assembled import Modes
+from jointbayes.structure.matrices import Modes
 
 __all__ = ["MOST_TERMS", "Reduction"]
 

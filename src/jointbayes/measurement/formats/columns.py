@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.layout import even_rate
+from jointbayes.measurement.formats.arrays.layout import even_rate
 from jointbayes.measurement.formats.units import (
     frequency_factor,
     frf_unit,

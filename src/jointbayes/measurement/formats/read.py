@@ -5,15 +5,15 @@ from pathlib import Path
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
+from jointbayes.measurement.formats.arrays.hdf5 import read_hdf5, read_mat73
+from jointbayes.measurement.formats.arrays.layout import Arrays, records_of
+from jointbayes.measurement.formats.arrays.matlab import read_matlab
+from jointbayes.measurement.formats.arrays.npz import read_npz
 from jointbayes.measurement.formats.assemble import assemble
 from jointbayes.measurement.formats.detect import detect_format
-from jointbayes.measurement.formats.hdf5 import read_hdf5, read_mat73
-from jointbayes.measurement.formats.layout import Arrays, records_of
 from jointbayes.measurement.formats.lvm import read_lvm
-from jointbayes.measurement.formats.matlab import read_matlab
-from jointbayes.measurement.formats.npz import read_npz
 from jointbayes.measurement.formats.table import read_table
-from jointbayes.measurement.formats.uff import read_uff
+from jointbayes.measurement.formats.uff.read import read_uff
 from jointbayes.measurement.records import Record
 
 __all__ = ["iter_records", "read_frf"]

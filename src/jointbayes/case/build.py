@@ -1,0 +1,288 @@
+"""From the tables of a case file to the objects they describe: beam, priors, noise model, data."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.case.schema import case as schema
+from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
+from jointbayes.inference import (
+    CorrelatedNoise,
+    GaussianNoise,
+    IntegratedScale,
+    JointPrior,
+    Marginal,
+    NoiseModel,
+    Normal,
+    Nuisance,
+    ScaledNoise,
+    StudentNoise,
+    Uniform,
+)
+from jointbayes.joint import RIGID, Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
+from jointbayes.measurement import (
+    CoherenceNoise,
+    FrequencyMeasurement,
+    FrfMeasurement,
+    Measurement,
+    NoiseLaw,
+    RelativeNoise,
+    synthesise_frf,
+)
+from jointbayes.structure import (
+    STRUCTURE_QUANTITIES,
+    BeamFamily,
+    BeamMaterial,
+    BeamRecipe,
+    DampingLaw,
+    LossFactor,
+    ModalDamping,
+    Rayleigh,
+    Section,
+)
+
+__all__ = [
+    "beam_recipe",
+    "family_of",
+    "measurement_of",
+    "noise_law",
+    "noise_model",
+    "prior_of",
+    "stiffness_of",
+    "true_beam",
+    "with_workshop_uncertainty",
+]
+
+Array = NDArray[np.float64]
+_MM, _G = 1e-3, 1e-3
+_MOST_MODES = 30  # whose frequencies may be uncertain one by one
+
+#: How well material and length are known in a workshop, where the case takes them as exactly known.
+WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
+
+
+def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None) -> BeamRecipe:
+    """The beam of a case; accelerometers sit where translations are measured, or at the DOFs that are `loaded`."""
+    if loaded is None:
+        loaded = data.outputs if isinstance(data, schema.SyntheticFrfSpec) else ()
+    kappa = None if spec.shear_coefficient == "cowper" else float(spec.shear_coefficient)
+    return BeamRecipe(
+        spec.length_mm * _MM,
+        _section(spec.section),
+        BeamMaterial(spec.youngs_modulus_gpa * 1e9, spec.poissons_ratio, spec.density_kg_m3),
+        _damping(spec.damping),
+        elements=spec.elements,
+        dofs_per_node=spec.dofs_per_node,
+        shear_coefficient=kappa,
+        supports=spec.supports,
+        accelerometer_mass=spec.accelerometer_mass_g * _G,
+        accelerometer_dofs=loaded,
+        element=spec.element,
+    )
+
+
+def _section(spec: schema.SectionSpec) -> Section:
+    match spec:
+        case schema.CircleSpec():
+            return Section.circle(spec.diameter_mm * _MM)
+        case schema.TubeSpec():
+            return Section.tube(spec.outer_diameter_mm * _MM, spec.inner_diameter_mm * _MM)
+        case schema.RectangleSpec():
+            return Section.rectangle(spec.width_mm * _MM, spec.height_mm * _MM)
+        case schema.BoxSpec():
+            return Section.box(spec.width_mm * _MM, spec.height_mm * _MM, spec.wall_mm * _MM)
+
+
+def _damping(spec: schema.DampingSpec) -> DampingLaw:
+    match spec:
+        case schema.ModalDampingSpec():
+            return ModalDamping(spec.ratio)
+        case schema.LossFactorDampingSpec():
+            return LossFactor(spec.loss_factor)
+        case schema.RayleighDampingSpec():
+            return Rayleigh(spec.alpha_per_s, spec.beta_s)
+
+
+def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
+    """Priors on the joint's coordinates and on all else that the case calls uncertain."""
+    parametrisation: Parametrisation = LogStiffness() if spec.joint.parametrisation == "log" else SignedCoupling()
+    by_name = {name: getattr(spec.prior, name) for name in parametrisation.names}
+    marginals = tuple(_marginal(by_name[name]) for name in parametrisation.names)
+    return JointPrior(
+        parametrisation, marginals, (*_quantities(spec, recipe, measurement), *_noise_parameters(spec.noise))
+    )
+
+
+def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:
+    match spec:
+        case schema.LogUniformPriorSpec():
+            return Uniform(math.log(spec.low), math.log(spec.high))
+        case schema.LogNormalPriorSpec():
+            return Normal(math.log(spec.median), spec.sd_log)
+        case schema.DecadesPriorSpec():
+            return Normal.from_decades(spec.guess, spec.decades)
+        case schema.UniformPriorSpec():
+            return Uniform(spec.low, spec.high)
+
+
+def with_workshop_uncertainty(
+    prior: JointPrior, spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
+) -> JointPrior:
+    """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
+    usual = {name: schema.FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items()}
+    damping = spec.structure.damping
+    ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, schema.ModalDampingSpec) else (0.0, 0.0)
+    if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):
+        widest = min(10.0, 0.9 / ratio[1])
+        usual["damping_ratio"] = schema.FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
+    given = schema.UncertainSpec(**(usual | spec.uncertain.given))
+    freed = spec.model_copy(update={"uncertain": given})
+    everything = (*_quantities(freed, recipe, measurement), *_noise_parameters(spec.noise))
+    return replace(prior, nuisances=everything)
+
+
+def _quantities(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> list[Nuisance]:
+    """Uncertain quantities of structure and measurement, those of the structure first."""
+    structure = spec.structure
+    stated = {
+        "youngs_modulus": ("GPa", structure.youngs_modulus_gpa),
+        "density": ("kg/m³", structure.density_kg_m3),
+        "length": ("mm", structure.length_mm),
+        "section_size": ("× stated", 1.0),
+        "shear_coefficient": ("× stated", 1.0),
+        "accelerometer_mass": ("g", structure.accelerometer_mass_g),
+        "gain": ("1", 1.0),
+    }
+    if isinstance(structure.damping, schema.LossFactorDampingSpec):
+        stated["loss_factor"] = ("1", structure.damping.loss_factor)
+    found = []
+    for name, prior in spec.uncertain.given.items():
+        if name == "damping_ratio" and isinstance(structure.damping, schema.ModalDampingSpec):
+            ratios = structure.damping.ratio
+            labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
+            found += [Nuisance(n, "1", ratio, _factor_prior(prior)) for n, ratio in zip(labels, ratios, strict=True)]
+        elif name == "mode_frequencies":
+            count = _modes_in_band(spec, recipe, measurement)
+            found += [
+                Nuisance(f"mode_frequency_{i + 1}", "× predicted", 1.0, _factor_prior(prior)) for i in range(count)
+            ]
+        else:
+            found.append(Nuisance(name, *stated[name], _factor_prior(prior)))
+    return sorted(found, key=lambda nuisance: nuisance.name == "gain")
+
+
+def _modes_in_band(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> int:
+    """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
+    if isinstance(measurement, FrequencyMeasurement):
+        return measurement.frequency_hz.size
+    joint = Joint(spec.joint.dofs, spec.joint.against)
+    family = BeamFamily(recipe, {})
+    count = min(recipe.dofs_per_node * recipe.elements, _MOST_MODES)
+    rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
+
+
+def _factor_prior(spec: schema.FactorPriorSpec) -> Marginal:
+    if spec.sd_percent is not None:
+        return Normal(0.0, spec.sd_percent / 100)
+    assert spec.low_factor is not None
+    assert spec.high_factor is not None
+    return Uniform(math.log(spec.low_factor), math.log(spec.high_factor))
+
+
+def _noise_parameters(spec: schema.NoiseModelSpec) -> list[Nuisance]:
+    found = []
+    if spec.scale == "sampled":
+        ends = math.log(spec.scale_low_factor), math.log(spec.scale_high_factor)
+        found.append(Nuisance("noise_scale", "× stated", 1.0, Uniform(*ends)))
+    if spec.discrepancy is not None:
+        d = spec.discrepancy
+        scale = Uniform(math.log(d.scale_low), math.log(d.scale_high))
+        length = Uniform(math.log(d.length_low_hz), math.log(d.length_high_hz))
+        found.append(Nuisance("discrepancy_scale", "× noise", 1.0, scale))
+        found.append(Nuisance("discrepancy_length", "Hz", 1.0, length))
+    return found
+
+
+def noise_model(spec: schema.NoiseModelSpec, measurement: Measurement) -> NoiseModel:
+    """Distribution of the residuals."""
+    frf = isinstance(measurement, FrfMeasurement)
+    parts = 2 if frf and spec.residuals == "complex" else 1
+    sampled = spec.scale == "sampled"
+    if spec.discrepancy is not None and isinstance(measurement, FrfMeasurement):
+        return CorrelatedNoise(parts, measurement.frf.frequency_hz, sampled)
+    if spec.distribution == "student_t":
+        return StudentNoise(parts, spec.dof, sampled)
+    if spec.scale == "integrated":
+        return IntegratedScale(parts, spec.scale_dof, spec.scale_guess)
+    return ScaledNoise(parts) if sampled else GaussianNoise(parts)
+
+
+def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:
+    """Structures that the prior thinks possible."""
+    ranges = {
+        n.name: n.range
+        for n in prior.nuisances
+        if n.name in STRUCTURE_QUANTITIES or n.name.startswith(("damping_ratio_", "mode_frequency_"))
+    }
+    return BeamFamily(recipe, ranges)
+
+
+def measurement_of(
+    recipe: BeamRecipe, joint: Joint, spec: schema.SyntheticFrfSpec | schema.NaturalFrequenciesSpec
+) -> tuple[Measurement, FrfSet | None]:
+    """The data, and for FRFs also those at the joint, which the paper's iteration needs."""
+    if isinstance(spec, schema.NaturalFrequenciesSpec):
+        frequency = np.array(spec.frequencies_hz)
+        return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz)), None
+    # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
+    at_joint = tuple(dof for dof in joint.dofs + joint.against if dof not in spec.outputs)
+    ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
+    rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
+    measured = synthesise_frf(
+        BeamFamily(true_beam(recipe, spec.truth), {}),
+        joint,
+        joint_matrix(stiffness_of(spec.truth)),
+        ports,
+        noise_law(spec.noise),
+        spec.quantity,
+        rng,
+        gain=spec.truth.gain,
+    )
+    used = FrfMeasurement(
+        measured.frf.select(spec.outputs, spec.inputs),
+        measured.variance[:, : len(spec.outputs)],
+        synthetic=True,
+    )
+    return used, measured.frf
+
+
+def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
+    """The beam that makes the data: as analysed, but for what the truth states otherwise."""
+    stated = {
+        "youngs_modulus": truth.youngs_modulus_gpa and truth.youngs_modulus_gpa * 1e9,
+        "density": truth.density_kg_m3,
+    }
+    material = replace(recipe.material, **{name: value for name, value in stated.items() if value is not None})
+    mass = truth.accelerometer_mass_g
+    return replace(
+        recipe,
+        material=material,
+        length=recipe.length if truth.length_mm is None else truth.length_mm * _MM,
+        accelerometer_mass=recipe.accelerometer_mass if mass is None else mass * _G,
+        damping=recipe.damping if truth.damping_ratio is None else ModalDamping(truth.damping_ratio),
+    )
+
+
+def noise_law(spec: schema.NoiseSpec) -> NoiseLaw:
+    """Law of the noise of synthetic data."""
+    if spec.coherence is not None and spec.averages is not None:
+        return CoherenceNoise(spec.coherence, spec.averages, spec.floor)
+    return RelativeNoise(spec.relative, spec.floor)
+
+
+def stiffness_of(spec: schema.StiffnessSpec) -> Array:
+    """(k11, k12, k22), shape (3,)."""
+    return np.array([spec.k11, spec.k12, spec.k22])

@@ -1,0 +1,303 @@
+"""From faults in a case file to lines a user can act on: ``FILE:LINE: key: found; expected; what to do``.
+
+The expectation of every line is the ``description`` of the schema field (plain words, with the unit) and the
+remedy uses its first ``examples`` entry, so a new field brings its own error message along.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from jointbayes.case.toml_text import KeyPath, fault_line, key_lines, similar
+
+__all__ = ["Finding", "fault_lines", "raise_findings"]
+
+_LONGEST = 40  # characters of a user's own text repeated in a message
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault found by a rule of the schema, placed relative to the value the rule looks at.
+
+    ``expected`` may stay empty where the description of the field says it; a ``missing`` finding needs
+    nothing but its place.
+    """
+
+    loc: KeyPath
+    found: str = ""
+    expected: str = ""
+    remedy: str = ""
+    missing: bool = False
+
+
+def raise_findings(findings: Iterable[Finding]) -> None:
+    """Raise what a schema rule found, if anything, as one `PydanticCustomError` that carries it all."""
+    found = list(findings)
+    if found:
+        text = " | ".join(f"{_show_key(f.loc)}: {f.found or 'missing'}; {f.expected}" for f in found)
+        raise PydanticCustomError("case_findings", "{text}", {"text": text, "findings": found})
+
+
+def _show(value: object) -> str:
+    """Describe a value of a case file in the words of the file, always on one line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f"the text {_quoted(value)}" if value else "an empty text"
+    if isinstance(value, int | float):
+        # The size of an absurdly long integer says enough, and str() refuses more than 4300 digits.
+        is_long = isinstance(value, int) and abs(value) > 10**20
+        return "an integer of more than 20 digits" if is_long else repr(value)
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, Sequence):
+        return f"a list of {len(value)}" if value else "an empty list"
+    return "a date or time"  # all that TOML has left
+
+
+def _show_key(path: Sequence[str | int]) -> str:
+    """Write a key path as in the file; list positions are left to the text of the message."""
+    parts = [p for p in path if isinstance(p, str)]
+    return ".".join(p if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", p) else _quoted(p) for p in parts) or "file"
+
+
+def _quoted(text: str) -> str:
+    shown = text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+    return f'"{shown}"' if shown.isprintable() else json.dumps(shown)
+
+
+def _is_literal(annotation: object) -> bool:
+    return get_origin(annotation) is Literal
+
+
+def _models(annotation: object) -> list[type[BaseModel]]:
+    """List the tables an annotation allows: none for a plain value, several for a discriminated union."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for arg in get_args(annotation) for m in _models(arg)]
+
+
+def _choices(annotation: object) -> list[str]:
+    """List the texts an annotation allows."""
+    if _is_literal(annotation):
+        return [c for c in get_args(annotation) if isinstance(c, str)]
+    return [c for arg in get_args(annotation) for c in _choices(arg)]
+
+
+def _has_free_keys(annotation: object) -> bool:
+    """Whether an annotation is a table whose keys are the user's own names."""
+    return get_origin(annotation) is dict
+
+
+def _tags(model: type[BaseModel]) -> dict[str, str]:
+    """Give the keys whose only allowed text tells this kind of table from its siblings."""
+    words = {k: get_args(f.annotation) for k, f in model.model_fields.items() if _is_literal(f.annotation)}
+    return {key: texts[0] for key, texts in words.items() if len(texts) == 1}
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A position in the file (path, value) together with what the schema says about it."""
+
+    tables: list[type[BaseModel]]  # the kinds of table possible here; empty at a plain value
+    value: object
+    path: KeyPath = ()
+    owner: tuple[type[BaseModel], ...] = ()  # the kinds of table the last key belongs to
+    siblings: Mapping[str, object] = field(default_factory=dict)  # the table of the file that holds the last key
+    info: FieldInfo | None = None
+    free_keys: bool = False  # whether the keys below are the user's own names, each with a table of one kind
+
+    def enter(self, part: str | int, tagged: bool) -> _Place:
+        """Follow one part of a pydantic location; parts that are not in the file change nothing else."""
+        if isinstance(part, int):
+            inside = isinstance(self.value, list) and part < len(self.value)
+            return replace(self, path=(*self.path, part), value=self.value[part]) if inside else self  # type: ignore[index]
+        if self.free_keys:
+            value = self.value.get(part) if isinstance(self.value, Mapping) else None
+            return replace(self, path=(*self.path, part), value=value, free_keys=False)
+        if tagged and len(self.tables) > 1:  # pydantic names the chosen kind of table after the key
+            return replace(self, tables=[m for m in self.tables if part in _tags(m).values()])
+        given = self.value if isinstance(self.value, Mapping) else {}
+        fitting = [m for m in self.tables if any(given.get(k) == tag for k, tag in _tags(m).items())]
+        owner = [m for m in fitting or self.tables if part in m.model_fields]
+        if not owner and part not in given:
+            return self  # the name of a type inside a union of plain values
+        info = owner[0].model_fields[part] if owner else None
+        tables, kin = _models(info.annotation) if info else [], tuple(fitting or self.tables)
+        free_keys = info is not None and _has_free_keys(info.annotation)
+        return _Place(tables, given.get(part), (*self.path, part), kin, given, info, free_keys)
+
+
+@dataclass
+class _Fault:
+    """A fault at its place; ``kind`` decides the wording, ``meant`` is the key an unknown one stands for."""
+
+    kind: Literal["missing", "unknown", "value"]
+    place: _Place
+    finding: Finding = Finding(())
+    meant: str | None = None
+
+
+def _faults(error: ErrorDetails, root: _Place) -> Iterator[_Fault]:
+    """Turn one pydantic error, or the findings it carries, into faults."""
+    place = root
+    for part in error["loc"]:
+        place = place.enter(part, tagged=True)
+    context = error.get("ctx", {})
+    if error["type"] == "case_findings":
+        for finding in context["findings"]:
+            spot = place
+            for part in finding.loc:
+                spot = spot.enter(part, tagged=False)
+            yield _Fault("missing" if finding.missing else "value", spot, finding)
+    elif error["type"].startswith("union_tag_"):
+        spot = place.enter(context["discriminator"].strip("'"), tagged=False)
+        known = {key for m in spot.owner for key in m.model_fields}
+        misspelt = similar(str(spot.path[-1]), set(spot.siblings) - known)
+        if error["type"] == "union_tag_invalid":
+            yield _Fault("value", spot)
+        elif misspelt:
+            yield _Fault("unknown", place.enter(misspelt, tagged=False), meant=str(spot.path[-1]))
+        else:
+            yield _Fault("missing", spot)
+    else:
+        kinds: dict[str, Literal["missing", "unknown"]] = {"missing": "missing", "extra_forbidden": "unknown"}
+        yield _Fault(kinds.get(error["type"], "value"), place)
+
+
+def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
+    """Say what unknown keys were meant to be, and drop the "missing" faults that a misspelt key explains."""
+    unknown = [f for f in faults if f.kind == "unknown"]
+    missing = [f.place.path for f in faults if f.kind == "missing"]
+    for fault in unknown:
+        table, key = fault.place.path[:-1], str(fault.place.path[-1])
+        inside = fault.place.value if isinstance(fault.place.value, Mapping) else {}
+        here = [str(p[-1]) for p in missing if p[:-1] == table]
+        below = [str(p[-2]) for p in missing if p[:-2] == table and p[-1] in inside]
+        alone = sum(f.place.path[:-1] == table for f in unknown) == 1
+        known = [k for m in fault.place.owner for k in m.model_fields]
+        # The surest sign first: a missing key, then a table whose missing keys are inside, then likeness.
+        fault.meant = (
+            fault.meant
+            or similar(key, here)
+            or (here[0] if alone and len(here) == 1 else None)
+            or (below[0] if below else None)
+            or similar(key, [k for k in known if k not in fault.place.siblings])
+            or similar(key, known)
+        )
+        meant = (*table, fault.meant)
+        missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
+    return [f for f in faults if f.kind != "missing" or f.place.path in missing]
+
+
+def _homes(model: type[BaseModel], key: str, table: KeyPath = ()) -> Iterator[str]:
+    """Name the tables of the schema that know a key."""
+    if key in model.model_fields:
+        tags = "".join(f' with {k} = "{tag}"' for k, tag in _tags(model).items())
+        yield f"[{_show_key(table)}]{tags}" if table else "the part above the first table"
+    for name, info in model.model_fields.items():
+        for inner in _models(info.annotation):
+            yield from _homes(inner, key, (*table, name))
+
+
+def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, str]:
+    place, meant = fault.place, fault.meant
+    known = {k: f for m in place.owner for k, f in m.model_fields.items()}
+    homes = list(_homes(root, str(place.path[-1])))[:3]
+    hints = [f"it belongs in {' or '.join(homes)}"] if homes else []
+    expected = f"one of {', '.join(known)}"
+    if meant:
+        expected = f"{meant} ({known[meant].description})"
+        twin, clash = place.siblings.get(meant), meant in place.siblings
+        if isinstance(twin, Mapping) and isinstance(place.value, Mapping):
+            # Tables with no key in common are one table in two spellings: [structure], [strcture.section].
+            clash = not twin.keys().isdisjoint(place.value)
+        rename = f'"{meant}" is given already, drop one of the two' if clash else "rename it"
+        hints.insert(0, f'did you mean "{meant}"? {rename}')
+    found = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
+    return found, f"expected {expected}", ", or ".join(hints) or "remove it"
+
+
+def _missing_wording(fault: _Fault) -> tuple[str, str, str]:
+    place = fault.place
+    key, table, info = str(place.path[-1]), place.path[:-1], place.info
+    where = f"to [{_show_key(table)}]" if table else "above the first table"
+    if place.tables:
+        found, remedy = "missing table", f"add a table [{_show_key(place.path)}]"
+    else:
+        found, remedy = "missing", f"add {key} = {_example(info)} {where}"
+    return found, f"expected {info.description if info else key}", remedy
+
+
+def _value_wording(fault: _Fault) -> tuple[str, str, str]:
+    place, finding = fault.place, fault.finding
+    entry = f" as entry {place.path[-1] + 1}" if isinstance(place.path[-1], int) else ""
+    found = finding.found or f"found {_show(place.value)}{entry}"
+    expected = finding.expected or (place.info.description if place.info else "") or ""
+    return found, f"expected {expected}", finding.remedy or _value_remedy(place)
+
+
+def _value_remedy(place: _Place) -> str:
+    key = next(str(p) for p in reversed(place.path) if isinstance(p, str))
+    value, example = place.value, _example(place.info)
+    fields = [m.model_fields[key] for m in place.owner if key in m.model_fields]
+    if place.tables:
+        is_array = isinstance(value, list) and value and isinstance(value[0], dict)
+        return f"write {'single brackets' if is_array else 'a table'}: [{_show_key(place.path)}]"
+    if isinstance(value, str):
+        choice = similar(value, [c for f in fields for c in _choices(f.annotation)])
+        if choice:
+            return f'did you mean "{choice}"?'
+        if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", value) and example[0] not in '"[':
+            return f"write the number without quotes: {key} = {value}"
+    if isinstance(value, float) and example.isdigit() and value.is_integer() and 0 < value < 1e6:
+        return f"write it without a decimal point: {key} = {int(value)}"
+    return f"write for example {key} = {example}"
+
+
+def _example(field: FieldInfo | None) -> str:
+    """Write the example value of a field as TOML, which agrees with JSON for all that occurs here."""
+    return json.dumps(field.examples[0], ensure_ascii=False) if field and field.examples else "…"
+
+
+def fault_lines(
+    error: ValidationError, model: type[BaseModel], data: Mapping[str, object], text: str, name: str
+) -> list[str]:
+    """Describe every fault that pydantic found in a case file.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        What validating ``data`` against ``model`` raised.
+    model : type of pydantic.BaseModel
+        The schema; the ``description`` of its fields completes "expected …".
+    data : mapping
+        The parsed TOML text.
+    text, name : str
+        The TOML text itself and the file name to show.
+
+    Returns
+    -------
+    list of str
+        One line per fault, in the order of the file.
+    """
+    lines, root = key_lines(text), _Place([model], data)
+    shown: dict[KeyPath, tuple[int, str]] = {}
+    for fault in _pair_renamed([f for e in error.errors(include_url=False) for f in _faults(e, root)]):
+        path = fault.place.path
+        line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
+        if fault.kind == "unknown":
+            words = _unknown_wording(fault, model)
+        else:
+            words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
+        # A union of plain values reports once for each of its types: the first says it all.
+        shown.setdefault(path, (line, fault_line(name, line, _show_key(path), *words)))
+    return [text for _, text in sorted(shown.values(), key=lambda pair: pair[0])]

@@ -1,0 +1,242 @@
+"""What in a case file is possible and yet unlikely: most often a slip of the unit. Warnings, never errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from jointbayes.case.errors import Finding
+from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.schema.data import SyntheticFrfSpec
+from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.case.schema.structure import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, StructureSpec, TubeSpec
+from jointbayes.case.toml_text import key_lines
+
+__all__ = ["InputWarning", "input_warnings", "stated_band_hz"]
+
+#: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
+WAVE_SPEED = 500.0, 20_000.0
+#: Young's modulus of solids, GPa, and their density, kg/m³: from rubber to diamond, from foam to osmium.
+YOUNGS_MODULUS, DENSITY = (1e-3, 1300.0), (20.0, 23_000.0)
+#: Length of a beam over its largest thickness.
+SLENDERNESS = 1.0, 10_000.0
+#: First natural frequency over the highest measured one, at most; modes below the lowest measured frequency, at most.
+ABOVE_BAND, BELOW_BAND = 10.0, 100
+
+# What a number may have been given in instead, and the factor that makes it right.
+_MODULUS_SLIPS = (
+    ("in Pa", 1e-9),
+    ("in MPa", 1e-3),
+    ("in psi", 6.894757e-6),
+    ("in ksi", 6.894757e-3),
+    ("in kPa", 1e-6),
+    ("a thousand times too small", 1e3),
+)
+_DENSITY_SLIPS = (
+    ("in g/cm³", 1e3),
+    ("in t/mm³", 1e12),
+    ("in kg/mm³", 1e9),
+    ("in lb/in³", 27679.9),
+    ("a thousand times too large", 1e-3),
+)
+_LENGTH_SLIPS = (("in m", 1e3), ("in inches", 25.4), ("in cm", 10.0), ("in µm", 1e-3))
+_USUAL_MODULUS, _USUAL_DENSITY = (0.5, 1300.0), (200.0, 23_000.0)  # that a slip is corrected to
+_USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS = (5.0, 1e5), (0.5, 3000.0), (2.0, 200.0)  # mm
+_SHORT_MM, _LOW_HZ = 20.0, 100.0  # a length and a band below these may be in m and in kHz
+_CANTILEVER = 1.8751040687  # first root of cos λ cosh λ = −1
+
+
+@dataclass(frozen=True, slots=True)
+class InputWarning:
+    """A value that no rule forbids and that is probably a slip.
+
+    Parameters
+    ----------
+    line
+        Its line in the case file.
+    key
+        Its key, with its tables.
+    text
+        What was found, what is expected, and the likely slip.
+    """
+
+    line: int
+    key: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.text}"
+
+
+def stated_band_hz(spec: CaseSpec) -> tuple[float, float] | None:
+    """Lowest and highest frequency of the data that a case states, Hz; None where they are in a measurement file."""
+    data = spec.data
+    if isinstance(data, MeasuredSpec):
+        return None
+    lines = data.lines_hz() if isinstance(data, SyntheticFrfSpec) else data.frequencies_hz
+    return lines[0], lines[-1]
+
+
+def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float] | None) -> tuple[InputWarning, ...]:
+    """Look for values of a case that are far from those of machines.
+
+    Parameters
+    ----------
+    spec
+        The case.
+    text
+        Its text, for the lines.
+    band_hz
+        Lowest and highest measured frequency, Hz; None where they are not known yet.
+    """
+    findings = [*_material(spec.structure), *_shape(spec.structure)]
+    if not findings and band_hz is not None:  # with findings the frequencies are off because of these
+        findings = [*_band(spec, band_hz)]
+    lines = key_lines(text)
+    found = []
+    for finding in findings:
+        path = finding.loc
+        line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
+        words = f"{finding.found}; expected {finding.expected}; {finding.remedy}"
+        found.append(InputWarning(line, ".".join(map(str, path)), words))
+    return tuple(found)
+
+
+def _material(structure: StructureSpec) -> Iterator[Finding]:
+    """Yield modulus or density where they, or the velocity of sound, are those of no solid."""
+    modulus, density = structure.youngs_modulus_gpa, structure.density_kg_m3
+    speed = _speed(modulus, density)
+    if _within(modulus, YOUNGS_MODULUS) and _within(density, DENSITY) and _within(speed, WAVE_SPEED):
+        return
+    moduli = [(label, modulus * factor) for label, factor in _MODULUS_SLIPS]
+    densities = [(label, density * factor) for label, factor in _DENSITY_SLIPS]
+    in_modulus = [(label, e) for label, e in moduli if _usual(e, density)]
+    in_density = [(label, rho) for label, rho in densities if _usual(modulus, rho)]
+    in_both = [(one, other) for one in moduli for other in densities if _usual(one[1], other[1])]
+    if not in_modulus and not in_density and in_both:
+        in_modulus, in_density = [in_both[0][0]], [in_both[0][1]]
+    expected = (
+        f"E from {YOUNGS_MODULUS[0]:g} to {YOUNGS_MODULUS[1]:g} GPa, ρ from {DENSITY[0]:g} to {DENSITY[1]:g} kg/m³ and "
+        f"√(E/ρ) from {WAVE_SPEED[0]:g} to {WAVE_SPEED[1]:g} m/s, as in solids"
+    )
+    asked = [("youngs_modulus_gpa", modulus, in_modulus), ("density_kg_m3", density, in_density)]
+    named = [one for one in asked if one[2]]
+    for key, value, slips in named or [("youngs_modulus_gpa", modulus, [])]:
+        found = f"found {value!r}, with which √(E/ρ) = {speed:.3g} m/s (E = {modulus:g} GPa, ρ = {density:g} kg/m³)"
+        yield Finding(("structure", key), found, expected, _remedy(key, slips) or "check both numbers and their units")
+
+
+def _shape(structure: StructureSpec) -> Iterator[Finding]:
+    """Yield a beam shorter than it is thick, and one thinner than any wire."""
+    key, thickness = _thickest(structure.section)
+    length, ratio = structure.length_mm, structure.length_mm / thickness
+    low, high = SLENDERNESS
+    if low <= ratio <= high:
+        return
+    longer = [(label, length * factor) for label, factor in _LENGTH_SLIPS]
+    thicker = [(label, thickness * factor) for label, factor in _LENGTH_SLIPS]
+    lengths = [(label, value) for label, value in longer if _likely(value, thickness)]
+    sizes = [(label, value) for label, value in thicker if _likely(length, value)]
+    remedy = _remedy("length_mm", lengths) or _remedy(key, sizes) or "check the units of length and section"
+    if ratio < low:
+        found = f"found {length!r}: shorter than its section is thick, {thickness:g} mm"
+        yield Finding(("structure", "length_mm"), found, "a beam longer than thick", remedy)
+        return
+    loc, value = (("structure", "length_mm"), length) if lengths else (("structure", "section", key), thickness)
+    found = f"found {value!r}: the beam, {length:g} mm by {thickness:g} mm, is {ratio:.3g} times as long as thick"
+    yield Finding(loc, found, f"at most {high:g} times", remedy)
+
+
+def _band(spec: CaseSpec, band_hz: tuple[float, float]) -> Iterator[Finding]:
+    """Yield a measured band far below or far above the natural frequencies of the beam."""
+    structure, (lowest, highest) = spec.structure, band_hz
+    flexural = _flexural(structure)
+    first = _CANTILEVER**2 / (2 * math.pi) * flexural / (structure.length_mm / 1e3) ** 2
+    check = "check the units of the beam's length and section (mm) and of the frequencies (Hz)"
+    if first > ABOVE_BAND * highest:
+        loc, value = _end_of_band(spec, highest, "f_max_hz")
+        remedies = []
+        if structure.length_mm < _SHORT_MM:
+            remedies.append(
+                f"if length and section are in m, write them in mm: length_mm = {1e3 * structure.length_mm:.5g}"
+            )
+        if highest < _LOW_HZ:
+            remedies.append(f"if the frequencies are in kHz, write them in Hz: {1e3 * highest:.5g}")
+        first_found = f"the first natural frequency of the beam with a stiff joint is about {first:.3g} Hz"
+        expected = f"it within {ABOVE_BAND:g} times the highest measured frequency"
+        yield Finding(loc, f"found {value:g}, while {first_found}", expected, " or ".join(remedies) or check)
+        return
+    number = structure.length_mm / 1e3 / math.pi * math.sqrt(2 * math.pi * lowest / flexural) + 0.5
+    if number > BELOW_BAND:
+        loc, value = _end_of_band(spec, lowest, "f_min_hz")
+        found = f"found {value:g}, below which the beam has about {number:.0f} bending modes"
+        yield Finding(loc, found, f"at most {BELOW_BAND} below the lowest measured frequency", check)
+
+
+def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...], float]:
+    """Key that states an end of the band, and its value."""
+    data = spec.data
+    if isinstance(data, SyntheticFrfSpec | MeasuredSpec) and getattr(data, key) is not None:
+        return ("data", key), getattr(data, key)
+    if isinstance(data, MeasuredSpec):
+        return ("data", "file"), value
+    return ("data", "frequencies_hz"), value
+
+
+def _flexural(structure: StructureSpec) -> float:
+    """√(EI/ρA) of bending in the plane of the height, m²/s."""
+    section = structure.section
+    match section:
+        case CircleSpec():
+            gyration = section.diameter_mm / 4
+        case TubeSpec():
+            gyration = math.hypot(section.outer_diameter_mm, section.inner_diameter_mm) / 4
+        case RectangleSpec():
+            gyration = section.height_mm / math.sqrt(12)
+        case BoxSpec():
+            inner_width, inner_height = section.width_mm - 2 * section.wall_mm, section.height_mm - 2 * section.wall_mm
+            moment = section.width_mm * section.height_mm**3 - inner_width * inner_height**3
+            area = section.width_mm * section.height_mm - inner_width * inner_height
+            gyration = math.sqrt(moment / area / 12)
+    return _speed(structure.youngs_modulus_gpa, structure.density_kg_m3) * gyration / 1e3
+
+
+def _thickest(section: SectionSpec) -> tuple[str, float]:
+    """Key and value of the largest outer dimension of a section, mm."""
+    match section:
+        case CircleSpec():
+            return "diameter_mm", section.diameter_mm
+        case TubeSpec():
+            return "outer_diameter_mm", section.outer_diameter_mm
+        case RectangleSpec() | BoxSpec():
+            wide = section.width_mm > section.height_mm
+            return ("width_mm", section.width_mm) if wide else ("height_mm", section.height_mm)
+
+
+def _speed(modulus_gpa: float, density: float) -> float:
+    return math.sqrt(modulus_gpa * 1e9 / density)
+
+
+def _within(value: float, ends: tuple[float, float]) -> bool:
+    return ends[0] <= value <= ends[1]
+
+
+def _usual(modulus: float, density: float) -> bool:
+    """Whether a modulus and a density are together those of a material that beams are made of."""
+    return (
+        _within(modulus, _USUAL_MODULUS)
+        and _within(density, _USUAL_DENSITY)
+        and _within(_speed(modulus, density), WAVE_SPEED)
+    )
+
+
+def _likely(length: float, thickness: float) -> bool:
+    """Whether length and thickness in mm are those of a usual beam."""
+    sizes = _within(length, _USUAL_LENGTH) and _within(thickness, _USUAL_THICKNESS)
+    return sizes and _within(length / thickness, _USUAL_SLENDERNESS)
+
+
+def _remedy(key: str, slips: Sequence[tuple[str, float]]) -> str:
+    """What to write where a number was given in another unit; empty where nothing fits."""
+    return " or ".join(f"if it is {label}, write {key} = {value:.5g}" for label, value in slips[:2])

@@ -1,0 +1,203 @@
+"""The case file: its TOML schema as frozen models, and the reader that names every fault by file, line, key.
+
+Each field's ``description`` is also the "expected …" of its error messages, and its first example the remedy.
+Units are in the keys; nothing is converted here. Importing this module loads pydantic.
+
+The tables stand in modules of their own (`case_structure`, `case_joint`, `case_priors`, `case_data`, `case_noise`,
+`case_settings`); here they come together, with the rules between them in `case_rules`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Annotated
+
+import pydantic
+from pydantic import Field
+
+from jointbayes.case.errors import Finding, fault_lines
+from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec, TruthSpec
+from jointbayes.case.schema.fields import Spec
+from jointbayes.case.schema.joint import JointSpec, StiffnessSpec
+from jointbayes.case.schema.measured import (
+    ChannelSpec,
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    RecordsSpec,
+    RotationSpec,
+    VarianceSpec,
+)
+from jointbayes.case.schema.noise import DiscrepancySpec, NoiseModelSpec
+from jointbayes.case.schema.priors import (
+    DecadesPriorSpec,
+    FactorPriorSpec,
+    LogNormalPriorSpec,
+    LogUniformPriorSpec,
+    PriorSpec,
+    PriorsSpec,
+    UncertainSpec,
+    UniformPriorSpec,
+)
+from jointbayes.case.schema.rules import (
+    dof_findings,
+    noise_findings,
+    plan_findings,
+    prior_findings,
+    truth_findings,
+    uncertain_findings,
+    virtual_test_findings,
+)
+from jointbayes.case.schema.settings import (
+    CompareSpec,
+    Hypothesis,
+    IdentificationSpec,
+    PlanSpec,
+    ReferenceSpec,
+    SamplingSpec,
+)
+from jointbayes.case.schema.structure import (
+    BoxSpec,
+    CircleSpec,
+    DampingSpec,
+    LossFactorDampingSpec,
+    ModalDampingSpec,
+    RayleighDampingSpec,
+    RectangleSpec,
+    SectionSpec,
+    StructureSpec,
+    TubeSpec,
+)
+from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.toml_text import parse_toml, read_text
+from jointbayes.errors import CaseError
+
+__all__ = [
+    "BoxSpec",
+    "CaseSpec",
+    "ChannelSpec",
+    "CircleSpec",
+    "CompareSpec",
+    "DampingSpec",
+    "DataSpec",
+    "DecadesPriorSpec",
+    "DiscrepancySpec",
+    "FactorPriorSpec",
+    "Hypothesis",
+    "IdentificationSpec",
+    "JointSpec",
+    "LogNormalPriorSpec",
+    "LogUniformPriorSpec",
+    "LossFactorDampingSpec",
+    "MeasuredFrequenciesSpec",
+    "MeasuredFrfSpec",
+    "ModalDampingSpec",
+    "NaturalFrequenciesSpec",
+    "NoiseModelSpec",
+    "NoiseSpec",
+    "PlanSpec",
+    "PriorSpec",
+    "PriorsSpec",
+    "RayleighDampingSpec",
+    "RectangleSpec",
+    "RecordsSpec",
+    "ReferenceSpec",
+    "RotationSpec",
+    "SamplingSpec",
+    "SectionSpec",
+    "StiffnessSpec",
+    "StructureSpec",
+    "SyntheticFrfSpec",
+    "TruthSpec",
+    "TubeSpec",
+    "UncertainSpec",
+    "UniformPriorSpec",
+    "VarianceSpec",
+    "VirtualTestSpec",
+    "parse_case",
+    "read_case_file",
+]
+
+_TITLE = Field(
+    min_length=1,
+    max_length=200,
+    pattern=r"^[^\r\n]*$",
+    description="a text of one line, at most 200 characters",
+    examples=["Clamped beam"],
+)
+
+
+class CaseSpec(Spec):
+    """A whole case file."""
+
+    title: Annotated[str, _TITLE]
+    structure: Annotated[StructureSpec, Field(description="the structure without its joint")]
+    joint: Annotated[JointSpec, Field(description="the joint: dofs, initial")]
+    prior: Annotated[PriorsSpec, Field(description="a table for the prior of each parameter, as [prior.k11]")]
+    uncertain: Annotated[
+        UncertainSpec, Field(description="a table for each uncertain quantity, as [uncertain.length]")
+    ] = UncertainSpec()
+    data: DataSpec
+    noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
+    identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
+    sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
+    compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
+    plan: Annotated[PlanSpec, Field(description="the further measurements to rank")] = PlanSpec()
+    virtual_test: Annotated[VirtualTestSpec, Field(description="how `simulate` measures")] = VirtualTestSpec()
+    reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
+
+    @property
+    def plan_outputs(self) -> tuple[str, ...]:
+        """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
+        direction = self.joint.dofs[0].split(":")[1]
+        every = (f"{node}:{direction}" for node in range(1, self.structure.nodes + 1))
+        return self.plan.outputs or tuple(label for label in every if label not in self.structure.supports)
+
+    @property
+    def plan_inputs(self) -> tuple[str, ...]:
+        """DOFs that may be excited for a further measurement: those of the plan, or the inputs of FRF data."""
+        return self.plan.inputs or (
+            self.data.inputs if isinstance(self.data, SyntheticFrfSpec | MeasuredFrfSpec) else ()
+        )
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from dof_findings(self.structure, self.joint, self.data, self.plan)
+        yield from prior_findings(self.joint, self.prior)
+        yield from uncertain_findings(self.uncertain, self.structure, self.data)
+        yield from truth_findings(self.structure, self.data)
+        yield from noise_findings(self.noise, self.data)
+        yield from plan_findings(self.plan, self.data)
+        yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
+
+
+def parse_case(text: str, name: str = "case") -> CaseSpec:
+    """Read a case from TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The TOML text.
+    name : str
+        The file name that error messages show.
+
+    Returns
+    -------
+    CaseSpec
+        The checked case.
+
+    Raises
+    ------
+    CaseError
+        If anything is wrong; one line for each fault, ``FILE:LINE: key: found; expected; what to do``.
+    """
+    data = parse_toml(text, name)
+    try:
+        return CaseSpec.model_validate(data)
+    except pydantic.ValidationError as error:
+        faults = fault_lines(error, CaseSpec, data, text, name)
+    raise CaseError("\n".join(faults))
+
+
+def read_case_file(path: str | os.PathLike[str]) -> CaseSpec:
+    """Read a case file: `parse_case` for the text of a file, whose troubles are `CaseError` as well."""
+    return parse_case(read_text(path), os.fspath(path))

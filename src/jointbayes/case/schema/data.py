@@ -1,0 +1,156 @@
+"""The `[data]` table of a case file: what was measured, or how synthetic measurements are made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from jointbayes.case.errors import Finding
+from jointbayes.case.schema.fields import (
+    FREQUENCIES,
+    Frequencies,
+    Labels,
+    Positive,
+    Ratios,
+    Spec,
+    count_field,
+    key_field,
+    not_above,
+    not_negative,
+    positive,
+)
+from jointbayes.case.schema.joint import StiffnessSpec
+from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec
+
+__all__ = ["DataSpec", "NaturalFrequenciesSpec", "NoiseSpec", "SyntheticFrfSpec", "TruthSpec"]
+
+_MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
+
+
+def _of_truth(what: str, example: float) -> object:
+    return Field(description=f"{what} that makes the data, a number greater than 0", examples=[example])
+
+
+_COHERENCE = Field(gt=0, lt=1, description="the coherence γ², a number above 0 and below 1", examples=[0.98])
+# One average makes every coherence 1, so that it says nothing about the noise.
+_AVERAGES = Field(ge=2, le=10**6, description="the number of averages, a whole number from 2 to 1000000", examples=[10])
+_MASS = Field(
+    ge=0, description="the mass in g of each accelerometer that makes the data, a number of at least 0", examples=[2.0]
+)
+_RATIO = key_field("the damping ratio that makes the data, from 0 to below 1, or a list of such numbers", 0.01)
+
+
+class NoiseSpec(Spec):
+    """Noise of synthetic data: relative to |H| with a floor, or the one that a coherence leaves after averaging."""
+
+    relative: Annotated[float, not_negative("the standard deviation as a fraction of |H|", 0.03)] = 0.0
+    floor: Annotated[float, not_negative("the standard deviation as a fraction of the median |H|", 0.01)] = 0.0
+    coherence: Annotated[float | None, _COHERENCE] = None
+    averages: Annotated[int | None, _AVERAGES] = None
+    seed: Annotated[int, count_field("the seed", 1, 0)]
+    added: Annotated[bool, key_field("true (noise in the data) or false (in the likelihood only)", True)] = True
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.coherence is None and self.averages is None:
+            needed = {"relative", "floor"} - self.model_fields_set
+            if needed:  # the defaults of the two serve the other law; here each is to be stated
+                yield from (Finding((key,), missing=True) for key in sorted(needed))
+            elif self.relative + self.floor == 0:
+                yield Finding(("relative",), "relative and floor are both 0", "at least one above 0", "raise one")
+        elif self.coherence is None or self.averages is None:
+            yield Finding(("coherence" if self.coherence is None else "averages",), missing=True)
+        elif self.relative > 0:
+            found = f"found {self.relative!r} together with coherence"
+            expected = "relative, or coherence and averages, not both"
+            yield Finding(("relative",), found, expected, "remove one of the two")
+
+
+class TruthSpec(StiffnessSpec):
+    """The joint that makes the data, and where the structure that makes them differs from `[structure]`."""
+
+    youngs_modulus_gpa: Annotated[Positive | None, _of_truth("Young's modulus in GPa", 210.0)] = None
+    density_kg_m3: Annotated[Positive | None, _of_truth("the density in kg/m³", 7800.0)] = None
+    length_mm: Annotated[Positive | None, _of_truth("the length of the beam in mm", 360.0)] = None
+    accelerometer_mass_g: Annotated[float | None, _MASS] = None
+    gain: Annotated[float, positive("the factor on the measured FRFs", 1.02)] = 1.0
+    damping_ratio: Annotated[Ratios | None, _RATIO] = None
+
+
+def _band(what: str, example: float) -> object:
+    return Field(description=f"{what} in Hz, a number greater than 0", examples=[example])
+
+
+_KIND = key_field(
+    'the kind of data, "synthetic_frf", "natural_frequencies", "measured_frf" or "measured_frequencies"',
+    "synthetic_frf",
+)
+_QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
+
+
+class SyntheticFrfSpec(Spec):
+    """FRFs computed from a stated truth, with noise; the frequencies are a band or a list."""
+
+    kind: Annotated[Literal["synthetic_frf"], _KIND]
+    outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
+    inputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one excited DOF", ["11:y"])]
+    quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY]
+    f_min_hz: Annotated[Positive | None, _band("the lowest frequency", 20.0)] = None
+    f_max_hz: Annotated[Positive | None, _band("the highest frequency", 2500.0)] = None
+    f_step_hz: Annotated[Positive | None, _band("the distance of the lines", 1.0)] = None
+    frequencies_hz: Annotated[Frequencies | None, FREQUENCIES] = None
+    truth: Annotated[TruthSpec, Field(description="the joint that makes the data: k11, k12, k22")]
+    noise: Annotated[NoiseSpec, Field(description="the noise: relative, floor, seed")]
+
+    def lines_hz(self) -> tuple[float, ...]:
+        """Return the frequency lines in Hz; the last one is at ``f_max_hz`` or less than a step below."""
+        if self.f_min_hz is None or self.f_max_hz is None or self.f_step_hz is None:
+            return self.frequencies_hz or ()
+        # The allowance keeps f_max itself when the division falls just short of a whole number.
+        steps = math.floor((self.f_max_hz - self.f_min_hz) / self.f_step_hz + 1e-9)
+        return tuple(self.f_min_hz + i * self.f_step_hz for i in range(steps + 1))
+
+    def _findings(self) -> Iterator[Finding]:
+        band = {"f_min_hz": self.f_min_hz, "f_max_hz": self.f_max_hz, "f_step_hz": self.f_step_hz}
+        given = [key for key, value in band.items() if value is not None]
+        if self.frequencies_hz is not None:
+            if given:
+                found = f"given together with {', '.join(given)}"
+                yield Finding(("frequencies_hz",), found, "a list or a band, not both", "remove one of the two")
+            if len(self.frequencies_hz) < 2:
+                yield Finding(("frequencies_hz",), "", "at least two frequencies in Hz", "add frequencies")
+        elif not given:
+            remedy = "add f_min_hz = 20.0, f_max_hz = 2500.0 and f_step_hz = 1.0 to [data]"
+            yield Finding((), "no frequencies", "f_min_hz, f_max_hz, f_step_hz, or frequencies_hz", remedy)
+        elif self.f_min_hz is None or self.f_max_hz is None or self.f_step_hz is None:
+            yield from (Finding((key,), missing=True) for key in band if key not in given)
+        else:
+            yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
+            steps = (self.f_max_hz - self.f_min_hz) / self.f_step_hz
+            if 0 < steps < 1 - 1e-9:
+                found = f"empty band: {self.f_step_hz!r} Hz leaves only the line at f_min_hz = {self.f_min_hz!r}"
+                yield Finding(("f_step_hz",), found, "at least two lines up to f_max_hz", "lower f_step_hz")
+            elif steps >= _MOST_LINES:
+                found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines"
+                yield Finding(("f_step_hz",), found, f"at most {_MOST_LINES} lines", "raise f_step_hz")
+
+
+class NaturalFrequenciesSpec(Spec):
+    """Measured natural frequencies, the lowest ones in order; the two deviations add in quadrature."""
+
+    kind: Annotated[Literal["natural_frequencies"], _KIND]
+    frequencies_hz: Annotated[Frequencies, Field(min_length=1), FREQUENCIES]
+    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)]
+    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)]
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.sd_relative + self.sd_hz == 0:
+            yield Finding(("sd_relative",), "sd_relative and sd_hz are both 0", "at least one above 0", "raise one")
+
+
+DataSpec = Annotated[
+    SyntheticFrfSpec | NaturalFrequenciesSpec | MeasuredFrfSpec | MeasuredFrequenciesSpec,
+    Field(discriminator="kind", description="the data: their kind and what belongs to it"),
+]

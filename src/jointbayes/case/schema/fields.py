@@ -1,0 +1,127 @@
+"""Building blocks of the case file's schema: described fields, DOF labels, lists, and the common base model."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from typing import Annotated, Self
+
+import pydantic
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
+
+from jointbayes.case.errors import Finding, raise_findings
+from jointbayes.case.schema.limits import beyond, limit_text
+
+__all__ = [
+    "FREQUENCIES",
+    "Fraction",
+    "Frequencies",
+    "Label",
+    "Labels",
+    "Positive",
+    "Ratio",
+    "Ratios",
+    "Spec",
+    "count_field",
+    "key_field",
+    "not_above",
+    "not_negative",
+    "positive",
+]
+
+
+def key_field(description: str, example: object) -> object:
+    """Field with what is expected of it, and an example."""
+    return Field(description=description, examples=[example])
+
+
+FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
+
+
+def positive(what: str, example: float) -> object:
+    """Field for a number above zero."""
+    return Field(gt=0, description=f"{what}, a number greater than 0", examples=[example])
+
+
+def not_negative(what: str, example: float) -> object:
+    """Field for a number of at least zero."""
+    return Field(ge=0, description=f"{what}, a number of at least 0", examples=[example])
+
+
+def count_field(what: str, example: int, least: int, most: int = 2**32 - 1, step: int = 1) -> object:
+    """Field for a whole number within limits."""
+    text = f"{what}, {'a whole' if step == 1 else 'an even'} number from {least} to {most}"
+    return Field(ge=least, le=most, multiple_of=step, description=text, examples=[example])
+
+
+def _label(text: str) -> str:
+    if not re.fullmatch(r"[1-9][0-9]{0,6}:(x|y|z|rx|ry|rz)", text):
+        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*([xyz]|r[xyz])\s*", text.lower())
+        remedy = f'did you mean "{guess[1]}:{guess[2]}"?' if guess else 'write for example "1:y"'
+        expected = "a DOF label node:direction, nodes counted from 1, direction x, y, z, rx, ry or rz"
+        raise_findings([Finding((), "", expected, remedy)])
+    return text
+
+
+def _distinct(labels: tuple[str, ...]) -> tuple[str, ...]:
+    raise_findings(
+        Finding((i,), f'"{label}" is listed twice', "each DOF once", "remove the repeated label")
+        for i, label in enumerate(labels)
+        if label in labels[:i]
+    )
+    return labels
+
+
+def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
+    raise_findings(
+        Finding((i,), f"found entry {i + 1} = {b!r} after {a!r}", "", "sort the list, each value once")
+        for i, (a, b) in enumerate(itertools.pairwise(values), 1)
+        if b <= a
+    )
+    return values
+
+
+def _as_list(value: object) -> object:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+# A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
+Label = Annotated[str, AfterValidator(_label)]
+Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct)]
+Positive = Annotated[float, Field(gt=0)]
+Fraction = Annotated[float, Field(gt=0, le=1)]
+Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
+Ratio = Annotated[float, Field(ge=0, lt=1)]
+Ratios = Annotated[tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(_as_list)]
+
+
+class Spec(BaseModel):
+    """Frozen model that refuses unknown keys; subclasses add checks between keys in `_findings`."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> Self:
+        raise_findings(self._beyond_limits())
+        raise_findings(self._findings())
+        return self
+
+    def _beyond_limits(self) -> Iterator[Finding]:
+        """Yield numbers that no machine has."""
+        fields = type(self).model_fields
+        for loc, value, limits in beyond({name: getattr(self, name) for name in fields}):
+            what = str(fields[str(loc[0])].description).rstrip(".")
+            expected = f"{what}, of a magnitude from {limit_text(limits.least)} to {limit_text(limits.most)}"
+            yield Finding(loc, f"found {value!r}", expected, "correct the number or its unit")
+
+    def _findings(self) -> Iterator[Finding]:
+        """Yield what is wrong between keys that are each right by themselves."""
+        yield from ()
+
+
+def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -> Iterator[Finding]:
+    """Yield that the upper of two bounds does not lie above the lower one."""
+    if high <= low:
+        found = f"found {high!r}, which is not above {low_key} = {low!r}"
+        yield Finding((high_key,), found, f"a number greater than {low_key} {unit}".rstrip(), "correct one of the two")

@@ -1,0 +1,259 @@
+"""The `[data]` table of a case whose data are in measurement files: files, channels, band, variance, rotations."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
+
+from jointbayes.case.errors import Finding, raise_findings
+from jointbayes.case.schema.fields import (
+    Fraction,
+    Label,
+    Labels,
+    Positive,
+    Spec,
+    count_field,
+    key_field,
+    not_above,
+    not_negative,
+    positive,
+)
+
+__all__ = [
+    "ChannelSpec",
+    "MeasuredFrequenciesSpec",
+    "MeasuredFrfSpec",
+    "MeasuredSpec",
+    "RecordsSpec",
+    "RotationSpec",
+    "VarianceSpec",
+    "rotation_findings",
+]
+
+
+def _signed(text: str) -> str:
+    if not re.fullmatch(r"-?[1-9][0-9]{0,6}:(x|y|z|rx|ry|rz)", text):
+        expected = 'a DOF label node:direction, such as "11:y", or "-11:y" where the channel points the other way'
+        raise_findings([Finding((), f'found "{text[:40]}"', expected, 'write for example "11:y"')])
+    return text
+
+
+def _as_table(value: object) -> object:
+    """A channel that is a DOF alone, as the table it stands for."""
+    return {"dof": value} if isinstance(value, str) else value
+
+
+_DOF = key_field('a DOF label such as "11:y", or "-11:y" where the channel points the other way', "11:y")
+_SENSOR_MASS = not_negative("the mass in g of the sensor, to be taken out of the FRFs", 2.0)
+
+
+class ChannelSpec(Spec):
+    """What a channel of the file stands for; in a case file often the DOF alone: ``"Point:11:Y+" = "11:y"``."""
+
+    dof: Annotated[str, AfterValidator(_signed), _DOF]
+    gain: Annotated[float, positive("the factor by which the channel's signal is multiplied", 1.02)] = 1.0
+    accelerometer_mass_g: Annotated[float, _SENSOR_MASS] = 0.0
+
+    @property
+    def label(self) -> str:
+        """The DOF without its sign."""
+        return self.dof.removeprefix("-")
+
+    @property
+    def sign(self) -> float:
+        """−1 where the channel points the other way."""
+        return -1.0 if self.dof.startswith("-") else 1.0
+
+
+_STATIONS = key_field("two or three translations in order along the structure", ["1:y", "2:y", "3:y"])
+_SCHEME = key_field(
+    'the differences, "first order" (two stations), "second order, end" or "second order, centre"', "first order"
+)
+_SPACING = Field(
+    gt=0, description="the distance of neighbouring stations in mm, a number greater than 0", examples=[20.0]
+)
+_USE = key_field("true (the rotation is data, its stations are not) or false (it serves the iteration)", False)
+
+
+class RotationSpec(Spec):
+    """A rotation by differences of translations."""
+
+    stations: Annotated[Labels, Field(min_length=2, max_length=3), _STATIONS]
+    scheme: Annotated[Literal["first order", "second order, end", "second order, centre"], _SCHEME] = "first order"
+    spacing_mm: Annotated[float | None, _SPACING] = None
+    in_likelihood: Annotated[bool, _USE] = False
+
+    def _findings(self) -> Iterator[Finding]:
+        needed = 2 if self.scheme == "first order" else 3
+        if len(self.stations) != needed:
+            found = f'found {len(self.stations)} stations with scheme = "{self.scheme}"'
+            other = '"first order"' if len(self.stations) == 2 else '"second order, end" or "second order, centre"'
+            yield Finding(("stations",), found, f"{needed} stations", f"correct them or write scheme = {other}")
+        for i, station in enumerate(self.stations):
+            if ":r" in station:
+                yield Finding(("stations", i), f'found "{station}"', "a translation", 'write for example "1:y"')
+
+
+_SOURCE = key_field('where the variance comes from, "coherence", "repeats" or "relative"', "coherence")
+_AVERAGES = Field(ge=1, le=10**6, description="the number of averages, a whole number from 1 to 1000000", examples=[10])
+
+
+class VarianceSpec(Spec):
+    """Variance of measured FRFs; the law of relative and floor is all of it, or the least that is believed."""
+
+    source: Annotated[Literal["coherence", "repeats", "relative"], _SOURCE]
+    relative: Annotated[float, not_negative("the least standard deviation as a fraction of |H|", 0.001)] = 0.001
+    floor: Annotated[float, not_negative("the least standard deviation as a fraction of the median |H|", 0.001)] = 0.0
+    averages: Annotated[int | None, _AVERAGES] = None
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.source == "relative":
+            needed = {"relative", "floor"} - self.model_fields_set
+            if needed:
+                yield from (Finding((key,), missing=True) for key in sorted(needed))
+            elif self.relative + self.floor == 0:
+                yield Finding(("relative",), "relative and floor are both 0", "at least one above 0", "raise one")
+        if self.averages is not None and self.source != "coherence":
+            found = f'found {self.averages!r}, which source = "{self.source}" does not use'
+            yield Finding(("averages",), found, 'source = "coherence"', "write source so, or remove averages")
+
+
+_METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
+_ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")
+_WINDOW = key_field('the window of the blocks, "hann" or "boxcar"', "hann")
+_LENGTH = Field(gt=0, description="the length of a block in s, a number greater than 0", examples=[1.0])
+_PULSE = Field(gt=0, description="how long after its trigger the force counts in s, above 0", examples=[0.005])
+_END = key_field("what is left of the exponential window at the end of a block, above 0 and at most 1", 0.05)
+_RANGE = Field(gt=0, description="the full scale of the force channel in N, a number greater than 0", examples=[500.0])
+_OVERLAP = Field(ge=0, lt=1, description="the overlap of blocks, a number of at least 0 and below 1", examples=[0.5])
+#: Keys that one method alone uses.
+_USED_WITH = {
+    "pretrigger_s": "impact",
+    "force_window_s": "impact",
+    "exponential_end": "impact",
+    "force_range_n": "impact",
+    "overlap": "shaker",
+    "window": "shaker",
+}
+
+
+class RecordsSpec(Spec):
+    """How FRFs are made from the time histories of a file."""
+
+    method: Annotated[Literal["impact", "shaker"], _METHOD]
+    estimator: Annotated[Literal["H1", "H2", "Hv"], _ESTIMATOR] = "H1"
+    block_s: Annotated[float | None, _LENGTH] = None
+    pretrigger_s: Annotated[float, not_negative("how long before its trigger a block begins, in s", 0.01)] = 0.0
+    force_window_s: Annotated[float | None, _PULSE] = None
+    exponential_end: Annotated[Fraction, _END] = 1.0
+    force_range_n: Annotated[float | None, _RANGE] = None
+    overlap: Annotated[float, _OVERLAP] = 0.5
+    window: Annotated[Literal["hann", "boxcar"], _WINDOW] = "hann"
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.method == "shaker" and self.block_s is None:
+            yield Finding(("block_s",), missing=True)
+        for key, method in _USED_WITH.items():
+            value = getattr(self, key)
+            if self.method != method and value != type(self).model_fields[key].default:
+                found = f'found {value!r}, which method = "{self.method}" does not use'
+                yield Finding((key,), found, f'method = "{method}"', f"write method so, or remove {key}")
+
+
+_RECORDS = Field(description="how FRFs are made from time histories: method")
+_FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
+_MAP = key_field('a table from channel to DOF, as "Point:11:Y+" = "11:y"', {})
+_QUANTITY = key_field(
+    'what the FRFs are, "receptance", "mobility" or "accelerance", where the file does not say or is wrong',
+    "accelerance",
+)
+_SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
+_FileName = Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+def _files(value: object) -> object:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _band(what: str, example: float) -> object:
+    return Field(description=f"{what} in Hz, a number greater than 0", examples=[example])
+
+
+_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_as_table)]]
+
+
+class MeasuredSpec(Spec):
+    """What all data from files have: the files, what their channels stand for, and the lines that are used."""
+
+    file: Annotated[tuple[_FileName, ...], Strict(False), Field(min_length=1), BeforeValidator(_files), _FILE]
+    quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _QUANTITY] = None
+    f_min_hz: Annotated[Positive | None, _band("the lowest frequency used", 20.0)] = None
+    f_max_hz: Annotated[Positive | None, _band("the highest frequency used", 2500.0)] = None
+    thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
+    accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
+    channels: Annotated[_Channels, _MAP]
+    records: Annotated[RecordsSpec | None, _RECORDS] = None
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.f_min_hz is not None and self.f_max_hz is not None:
+            yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
+        if not self.channels:
+            found, remedy = "found no channel", 'write for example "Point:11:Y+" = "11:y" in [data.channels]'
+            yield Finding(("channels",), found, "a DOF for each channel that is used", remedy)
+
+
+_KIND = key_field(
+    'the kind of data, "synthetic_frf", "natural_frequencies", "measured_frf" or "measured_frequencies"',
+    "measured_frf",
+)
+_VARIANCE = Field(description="the variance of the FRFs: source")
+
+
+class MeasuredFrfSpec(MeasuredSpec):
+    """FRFs of measurement files."""
+
+    kind: Annotated[Literal["measured_frf"], _KIND]
+    outputs: Annotated[Labels, key_field("a list of the measured DOFs used; empty: all", ["11:y"])] = ()
+    inputs: Annotated[Labels, key_field("a list of the excited DOFs used; empty: all", ["11:y"])] = ()
+    variance: Annotated[VarianceSpec, _VARIANCE]
+    rotations: Annotated[
+        dict[Label, RotationSpec], key_field('a table for each rotation, as [data.rotations."1:rz"]', {})
+    ] = {}  # noqa: RUF012 (frozen model)
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from super()._findings()
+        known = [channel.label for channel in self.channels.values()]
+        for key in ("outputs", "inputs"):
+            for i, label in enumerate(getattr(self, key)):
+                if label not in known:
+                    found = f'found "{label}", which no channel stands for'
+                    yield Finding((key, i), found, f"one of {', '.join(known)}", "map its channel or remove it")
+        for label in self.rotations:
+            if ":r" not in label:
+                found, expected = f'found "{label}"', "a rotation"
+                yield Finding(("rotations", label), found, expected, 'write for example [data.rotations."1:rz"]')
+
+
+class MeasuredFrequenciesSpec(MeasuredSpec):
+    """Natural frequencies of the modes that FRFs of measurement files show, the lowest ones."""
+
+    kind: Annotated[Literal["measured_frequencies"], _KIND]
+    variance: Annotated[VarianceSpec | None, _VARIANCE] = None
+    modes: Annotated[int | None, count_field("how many modes are used, the lowest ones", 3, 1, 1000)] = None
+    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.001)] = 0.0
+    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.1)] = 0.0
+
+
+def rotation_findings(data: MeasuredFrfSpec, elements: int) -> Iterator[Finding]:
+    """Yield stations that are not evenly spaced nodes where no spacing is stated."""
+    for label, rotation in data.rotations.items():
+        nodes = [int(station.split(":")[0]) for station in rotation.stations]
+        steps = {b - a for a, b in itertools.pairwise(nodes)}
+        if len(steps) != 1 or 0 in steps or max(nodes) > elements + 1:
+            found = f"found nodes {', '.join(map(str, nodes))}"
+            expected = f"different nodes, evenly spaced in one direction, from 1 to {elements + 1}"
+            yield Finding(("data", "rotations", label, "stations"), found, expected, "correct the stations")

@@ -1,0 +1,231 @@
+"""Rules between the tables of a case file: what one table says must be possible with what another one says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jointbayes.case.errors import Finding
+from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
+from jointbayes.case.schema.joint import JointSpec
+from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
+from jointbayes.case.schema.noise import NoiseModelSpec
+from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
+from jointbayes.case.schema.settings import PlanSpec
+from jointbayes.case.schema.structure import (
+    LossFactorDampingSpec,
+    ModalDampingSpec,
+    RayleighDampingSpec,
+    StructureSpec,
+    absent_dofs,
+)
+from jointbayes.case.schema.virtual_test import VirtualTestSpec
+
+__all__ = [
+    "dof_findings",
+    "noise_findings",
+    "plan_findings",
+    "prior_findings",
+    "truth_findings",
+    "uncertain_findings",
+    "virtual_test_findings",
+]
+
+_FREQUENCIES = NaturalFrequenciesSpec | MeasuredFrequenciesSpec
+_FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
+
+
+def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, plan: PlanSpec) -> Iterator[Finding]:
+    """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for."""
+    labelled = {("joint", "dofs"): joint.dofs, ("joint", "against"): joint.against}
+    if isinstance(data, SyntheticFrfSpec):
+        labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
+    elif isinstance(data, NaturalFrequenciesSpec):
+        free = structure.nodes * len(structure.directions) - len(structure.supports)
+        if len(data.frequencies_hz) > free:
+            found = f"{len(data.frequencies_hz)} frequencies for {free} free DOFs"
+            yield Finding(
+                ("data", "frequencies_hz"),
+                found,
+                f"at most {free} frequencies",
+                "raise structure.elements",
+            )
+    labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
+    for loc, labels in labelled.items():
+        yield from absent_dofs(structure, labels, loc)
+        for i, label in enumerate(labels):
+            if label in structure.supports:
+                found = f'"{label}" is held fixed by structure.supports'
+                yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+    if isinstance(data, MeasuredSpec):
+        yield from _channel_findings(structure, data)
+
+
+def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[Finding]:
+    """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
+    for name, channel in data.channels.items():
+        loc = ("data", "channels", name)
+        for finding in absent_dofs(structure, [channel.label], loc):
+            yield Finding(loc, finding.found, finding.expected, finding.remedy)
+        if channel.label in structure.supports:
+            found = f'"{channel.label}" is held fixed by structure.supports'
+            yield Finding(loc, found, "a DOF that can move", "choose another or free this one")
+        if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
+            found = "accelerometer_mass_g is given here and in [structure]"
+            expected = "the mass taken out of the data or put into the model, not both"
+            yield Finding((*loc, "accelerometer_mass_g"), found, expected, "remove one of the two")
+        if channel.accelerometer_mass_g > 0 and ":r" in channel.label:
+            found = f'found a mass at "{channel.label}", a rotation'
+            yield Finding((*loc, "accelerometer_mass_g"), found, "a mass at a translation", "remove it")
+    if data.accelerometers == "roving" and structure.accelerometer_mass_g > 0:
+        found = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
+        expected = "the mass of a roving sensor at its channels, to be taken out of the data"
+        yield Finding(
+            ("data", "accelerometers"), found, expected, "move the mass to accelerometer_mass_g of the channels"
+        )
+    if isinstance(data, MeasuredFrfSpec):
+        yield from rotation_findings(data, structure.elements)
+        for label in data.rotations:
+            loc = ("data", "rotations", label)
+            for finding in absent_dofs(structure, [label], loc):
+                yield Finding(loc, finding.found, finding.expected, finding.remedy)
+
+
+def prior_findings(joint: JointSpec, priors: PriorsSpec) -> Iterator[Finding]:
+    """Yield priors that the parametrisation of the joint lacks or has no use for."""
+    needed, parametrisation = joint.parameters, joint.parametrisation
+    given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
+    missing = [name for name in needed if name not in given]
+    for name in sorted(given.difference(needed)):
+        found = f'there is no {name} with joint.parametrisation = "{parametrisation}"'
+        other = "signed" if parametrisation == "log" else "log"
+        swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing else ""
+        yield Finding(("prior", name), found, f"priors of {', '.join(needed)}", swap or "remove it")
+    yield from (Finding(("prior", name), missing=True) for name in missing)
+
+
+# Why natural frequencies say nothing about a quantity.
+_UNSEEN = {
+    "damping_ratio": "undamped natural frequencies do not depend on the damping",
+    "loss_factor": "undamped natural frequencies do not depend on the damping",
+    "accelerometer_mass": "natural frequencies come without measured DOFs, so the accelerometers are nowhere",
+    "gain": "natural frequencies do not depend on the gain",
+}
+
+
+def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
+    mass = structure.accelerometer_mass_g
+    if isinstance(data, _FREQUENCIES):
+        if mass > 0 and isinstance(data, NaturalFrequenciesSpec):
+            found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
+            yield Finding(("structure", "accelerometer_mass_g"), found, f"0, or {_FRF_ONLY}", "remove it")
+        for name in uncertain.given:
+            if name in _UNSEEN and (name != "accelerometer_mass" or isinstance(data, NaturalFrequenciesSpec)):
+                yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
+        return
+    yield from _damping_findings(uncertain, structure)
+    if uncertain.mode_frequencies and structure.damping.law != "modal":
+        found = f'structure.damping has law = "{structure.damping.law}", whose modes are not those of the assembly'
+        yield Finding(("uncertain", "mode_frequencies"), found, 'law = "modal"', "remove it or change the law")
+    labels = [c.label for c in data.channels.values()] if isinstance(data, MeasuredFrfSpec) else data.outputs
+    translations = [label for label in labels if ":r" not in label]
+    if mass > 0 and not translations:
+        found = f"found {mass!r}, but data.outputs holds rotations only"
+        yield Finding(("structure", "accelerometer_mass_g"), found, "0, or a measured translation", "remove it")
+    if uncertain.accelerometer_mass and mass == 0:
+        found = "factor on structure.accelerometer_mass_g, which is 0"
+        remedy = "write for example accelerometer_mass_g = 2.0 in [structure]"
+        yield Finding(("uncertain", "accelerometer_mass"), found, "a mass above 0", remedy)
+
+
+def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:
+    """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
+    damping = structure.damping
+    stated = {"damping_ratio": uncertain.damping_ratio, "loss_factor": uncertain.loss_factor}
+    laws = {"damping_ratio": "modal", "loss_factor": "loss_factor"}
+    for name, prior in stated.items():
+        if prior is None:
+            continue
+        values: tuple[float, ...] = ()
+        if name == "damping_ratio" and isinstance(damping, ModalDampingSpec) and damping.measured:
+            continue  # ratios above 0 once they are known
+        if name == "damping_ratio" and isinstance(damping, ModalDampingSpec):
+            values = damping.ratio
+        elif name == "loss_factor" and isinstance(damping, LossFactorDampingSpec):
+            values = (damping.loss_factor,)
+        loc, expected = ("uncertain", name), f'law = "{laws[name]}" with a {name.replace("_", " ")} above 0'
+        if not values:
+            found, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
+            if isinstance(damping, RayleighDampingSpec):
+                found += ", and uncertain Rayleigh damping is not offered"
+            yield Finding(loc, found, expected, f"{remedy} or change the law")
+        elif min(values) == 0:
+            found = f"factor on structure.damping, where a {name.replace('_', ' ')} is 0"
+            yield Finding(loc, found, expected, "state a value above 0 to which the factor applies")
+        elif name == "damping_ratio" and prior.high_factor and max(values) * prior.high_factor >= 1:
+            found = f"found {prior.high_factor!r}, which takes the ratio {max(values)!r} to 1 or above"
+            remedy = f"lower high_factor below {1 / max(values):.6g}"
+            yield Finding((*loc, "high_factor"), found, "a factor that leaves the damping ratio below 1", remedy)
+
+
+def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
+    damping = structure.damping
+    if isinstance(damping, ModalDampingSpec) and damping.measured and not isinstance(data, MeasuredSpec):
+        found = f'found "measured" with data of kind = "{data.kind}"'
+        remedy = "state the ratio: ratio = 0.01"
+        expected = 'data of kind = "measured_frf" or "measured_frequencies"'
+        yield Finding(("structure", "damping", "ratio"), found, expected, remedy)
+    if isinstance(data, SyntheticFrfSpec) and data.truth.damping_ratio is not None and structure.damping.law != "modal":
+        found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
+        yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")
+
+
+def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield how residuals cannot be judged where the data are natural frequencies."""
+    if not isinstance(data, _FREQUENCIES):
+        return
+    if noise.residuals != "complex":
+        found = f'found "{noise.residuals}", but natural frequencies have neither magnitude nor phase'
+        yield Finding(("noise", "residuals"), found, _FRF_ONLY, "remove it")
+    if noise.distribution != "gaussian":
+        found = f'found "{noise.distribution}", which is offered for FRFs only'
+        yield Finding(("noise", "distribution"), found, _FRF_ONLY, "remove it")
+    if noise.discrepancy is not None:
+        found = "correlation along frequency needs frequency lines, which natural frequencies do not have"
+        yield Finding(("noise", "discrepancy"), found, _FRF_ONLY, "remove [noise.discrepancy]")
+
+
+def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield plans without FRF data, and a wider band that is not wider or has no band to widen."""
+    if isinstance(data, _FREQUENCIES):
+        if plan != PlanSpec():
+            found = "natural frequencies state neither the noise nor the band of a further FRF"
+            yield Finding(("plan",), found, _FRF_ONLY, "remove [plan]")
+    elif plan.f_max_hz is not None:
+        if isinstance(data, MeasuredFrfSpec):
+            found = "the lines of a file are those that were measured"
+            yield Finding(("plan", "f_max_hz"), found, 'data of kind = "synthetic_frf"', "remove it")
+        elif data.f_max_hz is None:
+            found = "no band to widen, data.frequencies_hz is a list"
+            yield Finding(("plan", "f_max_hz"), found, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
+        elif plan.f_max_hz <= data.f_max_hz:
+            found = f"found {plan.f_max_hz!r}, which does not widen the band up to {data.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), found, f"a number above {data.f_max_hz!r}", "raise or remove it")
+
+
+def virtual_test_findings(test: VirtualTestSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
+    if not isinstance(data, SyntheticFrfSpec):
+        if test != VirtualTestSpec():
+            yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
+        return
+    loc = ("virtual_test", "extra_outputs")
+    yield from absent_dofs(structure, test.extra_outputs, loc)
+    for i, label in enumerate(test.extra_outputs):
+        if label in structure.supports:
+            found = f'"{label}" is held fixed by structure.supports'
+            yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+        elif label in data.outputs:
+            found = f'"{label}" is one of data.outputs, which are measured anyway'
+            yield Finding((*loc, i), found, "a further DOF", "remove it")

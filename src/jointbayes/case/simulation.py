@@ -1,0 +1,231 @@
+"""Virtual tests: measure the truth that a case states, and return what a measurement file would hold."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from jointbayes.case.build import beam_recipe, noise_law, stiffness_of, true_beam
+from jointbayes.case.case import Case
+from jointbayes.case.schema.data import SyntheticFrfSpec
+from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
+from jointbayes.measurement.signals.line_thinning import effective_averages, lines_apart
+from jointbayes.measurement.signals.spectra import ShakerSettings, by_force, shaker_frf
+from jointbayes.measurement.virtual.virtual_frf import frf_records, noisy_frf
+from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
+from jointbayes.structure import BeamFamily, LossFactor, ModalDamping, Structure
+
+__all__ = ["Truth", "describe", "simulate"]
+
+_AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
+#: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.
+_BLOCK_DECAY = {"impact": 10.0, "shaker": 30.0}
+_GONE = 20.0  # the same, for what must have died away altogether
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The structure and joint that make the data of a case.
+
+    Raises
+    ------
+    CaseError
+        If the case's data are not of kind ``"synthetic_frf"``: nothing else has a known truth.
+    """
+
+    case: Case
+
+    @cached_property
+    def data(self) -> SyntheticFrfSpec:
+        """The case's `[data]`."""
+        data = self.case.spec.data
+        if not isinstance(data, SyntheticFrfSpec):
+            raise CaseError(
+                f'{self.case.name}: found data of kind = "{data.kind}"; expected "synthetic_frf", whose [data.truth] a '
+                "virtual test can measure; state a truth"
+            )
+        return data
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The true structure without its joint, accelerometers in place."""
+        return self._beams.nominal
+
+    @cached_property
+    def _beams(self) -> BeamFamily:
+        return BeamFamily(true_beam(beam_recipe(self.case.spec.structure, self.data), self.data.truth), {})
+
+    @cached_property
+    def stiffness(self) -> NDArray[np.float64]:
+        """True K^J, shape (2, 2)."""
+        return joint_matrix(stiffness_of(self.data.truth))
+
+    @cached_property
+    def decay_rate(self) -> float:
+        """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
+        joined = self.case.problem.joint.selection(self.structure)
+        eigenvalues = self.structure.modes(joined @ self.stiffness @ joined.T).eigenvalues
+        omega = np.sqrt(eigenvalues[eigenvalues > 0])
+        match self.structure.damping:
+            case ModalDamping() as law:
+                rates = (law.per_mode(eigenvalues.size) * np.sqrt(eigenvalues))[eigenvalues > 0]
+            case LossFactor(loss_factor):
+                rates = loss_factor * omega / 2
+            case law:
+                rates = (law.alpha + law.beta * omega**2) / 2
+        return float(rates.min())
+
+    def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
+        """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
+        ports = Ports(frequency_hz, outputs, self.data.inputs)
+        model = receptance_model(self._beams.reference(), self.case.problem.joint, ports)
+        receptance = model.receptance(self.stiffness)[0]
+        values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
+        return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
+
+
+def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Generator) -> list[Record]:
+    """Measure the truth of a case in a virtual test.
+
+    Parameters
+    ----------
+    case
+        Case with data of kind ``"synthetic_frf"``: its `[data.truth]` is measured at its outputs, for its inputs, in
+        its band. The noise of `[data.noise]` is that of method ``"frf"``; the others have noise on their channels.
+    settings
+        The `[virtual_test]` table; None takes the case's own.
+    rng
+        Source of all noise, hits and forces.
+
+    Returns
+    -------
+    list of FrfRecord or TimeRecord
+        One for each pair of output and input, or one for each channel and hit.
+
+    Raises
+    ------
+    CaseError
+        If the case has no truth.
+    MeasurementError
+        If the test cannot be made so, for example with blocks too short for the lines.
+    """
+    truth = Truth(case)
+    test = case.spec.virtual_test if settings is None else settings
+    outputs = truth.data.outputs + test.extra_outputs
+    averages = test.averages or truth.data.noise.averages or _AVERAGES
+    if test.method == "frf":
+        true = truth.frf(np.array(truth.data.lines_hz()), outputs)
+        return list(frf_records(noisy_frf(true, noise_law(truth.data.noise), averages, rng)))
+    rig = _rig(truth, test, outputs)
+    return (
+        _impact(truth, test, rig, averages, rng)
+        if test.method == "impact"
+        else _shaker(truth, test, rig, averages, rng)
+    )
+
+
+def _rig(truth: Truth, test: VirtualTestSpec, outputs: tuple[str, ...]) -> Rig:
+    """Structure and analyser; blocks are multiples of 1/f_step_hz, so that the lines of the case are among theirs."""
+    decay = truth.decay_rate
+    if not decay > 0:
+        raise MeasurementError(
+            "virtual test: found a structure without damping; expected some, without which no hit ever ends; state it "
+            "in [structure.damping]"
+        )
+    step, highest = truth.data.f_step_hz, truth.data.lines_hz()[-1]
+    block_s = test.block_s
+    if block_s is None:
+        enough = _BLOCK_DECAY[test.method] / decay
+        block_s = enough if step is None else math.ceil(enough * step) / step
+    rate = test.sample_rate_hz or math.ceil(8 * highest * block_s) / block_s
+    if rate < 2.56 * highest:
+        raise MeasurementError(
+            f"virtual test: found {rate:g} samples per second for lines up to {highest:g} Hz; expected at least "
+            f"{2.56 * highest:g}; raise sample_rate_hz"
+        )
+    return Rig(
+        lambda lines: truth.frf(lines, outputs).values,
+        outputs,
+        truth.data.inputs,
+        truth.data.quantity,
+        rate,
+        round(block_s * rate),
+        _GONE / decay,
+    )
+
+
+def _band(truth: Truth) -> tuple[float, float]:
+    lines = truth.data.lines_hz()
+    return lines[0], lines[-1]
+
+
+def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
+    low, high = _band(truth)
+    hammer = Hammer(averages, 1 / high, test.double_hits, test.overloads)
+    records = list(hammer_records(rig, hammer, ChannelNoise(test.force_noise, test.response_noise), rng))
+    if test.writes == "time":
+        return list(records)
+    settings = ImpactSettings(
+        force_window_s=2 * hammer.pulse_s,
+        exponential_end=test.exponential_end,
+        estimator=test.estimator,
+        f_min_hz=low,
+        f_max_hz=high,
+    )
+    return [_at_step(record, truth) for record in frfs_of_hits(records, settings)]
+
+
+def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
+    low, high = _band(truth)
+    settings = ShakerSettings(rig.block / rig.sample_rate_hz, test.overlap, "hann", test.estimator, low, high)
+    hop = max(round(rig.block * (1 - test.overlap)), 1)
+    window = np.asarray(signal.get_window("hann", rig.block), dtype=float)
+    # as many blocks as it takes for them to count as the averages that are asked for
+    blocks = next(n for n in range(averages, 10**9) if effective_averages(n, window, hop) >= averages)
+    noise = ChannelNoise(test.force_noise, test.response_noise)
+    records = list(shaker_records(rig, rig.block + (blocks - 1) * hop, noise, rng))
+    if test.writes == "time":
+        return list(records)
+    return [
+        _at_step(shaker_frf(forces, response, settings).frf, truth)
+        for forces, responses in by_force(records)
+        for response in responses
+    ]
+
+
+def _at_step(record: FrfRecord, truth: Truth) -> FrfRecord:
+    """The lines that the case has, where those of the block are closer."""
+    if truth.data.f_step_hz is None:
+        return record
+    kept = lines_apart(record.frequency_hz, truth.data.f_step_hz)
+    return record.at_lines(kept)
+
+
+def describe(records: list[Record]) -> list[str]:
+    """What a virtual test holds, in a few lines of text."""
+    frfs = [record for record in records if isinstance(record, FrfRecord)]
+    lines = []
+    if frfs:
+        first = frfs[0]
+        lines.append(
+            f"{len(frfs)} FRF{'s' * (len(frfs) > 1)} ({first.quantity}) of {first.frequency_hz.size} lines, "
+            f"{first.frequency_hz[0]:g} to {first.frequency_hz[-1]:g} Hz, averages: {first.averages}"
+        )
+    times = [record for record in records if isinstance(record, TimeRecord)]
+    if times:
+        first_time = times[0]
+        seconds = first_time.values.size / first_time.sample_rate_hz
+        hits = len({record.hit for record in times})
+        lines.append(
+            f"{len(times)} time histories of {seconds:g} s at {first_time.sample_rate_hz:g} samples per second, "
+            f"{hits} hit{'s' * (hits > 1)} or runs"
+        )
+    return lines

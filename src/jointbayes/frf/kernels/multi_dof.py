@@ -1,0 +1,270 @@
+"""Low-rank coupling of a joint of any number of DOFs: its springs are coupled one after the other, line by line.
+
+With K = L D Lᵀ and stretches δ = Lᵀx the joint's motion solves (1 + Ã D) δ = ã, Ã = LᵀA_jj L and ã = LᵀA_jp. Both a
+rigid (d → ∞) and an absent spring (d = 0) leave every pivot 1 + d Ã_pp a number.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.frf.kernels.compiled import compiled, inner, lane_blocks
+from jointbayes.frf.kernels.springs import springs
+from jointbayes.frf.ports import as_batch
+
+__all__ = ["SweepCoupling", "SweepMisfit"]
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_WIDTH = 32  # lines at once: the matrices of six DOFs still fit into the first cache
+
+
+# A complex number at _WIDTH lines is one row: the real parts, then the imaginary ones.
+
+
+@inner
+def _add(x: float, row: Array, out: Array) -> None:
+    """out += x·row, x real, for any number of rows."""
+    for j in range(len(row)):
+        out[j] += x * row[j]
+
+
+@inner
+def _minus_products(f: Array, rows: Array, out: Array) -> None:
+    """out −= f·row for each of the rows, which lie one after the other."""
+    for start in range(0, len(rows), 2 * _WIDTH):
+        row, here = rows[start : start + 2 * _WIDTH], out[start : start + 2 * _WIDTH]
+        for j in range(_WIDTH):
+            fr, fi, re, im = f[j], f[_WIDTH + j], row[j], row[_WIDTH + j]
+            here[j] -= fr * re - fi * im
+            here[_WIDTH + j] -= fr * im + fi * re
+
+
+@inner
+def _product(d: float, f: Array, row: Array, out: Array) -> None:
+    """out = d·f·row, d real."""
+    for j in range(_WIDTH):
+        fr, fi, re, im = f[j], f[_WIDTH + j], row[j], row[_WIDTH + j]
+        out[j] = d * (fr * re - fi * im)
+        out[_WIDTH + j] = d * (fr * im + fi * re)
+
+
+@inner
+def _inverse_pivot(d: float, row: Array, out: Array) -> None:
+    """out = 1/(1 + d·row)."""
+    for j in range(_WIDTH):
+        re, im = 1.0 + d * row[j], d * row[_WIDTH + j]
+        size = 1.0 / (re * re + im * im)
+        out[j], out[_WIDTH + j] = re * size, -im * size
+
+
+@inner
+def _turn_into_springs(turn: Array, along: Array, free: Array, a: Array, rest: Array, half: Array) -> None:
+    """Ã and beside it the motion under each load (r, (r + q) rows), and ã, from the receptance without the joint."""
+    r, q = along.shape
+    row = 2 * _WIDTH
+    for i in range(r):
+        half[:] = 0.0
+        for m in range(r):
+            if turn[m, i] != 0.0:
+                _add(turn[m, i], free[m], half)
+        for k in range(i, r):
+            here = a[i, k * row : (k + 1) * row]
+            here[:] = 0.0
+            for m in range(r):
+                if turn[m, k] != 0.0:
+                    _add(turn[m, k], half[m * row : (m + 1) * row], here)
+        rest[i] = half[r * row :]
+        a[i, r * row :] = half[r * row :]
+    for k in range(q):
+        for m in range(r):
+            if along[m, k] != 0.0:
+                for i in range(r):
+                    x, y = min(i, m), max(i, m)
+                    _add(along[m, k], a[x, y * row : (y + 1) * row], a[i, (r + k) * row : (r + k + 1) * row])
+
+
+@inner
+def _couple(d: Array, a: Array, inverse: Array, f: Array) -> None:
+    """Stretches δ under each load, in place of it: elimination without pivoting, then back substitution."""
+    r, row = len(d), 2 * _WIDTH
+    for p in range(r):
+        _inverse_pivot(d[p], a[p, p * row : (p + 1) * row], inverse[p])
+        if d[p] != 0.0:
+            for i in range(p + 1, r):
+                _product(d[p], inverse[p], a[p, i * row : (i + 1) * row], f)
+                _minus_products(f, a[p, i * row :], a[i, i * row :])
+    for k in range(r * row, a.shape[1], row):
+        for p in range(r - 1, -1, -1):
+            here = a[p, k : k + row]
+            for i in range(p + 1, r):
+                if d[i] != 0.0:
+                    _product(d[i], a[i, k : k + row], a[p, i * row : (i + 1) * row], f)
+                    _add(-1.0, f, here)
+            _product(1.0, inverse[p], here, f)
+            here[:] = f
+
+
+@inner
+def _response(d: Array, along: Array, free: Array, rest: Array, a: Array, o: int, s: int, h: Array, f: Array) -> None:
+    """H of one pair of ports, one row."""
+    r, row = len(d), 2 * _WIDTH
+    h[:] = free[r + o, (r + s) * row : (r + s + 1) * row]
+    for p in range(r):
+        delta, own = a[p, (r + s) * row : (r + s + 1) * row], rest[p, o * row : (o + 1) * row]
+        if along[p, o] != 0.0:
+            _add(along[p, o], delta, h)
+        if along[p, s] != 0.0:
+            _add(along[p, s], own, h)
+        _product(d[p], own, delta, f)
+        _add(-1.0, f, h)
+
+
+@inner
+def _distance(h: Array, data: Array) -> float:
+    total = 0.0
+    for j in range(_WIDTH):
+        re, im = h[j] - data[j], h[_WIDTH + j] - data[_WIDTH + j]
+        total += (re * re + im * im) * data[2 * _WIDTH + j]
+    return total
+
+
+@inner
+def _overlap(h: Array, data: Array, x: Array, y: Array) -> float:
+    """Σ w² Re(r̄ x y)."""
+    total = 0.0
+    for j in range(_WIDTH):
+        re, im = (h[j] - data[j]) * data[2 * _WIDTH + j], (h[_WIDTH + j] - data[_WIDTH + j]) * data[2 * _WIDTH + j]
+        xr, xi, yr, yi = x[j], x[_WIDTH + j], y[j], y[_WIDTH + j]
+        total += re * (xr * yr - xi * yi) + im * (xr * yi + xi * yr)
+    return total
+
+
+@compiled
+def _chi2(
+    turn: Array, d: Array, along: Array, free: Array, ports: NDArray[np.int64], data: Array, out: Array, slope: Array
+) -> None:
+    """χ² (batch,) and, if `slope` has any row, its gradient in the springs' coordinates (batch, r, r)."""
+    r, q = along.shape[1:]
+    row = 2 * _WIDTH
+    a, rest, half = np.empty((r, (r + q) * row)), np.empty((r, q * row)), np.empty((r + q) * row)
+    inverse, f, h = np.empty((r, row)), np.empty(row), np.empty(row)
+    out[:] = 0.0
+    slope[:] = 0.0
+    for b in range(len(free)):
+        for i in range(len(out)):
+            _turn_into_springs(turn[i], along[i], free[b], a, rest, half)
+            _couple(d[i], a, inverse, f)
+            for n in range(len(ports)):
+                o, s = ports[n]
+                _response(d[i], along[i], free[b], rest, a, o, s, h, f)
+                out[i] += _distance(h, data[b, n])
+                if len(slope) > 0:  # dH = −δ_oᵀ dK̃ δ_i
+                    for p in range(r):
+                        for k in range(r):
+                            x, y = a[p, (r + o) * row :], a[k, (r + s) * row :]
+                            slope[i, p, k] -= 2.0 * _overlap(h, data[b, n], x, y)
+
+
+@compiled
+def _lines(
+    turn: Array, d: Array, along: Array, free: Array, ports: NDArray[np.int64], value: Array, delta: Array
+) -> None:
+    """H (blocks, pairs, row) and δ (blocks, r, q rows) of one joint at every line."""
+    r, q = along.shape
+    row = 2 * _WIDTH
+    a, rest, half = np.empty((r, (r + q) * row)), np.empty((r, q * row)), np.empty((r + q) * row)
+    inverse, f = np.empty((r, row)), np.empty(row)
+    for b in range(len(free)):
+        _turn_into_springs(turn, along, free[b], a, rest, half)
+        _couple(d, a, inverse, f)
+        for n in range(len(ports)):
+            _response(d, along, free[b], rest, a, ports[n, 0], ports[n, 1], value[b, n], f)
+        for p in range(r):
+            delta[b, p] = a[p, r * row :]
+
+
+class SweepCoupling:
+    """Receptance of a structure whose joint has any number of DOFs; parameters as `PairCoupling`."""
+
+    def __init__(self, free: ComplexArray, along: Array, n_out: int) -> None:
+        r, q = along.shape
+        self._lines, self._n_out, self._n_in = len(free), n_out, q - n_out
+        # a DOF that is both driven and observed is one port
+        columns = np.concatenate([along, free[:, :, r:].real.sum(axis=0), free[:, :, r:].imag.sum(axis=0)])
+        _, kept, port = np.unique(columns, axis=1, return_index=True, return_inverse=True)
+        port = port.ravel()
+        self.ports = np.array([(port[o], port[n_out + i]) for o in range(n_out) for i in range(q - n_out)])
+        rows = np.concatenate([np.arange(r), r + kept])
+        chosen = np.moveaxis(free[:, rows[:, None], rows], 0, -1)
+        self._along = along[:, kept]
+        blocks = _blocks(np.stack([chosen.real, chosen.imag], axis=2))
+        self.free = blocks.reshape(*blocks.shape[:2], -1)
+
+    def receptance(self, stiffness: ArrayLike) -> ComplexArray:
+        """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
+        return np.stack([self._solve(matrix)[0] for matrix in as_batch(stiffness)])
+
+    def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
+        """Receptance and its derivative along p changes of one joint matrix; see `LowRankCoupling.tangent`."""
+        (matrix,) = as_batch(stiffness)
+        value, delta, turn = self._solve(matrix)
+        change = np.linalg.solve(turn, np.linalg.solve(turn, np.asarray(directions, dtype=float)).swapaxes(1, 2))
+        pairs = [-np.einsum("pij,il,jl->pl", change, delta[:, o], delta[:, i]) for o, i in self.ports]
+        return value, np.stack(pairs, axis=-1).reshape(len(change), self._lines, self._n_out, self._n_in)
+
+    def misfit(self, measured: ComplexArray, weight: Array) -> "SweepMisfit":
+        """Weighted distance from measured receptances, shape (lines, outputs, inputs)."""
+        flat, square = measured.reshape(self._lines, -1).T, weight.reshape(self._lines, -1).T ** 2
+        return SweepMisfit(self, _blocks(np.stack([flat.real, flat.imag, square], axis=1)))
+
+    def springs(self, matrices: Array) -> tuple[Array, Array, Array]:
+        """Directions L (batch, r, r), stiffness d (batch, r) of the springs, and the ports' parts along them."""
+        turn, stiffness = springs(matrices)
+        return turn, stiffness, np.asarray(np.linalg.solve(turn, self._along[None]), dtype=float)
+
+    def _solve(self, matrix: Array) -> tuple[ComplexArray, ComplexArray, Array]:
+        """H (lines, outputs, inputs), stretches (r, ports, lines) and the springs' directions of one joint."""
+        (turn,), (stiffness,), (along,) = self.springs(matrix[None])
+        blocks = len(self.free)
+        value = np.empty((blocks, len(self.ports), 2 * _WIDTH))
+        delta = np.empty((blocks, len(along), along.shape[1] * 2 * _WIDTH))
+        _lines(turn, stiffness, along, self.free, self.ports, value, delta)
+        h, d = (self._as_lines(x) for x in (value, delta.reshape(blocks, *along.shape, -1)))
+        return h.T.reshape(self._lines, self._n_out, self._n_in), d, turn
+
+    def _as_lines(self, rows: Array) -> ComplexArray:
+        """Rows (blocks, ..., row) as complex numbers (..., lines)."""
+        value = np.moveaxis(rows[..., :_WIDTH] + 1j * rows[..., _WIDTH:], 0, -2)
+        return value.reshape(*value.shape[:-2], -1)[..., : self._lines]
+
+
+class SweepMisfit:
+    """χ² = Σ |H − H^x|² w² over lines and FRFs as a function of the joint, without any array over its lines."""
+
+    def __init__(self, coupling: SweepCoupling, data: Array) -> None:
+        self._coupling, self._data = coupling, data
+
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+        """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
+        return self._run(stiffness, 0)[0]
+
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
+        chi2, slope, turn = self._run(stiffness, len(stiffness))
+        back = np.linalg.inv(turn)
+        gradient = back.swapaxes(1, 2) @ slope @ back
+        return chi2, (gradient + gradient.swapaxes(1, 2)) / 2
+
+    def _run(self, stiffness: Array, slopes: int) -> tuple[Array, Array, Array]:
+        turn, d, along = self._coupling.springs(stiffness)
+        out, slope = np.empty(len(turn)), np.empty((slopes, *turn.shape[1:]))
+        _chi2(turn, d, along, self._coupling.free, self._coupling.ports, self._data, out, slope)
+        return out, slope, turn
+
+
+def _blocks(rows: Array) -> Array:
+    """Vectors over lines, shape (..., k, lines), as rows (blocks, ..., k·width), zero-padded and aligned."""
+    *lead, k, lines = rows.shape
+    flat = lane_blocks(rows.reshape(-1, lines), _WIDTH)
+    return flat.reshape(-1, *lead, k * _WIDTH)

@@ -1,0 +1,207 @@
+"""Modes after a spring is added: eigenvalues of diag(λ) + d v vᵀ as roots of the secular equation.
+
+1/d + Σ_s v_s²/(λ_s − μ) = 0 has one root between each two of the old eigenvalues and one above the last. All roots
+are found side by side, each measured from its nearest old eigenvalue, so that every difference λ_s − μ keeps its
+relative accuracy however stiff or soft the spring is.
+
+References
+----------
+Golub, G. H. (1973). Some modified matrix eigenvalue problems. SIAM Review 15(2), 318-334. DOI 10.1137/1015032
+Borges, C. F., Gragg, W. B. (1993). A parallel divide and conquer algorithm for the generalized real symmetric
+definite tridiagonal eigenproblem. In Numerical Linear Algebra, de Gruyter, 11-29. DOI 10.1515/9783110857658.11
+(the third-order iteration).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.frf.kernels.compiled import LANES, compiled, in_order
+
+__all__ = ["add_springs", "workspace"]
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 40  # a bracket that the iteration leaves is halved: never seen to need more than a dozen
+_APART = 1e-15
+_UNMOVED = 1e-20  # a mode whose share in the stretch is less takes part with this much, and no bit notices
+
+# Scratch memory of so many roots at a time: vectors of LANES numbers one after the other in one stretch of memory,
+# which is how a compiler sees that they do not overlap and uses the processor's vector unit.
+_TAU, _F, _F1, _F2, _GAP, _SIDE, _LOW, _HIGH, _ORIGIN, _NORM, _SIZE = (LANES * k for k in range(11))
+
+
+def workspace(modes: int, rows: int) -> tuple[Array, Array]:
+    """Scratch memory of `add_springs`: turned rows with v and the new eigenvalues, and vectors over the roots."""
+    return np.zeros((rows + 2, -(-modes // 8) * 8)), np.zeros(_SIZE)
+
+
+@in_order
+def _sums(lam: Array, v: Array, lanes: int, w: Array) -> None:
+    """f = Σ v_s²/(λ_s − μ), f' and f''/2 at μ = origin + tau of every root."""
+    for k in range(lanes):
+        w[_F + k], w[_F1 + k], w[_F2 + k] = 0.0, 0.0, 0.0
+    for s in range(len(lam)):
+        a, z = lam[s], v[s] * v[s]
+        for k in range(lanes):
+            t = 1.0 / ((a - w[_ORIGIN + k]) - w[_TAU + k])
+            m = z * t
+            w[_F + k] += m
+            m *= t
+            w[_F1 + k] += m
+            w[_F2 + k] += m * t
+
+
+@in_order
+def _step(inverse: float, lanes: int, w: Array) -> int:
+    """Move every root by rational interpolation of third order; returns how many moved by more than rounding."""
+    moving = 0
+    for k in range(lanes):
+        # seen from the origin outwards every root looks the same: x > 0, near pole at 0, far pole at gap
+        side, gap = w[_SIDE + k], w[_GAP + k]
+        x = side * w[_TAU + k]
+        value, first, second = side * (inverse + w[_F + k]), w[_F1 + k], side * w[_F2 + k]
+        low = x if value < 0.0 else w[_LOW + k]
+        high = w[_HIGH + k] if value < 0.0 else x
+        # c − near/x + far/(gap − x) matches the function and its first two derivatives here
+        to_far, per_gap = gap - x, 1.0 / gap
+        near = -x * (second * to_far - first) * per_gap
+        far = to_far * (first + second * x) * per_gap
+        c = value + near * x - far * to_far
+        near, far = near * x * x, far * to_far * to_far
+        b = c * gap + near + far
+        size = abs(b) + math.sqrt(abs(b * b - 4.0 * c * near * gap))
+        new = (2.0 * near * gap if b > 0.0 else -size) / (size if b > 0.0 else 2.0 * c)
+        # a step out of the bracket halves it, but at the end rounding may put the root just outside
+        kept = new if new > low else 0.5 * (low + high)
+        kept = kept if new < high else 0.5 * (low + high)
+        kept = new if abs(new - x) < 1e-10 * x else kept
+        moving += 1 if abs(kept - x) > 1e-4 * x else 0
+        w[_LOW + k], w[_HIGH + k], w[_TAU + k] = low, high, side * kept
+    return moving
+
+
+@in_order
+def _roots(lam: Array, v: Array, inverse: float, start: int, lanes: int, w: Array) -> None:
+    """Roots μ = origin + tau of inverse + Σ v_s²/(λ_s − μ), from number `start` on."""
+    n = len(lam)
+    total = 0.0
+    for s in range(n):
+        total += v[s] * v[s]
+    for k in range(lanes):
+        j = min(start + k, n - 1)  # lanes beyond the last root repeat it
+        gap = lam[j + 1] - lam[j] if j < n - 1 else 2.0 * total / inverse
+        w[_ORIGIN + k], w[_TAU + k], w[_GAP + k] = lam[j], 0.5 * gap, gap
+        w[_SIDE + k], w[_LOW + k], w[_HIGH + k] = 1.0, 0.0, gap
+    for turn in range(_ROUNDS):
+        _sums(lam, v, lanes, w)
+        if turn == 0:
+            for k in range(min(lanes, n - 1 - start)):
+                if inverse + w[_F + k] < 0.0:  # nearer to the pole on the right: measured from there
+                    w[_ORIGIN + k], w[_TAU + k], w[_SIDE + k] = lam[start + k + 1], -w[_TAU + k], -1.0
+        if _step(inverse, lanes, w) == 0:  # what a step of third order leaves of 1e-4 is near rounding
+            break
+
+
+@in_order
+def _separate(lam: Array, shift: float) -> None:
+    """Part eigenvalues that are equal by a rounding error: between two of them there must be room for a root."""
+    for s in range(len(lam) - 1):
+        lam[s + 1] = max(lam[s + 1], lam[s] + _APART * (abs(lam[s]) + 1e-8 * shift))
+
+
+@in_order
+def _turn(lam: Array, v: Array, rows: Array, start: int, lanes: int, w: Array, out: Array) -> None:
+    """Motions in the new modes, Σ_s y_s v_s/(λ_s − μ_k) over their norm, into `out`."""
+    for k in range(lanes):
+        w[_NORM + k] = 0.0
+        for i in range(len(rows)):
+            out[i, start + k] = 0.0
+    for s in range(len(lam)):
+        a, z = lam[s], v[s]
+        for k in range(lanes):
+            c = z / ((a - w[_ORIGIN + k]) - w[_TAU + k])
+            w[_F + k] = c
+            w[_NORM + k] += c * c
+        for i in range(len(rows)):
+            y = rows[i, s]
+            for k in range(lanes):
+                out[i, start + k] += y * w[_F + k]
+    for k in range(lanes):
+        scale = 1.0 / math.sqrt(w[_NORM + k])
+        w[_NORM + k] = scale
+        for i in range(len(rows)):
+            out[i, start + k] *= scale
+
+
+@in_order
+def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: Array, w: Array) -> None:
+    """Add spring number p, of stiffness d > 0, whose stretch is row p; eigenvalues and rows are replaced."""
+    n, count, inverse = len(lam), len(rows), 1.0 / d
+    v, new = work[count], work[count + 1]
+    largest = 0.0
+    for s in range(n):
+        largest = max(largest, abs(rows[p, s]))
+    for s in range(n):
+        y = rows[p, s]
+        v[s] = y if abs(y) > _UNMOVED * largest else _UNMOVED * largest
+    for start in range(0, n, LANES):
+        lanes = min(LANES, -(-(n - start) // 8) * 8)
+        _roots(lam, v, inverse, start, lanes, w)
+        _turn(lam, v, rows, start, lanes, w, work)
+        for k in range(min(lanes, n - start)):
+            new[start + k] = w[_ORIGIN + k] + w[_TAU + k]
+            work[p, start + k] = -inverse * w[_NORM + k]  # by the secular equation itself: exact for a rigid spring
+    for k in range(n):
+        lam[k] = new[k]
+        for i in range(count):
+            rows[i, k] = work[i, k]
+    _separate(lam, shift)
+
+
+@compiled
+def add_springs(
+    free: Array,
+    joined: Array,
+    rest: Array,
+    directions: Array,
+    stiffness: Array,
+    shift: float,
+    lam: Array,
+    rows: Array,
+    work: Array,
+    w: Array,
+) -> None:
+    """Add the springs of each joint of a batch to the free structure.
+
+    Parameters
+    ----------
+    free
+        Eigenvalues without the joint, rising, shape (batch, m), or (1, m) where all joints share them.
+    joined, rest
+        Motion of the joint's DOFs (batch or 1, r, m) and other motions (batch or 1, q, m) in the free modes.
+    directions, stiffness
+        Springs, shapes (batch, r, r) and (batch, r), see `springs`.
+    shift
+        Size below which eigenvalues differ by rounding only.
+    lam, rows
+        Results: eigenvalues (batch, m), and the stretch of each spring, then `rest`, in each mode (batch, r + q, m).
+    work, w
+        From `workspace`.
+    """
+    _, r, m = joined.shape
+    for i in range(len(lam)):
+        j = i if len(free) > 1 else 0
+        for k in range(m):
+            lam[i, k] = free[j, k]
+            for p in range(r):
+                rows[i, p, k] = 0.0
+                for a in range(r):
+                    rows[i, p, k] += directions[i, a, p] * joined[j, a, k]
+            for a in range(rest.shape[1]):
+                rows[i, r + a, k] = rest[j, a, k]
+        _separate(lam[i], shift)
+        for p in range(r):
+            if stiffness[i, p] > 0.0:
+                _add_spring(lam[i], rows[i], p, stiffness[i, p], shift, work, w)

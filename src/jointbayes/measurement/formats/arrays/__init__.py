@@ -1,0 +1,1 @@
+"""Files of arrays: npz, HDF5, MATLAB."""

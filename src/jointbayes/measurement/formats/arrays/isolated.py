@@ -1,0 +1,55 @@
+"""Arrays of HDF5 and MATLAB files, read in a process of their own.
+
+The C code of both libraries can be brought to crash, hang or reserve gigabytes by damaged bytes; there it ends that
+process, and here it is an error of one line.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.arrays import reader_process
+from jointbayes.measurement.formats.arrays.layout import Arrays
+from jointbayes.measurement.formats.arrays.limits import most_unpacked
+
+__all__ = ["read_isolated"]
+
+_PATIENCE_S = 30.0
+_SLOWEST_BYTES_PER_S = 1e6
+
+
+def read_isolated(path: Path, kind: str) -> Iterator[tuple[str, Arrays]]:
+    """Blocks of named arrays of a file; `kind` is ``mat``, ``mat73`` or ``hdf5``.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read, or holds what is neither numbers nor text.
+    """
+    with tempfile.TemporaryDirectory(prefix="jointbayes-") as directory:
+        target = Path(directory) / "arrays.npz"
+        command = [sys.executable, "-P", reader_process.__file__, kind, str(path.absolute()), str(target)]
+        command.append(str(most_unpacked(path)))
+        patience = _PATIENCE_S + path.stat().st_size / _SLOWEST_BYTES_PER_S
+        try:
+            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=patience, check=False)
+        except subprocess.TimeoutExpired:
+            raise MeasurementError(
+                f"content: found nothing readable in {patience:.0f} s; expected a complete file; copy it again"
+            ) from None
+        if done.returncode == reader_process.REFUSED:
+            raise MeasurementError(" ".join(done.stdout.decode("utf-8", errors="replace").split()))
+        if done.returncode != 0:
+            raise MeasurementError(
+                f"content: found damage that ends the reader (code {done.returncode}); expected a complete file; copy "
+                "it again"
+            )
+        with np.load(target, allow_pickle=False) as arrays:
+            for place, names in json.loads(str(arrays["manifest"])):
+                yield place, {name: arrays[key] for name, key in names}

@@ -1,0 +1,240 @@
+"""Universal files (UFF, UNV): data sets 58 and 58b, with headers 151 and 164, streamed.
+
+Why not pyuff: it holds the whole file in memory, names no line, reads garbled header fields as zero and replaces NaN.
+The tests read its files and have it read ours.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.arrays.layout import even_rate
+from jointbayes.measurement.formats.labels import dof_label
+from jointbayes.measurement.formats.uff.header import FunctionHeader
+from jointbayes.measurement.formats.uff.scan import DataSet, line_of, scan
+from jointbayes.measurement.formats.uff.units import FileUnits, frf_meaning, sensor_meaning, units_of
+from jointbayes.measurement.formats.uff.values import Function, LineError, decode
+from jointbayes.measurement.formats.units import frequency_factor, scaled
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+
+__all__ = ["CORRECTIONS", "read_uff"]
+
+#: Type of the data set of ours that restores the digits which columns 20 wide cannot hold; other programs pass over it.
+CORRECTIONS = 58017
+_TIME, _FRF, _COHERENCE = 1, 4, 6
+Pair = tuple[str, str]
+
+
+def read_uff(path: Path) -> Iterator[Record]:
+    """FRFs and time histories of a universal file, in its order, one in memory at a time.
+
+    A first pass finds the data sets, so that a file cut off is refused before anything is read from it, and so that the
+    coherence of an FRF is found wherever it stands.
+
+    Raises
+    ------
+    MeasurementError
+        If the file is cut off, a count is wrong or a field is not a number.
+    """
+    with path.open("rb") as file:
+        sets, corrections, units = _index(file)
+        coherences: dict[Pair, list[DataSet]] = {}
+        occurrences: dict[Pair, int] = {}
+        for one in sets:
+            if _function(one) == _COHERENCE:
+                coherences.setdefault(_pair(one), []).append(one)
+            elif _function(one) in (_FRF, _TIME):
+                occurrences[_pair(one)] = occurrences.get(_pair(one), 0) + 1
+        if not occurrences:
+            kinds = sorted({one.kind for one in sets})
+            raise MeasurementError(
+                f"data sets: found {len(sets)} of the types {', '.join(map(str, kinds[:10])) or 'none'}, and no FRF or "
+                "time history among them; expected data sets 58 of function type 4 or 1; export the FRFs"
+            )
+        seen: dict[Pair, int] = {}
+        for one in sets:
+            if _function(one) not in (_FRF, _TIME):
+                continue
+            pair = _pair(one)
+            nth = seen[pair] = seen.get(pair, 0) + 1
+            if _function(one) == _TIME:
+                yield _time_record(file, one, corrections, units, nth if occurrences[pair] > 1 else None)
+                continue
+            of_pair = coherences.get(pair, [])
+            paired = len(of_pair) == occurrences[pair]
+            record = _frf_record(file, one, of_pair[nth - 1] if paired else None, corrections, units)
+            if of_pair and not paired:
+                left = f"{len(of_pair)} coherences for {occurrences[pair]} FRFs of this pair: none taken"
+                record = replace(record, notes=(*record.notes, left))
+            yield record
+
+
+def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits]:
+    sets, corrections, units = [], {}, FileUnits()
+    for one in scan(file):
+        behind = file.tell()
+        if one.kind == CORRECTIONS:
+            corrections[one.number - 1] = one
+        elif one.kind == 164:
+            if one.stop - one.start > 4096:
+                raise MeasurementError(
+                    f"data set {one.number}: found {one.stop - one.start} bytes of units; expected 3 lines"
+                )
+            units = units_of(_body(file, one), f"data set {one.number}, line {line_of(file, one.start)}")
+        else:
+            sets.append(one)
+        file.seek(behind)
+    return sets, corrections, units
+
+
+def _function(one: DataSet) -> int | None:
+    """Function type, with complex spectra of unknown type over frequency counted as FRFs; None where not a 58."""
+    header = one.header
+    if header is None:
+        return None
+    return _FRF if header.function == 0 and header.is_complex and header.abscissa.kind == 18 else header.function
+
+
+def _pair(one: DataSet) -> Pair:
+    assert one.header is not None
+    return _labels(one.header)
+
+
+def _labels(header: FunctionHeader) -> Pair:
+    """Labels of response and reference: from the degrees of freedom, or from ID lines that our writer left."""
+    out = []
+    for key, dof in (("response", header.response), ("reference", header.reference)):
+        named = next((line for line in header.ids if line.startswith(f"{key}=")), None)
+        out.append(named.removeprefix(f"{key}=") if named else dof_label(dof))
+    return out[0], out[1]
+
+
+def _body(file: BinaryIO, one: DataSet) -> bytes:
+    file.seek(one.start)
+    return file.read(one.stop - one.start)
+
+
+def _read(file: BinaryIO, one: DataSet, corrections: dict[int, DataSet]) -> Function:
+    header = one.header
+    assert header is not None
+    try:
+        found = decode(header, _body(file, one))
+    except LineError as error:
+        line = line_of(file, one.start) + error.line
+        raise MeasurementError(f"data set {one.number}, line {line}: {error}") from None
+    if one.number not in corrections:
+        return found
+    return _corrected(found, _body(file, corrections[one.number]), one)
+
+
+def _corrected(found: Function, body: bytes, one: DataSet) -> Function:
+    """Values with the digits that did not fit their columns: steps in units of the last place, for each number."""
+    ordinate = found.ordinate.view(float) if np.iscomplexobj(found.ordinate) else found.ordinate
+    count = found.abscissa.size + ordinate.size
+    text = body.split()
+    if len(text) != count or not all(re.fullmatch(rb"[+-]\d{1,18}", step) for step in text):
+        raise MeasurementError(
+            f"data set {one.number + 1}: found {len(text)} corrections; expected {count} whole numbers; "
+            "take the data set out or export again"
+        )
+    steps = np.array(text, dtype="S20").astype(np.int64)
+    for numbers, part in ((found.abscissa, steps[: found.abscissa.size]), (ordinate, steps[found.abscissa.size :])):
+        numbers.view(np.int64)[...] += part
+    return found
+
+
+def _frf_record(
+    file: BinaryIO, one: DataSet, coherence: DataSet | None, corrections: dict[int, DataSet], units: FileUnits
+) -> FrfRecord:
+    header = one.header
+    assert header is not None
+    found = _read(file, one, corrections)
+    quantity, factor, unit, notes = frf_meaning(header, units)
+    if header.function == 0:
+        notes.append("function of unknown type taken for an FRF")
+    if not header.is_complex:
+        notes.append("FRF without imaginary part")
+    lines = _in_hertz(found.abscissa, header, notes)
+    squared = None
+    if coherence is not None:
+        read = _read(file, coherence, corrections)
+        assert coherence.header is not None
+        squared = np.asarray(read.ordinate.real)
+        own = _in_hertz(read.abscissa, coherence.header, [])
+        if own.size != lines.size or not np.allclose(own, lines, rtol=1e-6, equal_nan=True):
+            raise MeasurementError(
+                f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
+                f"in data set {one.number} ({lines.size} lines); expected the same lines; export again"
+            )
+    response, reference = _labels(header)
+    values = scaled(found.ordinate, factor)
+    return FrfRecord(
+        response,
+        reference,
+        lines,
+        np.asarray(values, complex),
+        quantity,
+        unit,
+        squared,
+        _averages(header),
+        f"data set {one.number}",
+        tuple(notes),
+    )
+
+
+def _in_hertz(abscissa: NDArray[np.float64], header: FunctionHeader, notes: list[str]) -> NDArray[np.float64]:
+    unit = header.abscissa.unit
+    factor = frequency_factor(unit) if unit else 1.0
+    if factor is None:
+        notes.append(f"unit {unit!r} of the frequency not understood, taken as Hz")
+        return abscissa
+    if factor == 1:
+        return abscissa
+    notes.append(f"frequency in {unit} converted to Hz")
+    return abscissa * factor
+
+
+def _averages(header: FunctionHeader) -> int | None:
+    """Number of averages, for which the format has no field, where an ID line tells it."""
+    for line in header.ids:
+        match = re.search(r"\baverages?\s*[:=]?\s*(\d{1,9})\b|\b(\d{1,9})\s+averages?\b", line, re.IGNORECASE)
+        if match and int(match[1] or match[2]) > 0:
+            return int(match[1] or match[2])
+    return None
+
+
+def _time_record(
+    file: BinaryIO, one: DataSet, corrections: dict[int, DataSet], units: FileUnits, nth: int | None
+) -> TimeRecord:
+    header = one.header
+    assert header is not None
+    found = _read(file, one, corrections)
+    if header.is_complex:
+        raise MeasurementError(
+            f"data set {one.number}: found complex values of a time history; expected real ones; export again"
+        )
+    scale = 1e-3 if header.abscissa.unit.lower() in ("ms", "msec") else 1.0
+    told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
+    rate = even_rate(found.abscissa * scale, f"data set {one.number}")
+    exact = re.fullmatch(r"sample_rate_hz=(\d[\d.]*(?:e[+-]?\d+)?)", told)
+    if exact and abs(float(exact[1]) / rate - 1) < 1e-3:
+        rate = float(exact[1])  # its inverse, the step, is rounded
+    quantity, factor, unit, notes = sensor_meaning(header, units)
+    hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
+    values = scaled(found.ordinate.real, factor)
+    return TimeRecord(
+        _labels(header)[0],
+        rate,
+        values,
+        quantity,
+        unit,
+        int(hit[1]) if hit else nth,
+        f"data set {one.number}",
+        tuple(notes),
+    )

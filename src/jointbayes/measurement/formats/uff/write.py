@@ -1,0 +1,184 @@
+"""Universal files written: data sets 151, 164 and, for each function, 58 in text or 58b."""
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.labels import Dof, dof_label, parse_dof
+from jointbayes.measurement.formats.uff.read import CORRECTIONS
+from jointbayes.measurement.formats.units import si_sensor_unit
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+
+__all__ = ["write_uff"]
+
+_KINDS = {"receptance": (8, "m"), "mobility": (11, "m/s"), "accelerance": (12, "m/s^2"), None: (0, "")}
+_SENSORS = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13, "unknown": 0}
+_AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force", 17: "Time", 18: "Frequency"}
+
+
+def write_uff(records: Iterable[Record], path: Path, *, binary: bool) -> None:
+    """Write FRFs, their coherence and time histories; what is read back is the same to the last bit.
+
+    Text has columns 20 wide, too few for the last digits of a double: what is missing follows each function in a data
+    set of a type that other programs pass over. They read 13 digits.
+
+    Raises
+    ------
+    MeasurementError
+        If a label is longer than an ID line.
+    """
+    with path.open("wb") as file:
+        _lines(file, ["    -1", "   151", "jointbayes", "NONE", "NONE", *(["NONE"] * 4), "    -1"])
+        factors = "".join(f"{value:25.17E}" for value in (1.0, 1.0, 1.0))
+        _lines(
+            file,
+            ["    -1", "   164", f"{1:10d}{'SI: metre, newton':<20}{2:10d}", factors, f"{273.15:25.17E}", "    -1"],
+        )
+        for record in records:
+            if isinstance(record, FrfRecord):
+                _frf(file, record, binary)
+            else:
+                _time(file, record, binary)
+
+
+def _lines(file: BinaryIO, lines: Iterable[str]) -> None:
+    file.writelines(f"{line.rstrip(' ') if line.strip() != '-1' else line}\n".encode() for line in lines)
+
+
+def _frf(file: BinaryIO, record: FrfRecord, binary: bool) -> None:
+    kind, unit = _KINDS[record.quantity]
+    below = (13, "N") if record.quantity else (0, "")
+    axes = ((18, "Hz"), (kind, unit), below)
+    ids = ["" if record.averages is None else f"averages {record.averages}"]
+    pair = (record.response, record.reference)
+    _function(file, 4, pair, ids, axes, record.frequency_hz, record.values, binary)
+    if record.coherence is not None:
+        _function(file, 6, pair, ids, ((18, "Hz"), (0, ""), (0, "")), record.frequency_hz, record.coherence, binary)
+
+
+def _time(file: BinaryIO, record: TimeRecord, binary: bool) -> None:
+    axes = ((17, "s"), (_SENSORS[record.quantity], si_sensor_unit(record.quantity)), (0, ""))
+    ids = [f"sample_rate_hz={float(record.sample_rate_hz)!r}", "" if record.hit is None else f"hit {record.hit}"]
+    time = np.arange(record.values.size) / record.sample_rate_hz
+    _function(file, 1, (record.channel, ""), ids, axes, time, record.values, binary, always_even=True)
+
+
+def _function(
+    file: BinaryIO,
+    function: int,
+    pair: tuple[str, str],
+    ids: Sequence[str],
+    axes: Sequence[tuple[int, str]],
+    abscissa: NDArray[np.float64],
+    ordinate: NDArray[Any],
+    binary: bool,
+    *,
+    always_even: bool = False,
+) -> None:
+    dofs, named = _dofs(pair)
+    even, minimum, increment = _spacing(abscissa)
+    if always_even:
+        # the sampling rate stands in an ID line: the abscissa itself is not kept
+        even, minimum, increment = True, _short(0.0), _short(float(abscissa[-1]) / max(1, abscissa.size - 1))
+    complex_ = np.iscomplexobj(ordinate)
+    numbers = np.ascontiguousarray(ordinate).view(float).reshape(ordinate.size, -1)
+    columns = numbers if even else np.column_stack([abscissa, numbers])
+    lines = [*(line for line in (*named, *ids) if line)]
+    lines = ["NONE"] * (5 - len(lines)) + lines
+    head = f"{58:6d}"
+    if binary:
+        head += f"b{1:6d}{2:6d}{11:12d}{columns.size * 8:12d}{0:6d}{0:6d}{0:12d}{0:12d}"
+    response, reference = dofs
+    lines.append(
+        f"{function:5d}{0:10d}{0:5d}{0:10d} {response.entity or 'NONE':<10}{response.node:10d}{response.direction:4d}"
+        f" {reference.entity or 'NONE':<10}{reference.node:10d}{reference.direction:4d}"
+    )
+    lines.append(
+        f"{6 if complex_ else 4:10d}{ordinate.size:10d}{int(even):10d}{minimum:>13}{increment:>13}{'0.00000E+00':>13}"
+    )
+    for kind, unit in (*axes, (0, "")):
+        lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {_AXIS_NAMES.get(kind, 'NONE'):<20} {unit or 'NONE':<20}")
+    _lines(file, ["    -1", head, *lines])
+    if binary:
+        file.write(np.asarray(columns, "<f8").tobytes())
+        file.write(b"    -1\n")
+        return
+    text, read = _text(columns, even)
+    file.write(text)
+    _lines(file, ["    -1"])
+    if even:
+        read_abscissa = float(minimum) + np.arange(abscissa.size) * float(increment)
+    else:
+        read_abscissa, read = read[:, 0], read[:, 1:]
+    if always_even:
+        read_abscissa = abscissa
+    _corrections(file, np.concatenate([abscissa, numbers.ravel()]), np.concatenate([read_abscissa, read.ravel()]))
+
+
+def _dofs(pair: tuple[str, str]) -> tuple[tuple[Dof, Dof], list[str]]:
+    """Degrees of freedom of response and reference, and ID lines for labels that they do not spell exactly."""
+    dofs, named = [], []
+    for key, label in zip(("response", "reference"), pair, strict=True):
+        dof = (parse_dof(label) if label.isascii() else None) or Dof("", 0, 0)
+        dofs.append(dof)
+        if label and dof_label(dof) != label:
+            line = f"{key}={label}"
+            if len(line.encode()) > 80 or line != " ".join(line.split(" ")).strip() or not label.isprintable():
+                raise MeasurementError(
+                    f"label {label[:30]!r}: found {len(label)} characters; expected printable ones that fit an ID line "
+                    "of 80; shorten the label"
+                )
+            named.append(line)
+    return (dofs[0], dofs[1]), named
+
+
+def _short(value: float) -> str:
+    """The number in 13 columns, with as many digits as fit."""
+    exact = repr(float(value))
+    if len(exact) <= 12:
+        return exact
+    return next((text for digits in range(12, 0, -1) if len(text := f"{value:.{digits}G}") <= 12), f"{value:.5E}")
+
+
+def _spacing(abscissa: NDArray[np.float64]) -> tuple[bool, str, str]:
+    """True with minimum and increment in the header's columns where they give the lines back exactly."""
+    if abscissa.size > 1 and np.isfinite(abscissa).all():
+        minimum, increment = _short(abscissa[0]), _short((abscissa[-1] - abscissa[0]) / (abscissa.size - 1))
+        step = float(increment)
+        if step > 0 and np.array_equal(float(minimum) + np.arange(abscissa.size) * step, abscissa):
+            return True, minimum, increment
+    return False, "0.00000E+00", "0.00000E+00"
+
+
+def _text(columns: NDArray[np.float64], even: bool) -> tuple[bytes, NDArray[np.float64]]:
+    """Lines of 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12, and the numbers as they will be read from them."""
+    wide = [_cell(value) for value in columns.ravel()]
+    rows, per_value = columns.shape
+    if not even:
+        wide[::per_value] = [f"{_short(value):>13}" for value in columns[:, 0]]
+    per_line = 3 if per_value == 3 else 4
+    lines = ("".join(wide[i : i + per_line]) + "\n" for i in range(0, len(wide), per_line))
+    read = np.array([float(cell) for cell in wide]).reshape(rows, per_value)
+    return "".join(lines).encode(), read
+
+
+def _cell(value: float) -> str:
+    return f"{value:20.12E}" if math.isfinite(value) else f"{value:20}"
+
+
+def _corrections(file: BinaryIO, true: NDArray[np.float64], read: NDArray[np.float64]) -> None:
+    """Steps in units of the last place from what is read to what is true, where there are any."""
+    steps = true.view(np.int64) - np.asarray(read, float).view(np.int64)
+    steps[np.isnan(true)] = 0
+    if not steps.any():
+        return
+    # a single blank and a sign before each: no line of it can be taken for a delimiter
+    words = [f"{step:+d}" for step in steps.tolist()]
+    _lines(file, ["    -1", f"{CORRECTIONS:6d}"])
+    _lines(file, (" ".join(words[i : i + 12]) for i in range(0, len(words), 12)))
+    _lines(file, ["    -1"])

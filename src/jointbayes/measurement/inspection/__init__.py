@@ -1,0 +1,1 @@
+"""What a measurement file holds, and what looks wrong in it."""

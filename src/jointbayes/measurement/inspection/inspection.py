@@ -1,0 +1,273 @@
+"""What a measurement file holds: channels, FRFs, time histories, resonances, hits and doubts, in one pass."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.modal.fit import MeasuredMode, identify_modes
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.signals.hits import Hit
+from jointbayes.measurement.warnings.of_frfs import pair_of, usable
+from jointbayes.measurement.warnings.of_records import hits_of
+from jointbayes.measurement.warnings.warnings import Doubt, DoubtCollector
+
+__all__ = ["ChannelUse", "HitTrace", "Inspection", "inspect_file", "inspect_records"]
+
+#: FRFs kept whole, of drive points and of others, for resonances and figure.
+_KEPT = 3
+#: Hits kept for the figure, and samples kept of time histories for FRFs.
+_HITS_DRAWN, _SAMPLES_KEPT = 24, 5_000_000
+#: More lines than this are not fitted at once.
+_MOST_LINES = 20_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HitTrace:
+    """One hit: its channel, what was found, and the force about it; `time_s` from the trigger on, s, `force_n`, N."""
+
+    channel: str
+    hit: Hit
+    time_s: NDArray[np.float64]
+    force_n: NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class ChannelUse:
+    """How often a channel is response and force of an FRF, how many time histories it has, and of which quantity."""
+
+    as_response: int = 0
+    as_force: int = 0
+    histories: int = 0
+    quantities: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """What a file holds.
+
+    Parameters
+    ----------
+    source, form
+        File and its format; the format is empty where there is no file.
+    channels
+        Channel labels in the order of the file.
+    kinds
+        For each kind of record, in words, how many there are.
+    averages, coherence
+        Numbers of averages, and smallest and median coherence; None where there is none.
+    notes
+        What readers did, each with how often.
+    frfs
+        Some FRFs whole, for the figure: drive points first.
+    modes, modes_of, modes_note
+        Resonances, of which FRFs they are, and why there are none.
+    hits
+        All hits of hammers, the first ones with the force to draw.
+    doubts
+        What contradicts itself.
+    """
+
+    source: str
+    form: str
+    channels: dict[str, ChannelUse]
+    kinds: dict[str, int]
+    averages: tuple[int, ...]
+    coherence: tuple[float, float] | None
+    notes: dict[str, int]
+    frfs: tuple[FrfRecord, ...]
+    modes: tuple[MeasuredMode, ...]
+    modes_of: tuple[str, ...]
+    modes_note: str
+    hits: tuple[HitTrace, ...]
+    doubts: tuple[Doubt, ...]
+
+
+def inspect_file(path: Path, mass_kg: float | None = None) -> Inspection:
+    """Look through a measurement file; of a universal file no more than a few records are in memory at once.
+
+    Parameters
+    ----------
+    path
+        File of any format that is read.
+    mass_kg
+        Mass of the structure if it hangs free, kg, to hold drive points against.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read.
+    """
+    from jointbayes.measurement.formats import detect_format, iter_records
+
+    form = detect_format(path)
+    return replace(inspect_records(iter_records(path), mass_kg), source=str(path), form=form)
+
+
+def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
+    """As `inspect_file`, for records that come one by one."""
+    seen = _Seen(DoubtCollector(mass_kg))
+    for record in records:
+        seen.add(record)
+    made, note = ([], "") if seen.frf_kept() else _frfs_of_hits(seen.histories if seen.complete else [])
+    for record in made:
+        seen.doubts.add(record)
+        seen.keep_frf(record)
+    kept = seen.frf_kept()
+    modes, modes_of, modes_note = _modes(kept) if kept else ((), (), note)
+    known = seen.coherence
+    return Inspection(
+        "",
+        "",
+        seen.channels,
+        dict(seen.kinds),
+        tuple(sorted(seen.averages)),
+        (min(low for low, _ in known), float(np.median([m for _, m in known]))) if known else None,
+        dict(seen.notes),
+        kept,
+        modes,
+        modes_of,
+        modes_note,
+        tuple(seen.hits),
+        seen.doubts.doubts(),
+    )
+
+
+@dataclass(slots=True)
+class _Seen:
+    """Running summary of the records that went by."""
+
+    doubts: DoubtCollector
+    channels: dict[str, ChannelUse] = field(default_factory=dict)
+    kinds: Counter[str] = field(default_factory=Counter)
+    averages: set[int] = field(default_factory=set)
+    coherence: list[tuple[float, float]] = field(default_factory=list)
+    notes: Counter[str] = field(default_factory=Counter)
+    drive_points: list[FrfRecord] = field(default_factory=list)
+    others: list[FrfRecord] = field(default_factory=list)
+    hits: list[HitTrace] = field(default_factory=list)
+    histories: list[TimeRecord] = field(default_factory=list)
+    complete: bool = True
+
+    def add(self, record: Record) -> None:
+        self.doubts.add(record)
+        self.notes.update(record.notes)
+        if isinstance(record, TimeRecord):
+            self._add_history(record)
+            return
+        f = record.frequency_hz
+        step = f" every {(f[-1] - f[0]) / (f.size - 1):.6g} Hz" if f.size > 1 else ""
+        span = f"{f.size} lines, {f[0]:.6g} to {f[-1]:.6g} Hz{step}" if f.size else "no lines"
+        unit = f", unit {record.unit}" if record.unit else ", no unit"
+        self.kinds[f"FRF: {record.quantity or 'unknown quantity'}{unit}; {span}"] += 1
+        self._use(record.response).as_response += 1
+        self._use(record.reference).as_force += 1
+        self._use(record.response).quantities[record.quantity or "unknown"] += 1
+        if record.averages is not None:
+            self.averages.add(record.averages)
+        if record.coherence is not None and np.isfinite(record.coherence).any():
+            finite = record.coherence[np.isfinite(record.coherence)]
+            self.coherence.append((float(finite.min()), float(np.median(finite))))
+        self.keep_frf(record)
+
+    def keep_frf(self, record: FrfRecord) -> None:
+        response, reference, _ = pair_of(record)
+        kept = self.drive_points if response == reference else self.others
+        if len(kept) < _KEPT and record.frequency_hz.size > 1:
+            kept.append(record)
+
+    def frf_kept(self) -> tuple[FrfRecord, ...]:
+        return (*self.drive_points, *self.others)
+
+    def _use(self, label: str) -> ChannelUse:
+        return self.channels.setdefault(label, ChannelUse())
+
+    def _add_history(self, record: TimeRecord) -> None:
+        use = self._use(record.channel)
+        use.histories += 1
+        use.quantities[record.quantity] += 1
+        seconds = record.values.size / record.sample_rate_hz
+        unit = f", unit {record.unit}" if record.unit else ", no unit"
+        self.kinds[
+            f"time history: {record.quantity}{unit}; {record.values.size} samples, {seconds:.6g} s at "
+            f"{record.sample_rate_hz:.6g} Hz"
+        ] += 1
+        for hit in hits_of(record):
+            self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
+        if sum(r.values.size for r in self.histories) + record.values.size <= _SAMPLES_KEPT:
+            self.histories.append(record)
+        else:
+            self.complete = False
+
+
+def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
+    hit = replace(hit, number=hit.number if record.hit is None else record.hit)
+    if not drawn:
+        return HitTrace(record.channel, hit, np.empty(0), np.empty(0))
+    rate = record.sample_rate_hz
+    # twenty widths show the pulse and a rebound; a rebound that comes later is shown as well
+    after = max(round(20 * max(hit.width_s, 2 / rate) * rate), 40)
+    if hit.reason.startswith("double hit"):
+        x = np.abs(record.values - np.median(record.values))
+        above = np.flatnonzero(x[hit.trigger :] > 0.05 * abs(hit.peak_n))
+        after = max(after, min(int(above[-1]) + after // 4, round(0.2 * rate)))
+    first, last = max(hit.trigger - after // 4, 0), min(hit.trigger + after, record.values.size)
+    time = (np.arange(first, last) - hit.trigger) / rate
+    return HitTrace(record.channel, hit, time, np.array(record.values[first:last]))
+
+
+def _frfs_of_hits(histories: list[TimeRecord]) -> tuple[list[FrfRecord], str]:
+    """FRFs of a hammer's records that hold one hit each, and why there are none."""
+    from jointbayes.measurement.signals.impact import impact_frfs
+    from jointbayes.measurement.signals.spectra import by_force
+
+    forces = [r for r in histories if r.quantity == "force"]
+    if not forces or any(len(hits_of(r)) != 1 for r in forces):
+        return [], "the records are not one hit each: make FRFs of them first"
+    try:
+        tests = by_force(histories)
+        results = [impact_frfs(force, responses) for force, responses in tests if responses]
+    except MeasurementError as error:
+        return [], f"no FRFs could be made of the hits: {error}"
+    return [result.frf for result in chain.from_iterable(results)], ""
+
+
+def _modes(kept: tuple[FrfRecord, ...]) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...], str]:
+    """Resonances of FRFs on the same lines over the same force; which FRFs; and why there are none."""
+    clean = [usable(r) for r in kept if r.quantity is not None]
+    if not clean:
+        return (), (), "no FRF of a known quantity"
+    first = clean[0]
+    group: dict[str, FrfRecord] = {}
+    for record in clean:
+        same = record.reference == first.reference and record.quantity == first.quantity
+        if same and np.array_equal(record.frequency_hz, first.frequency_hz):
+            group.setdefault(record.response, record)
+    members = list(group.values())[:_KEPT]
+    names = tuple(f"{r.response}/{r.reference}" for r in members)
+    if first.frequency_hz.size > _MOST_LINES:
+        return (), names, f"{first.frequency_hz.size} lines are too many to fit at once: choose a band"
+    assert first.quantity is not None
+    coherence = [r.coherence for r in members if r.coherence is not None and np.isfinite(r.coherence).all()]
+    averages = [r.averages for r in members if r.averages is not None]
+    whole = len(coherence) == len(averages) == len(members)
+    try:
+        frf = FrfSet(
+            first.frequency_hz,
+            np.stack([r.values for r in members], axis=1)[:, :, None],
+            tuple(r.response for r in members),
+            (first.reference,),
+            first.quantity,
+            np.clip(np.stack(coherence, axis=1), 0, 1)[:, :, None] if whole else None,
+            min(averages) if whole else None,
+        )
+        modes = identify_modes(frf)
+    except (MeasurementError, np.linalg.LinAlgError) as error:
+        return (), names, str(error)
+    return modes, names, "" if modes else "none stands out of the noise"

@@ -1,0 +1,1 @@
+"""Modes fitted to measured FRFs."""

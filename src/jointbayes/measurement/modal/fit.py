@@ -1,0 +1,222 @@
+"""Natural frequencies and damping ratios from measured FRFs, with standard deviations, nothing clicked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.modal.pole_search import polynomial_poles, steady_poles
+from jointbayes.measurement.modal.problem import ModalProblem
+from jointbayes.measurement.variance import coherence_variance
+
+__all__ = ["MeasuredMode", "ModalFit", "fit_modes", "identify_modes"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredMode:
+    """One mode found in measured FRFs.
+
+    Parameters
+    ----------
+    frequency_hz, frequency_sd_hz
+        Undamped natural frequency |λ|/2π and its standard deviation, Hz.
+    damping_ratio, damping_sd
+        Damping ratio −Re λ/|λ| and its standard deviation.
+    """
+
+    frequency_hz: float
+    frequency_sd_hz: float
+    damping_ratio: float
+    damping_sd: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalFit:
+    """Modes of a set of FRFs and the modal model fitted with them.
+
+    Parameters
+    ----------
+    modes
+        By rising frequency.
+    values
+        The model's FRFs, shape (lines, outputs, inputs), in the quantity of the data.
+    misfit
+        χ² per degree of freedom: 1 where the model explains the data within the stated noise.
+    """
+
+    modes: tuple[MeasuredMode, ...]
+    values: Complex
+    misfit: float
+
+
+def identify_modes(
+    frf: FrfSet,
+    variance: Array | None = None,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    max_order: int = 40,
+) -> tuple[MeasuredMode, ...]:
+    """Natural frequencies and damping ratios of the modes that FRFs show, with standard deviations.
+
+    Poles that keep still while the order of a least-squares complex frequency-domain model rises are the start of a
+    weighted least-squares fit of the modal model: two real numbers for each mode and FRF, and fourteen for each FRF for
+    what lies outside the band. What the fit leaves is searched for further modes. A mode stays only if it improves the
+    fit by more than the search for one in pure noise would.
+    Standard deviations come from the Jacobian of that fit, and are widened by √(χ² per degree of freedom) where the
+    model does not explain the data within the stated noise.
+
+    Parameters
+    ----------
+    frf
+        FRFs of one structure, of any quantity.
+    variance
+        σ² = E|δH|² of both parts together, shape as ``frf.values``. If None, it is taken from coherence and averages
+        where the FRFs have them, smoothed along frequency, and else estimated from what the fit leaves.
+    f_min_hz, f_max_hz
+        Band to look at; by default all of it. Only modes inside are returned.
+    max_order
+        Highest order of the polynomial models: at least three times the number of modes expected.
+
+    Returns
+    -------
+    tuple
+        Modes by rising frequency; empty where none stands out of the noise.
+
+    Raises
+    ------
+    MeasurementError
+        If the band holds too few lines, or the variance has another shape or is not positive.
+    """
+    return fit_modes(frf, variance, f_min_hz=f_min_hz, f_max_hz=f_max_hz, max_order=max_order).modes
+
+
+def fit_modes(
+    frf: FrfSet,
+    variance: Array | None = None,
+    *,
+    f_min_hz: float | None = None,
+    f_max_hz: float | None = None,
+    max_order: int = 40,
+) -> ModalFit:
+    """As `identify_modes`, with the fitted FRFs (in the band) and the misfit as well."""
+    low, high = f_min_hz or 0.0, f_max_hz or np.inf
+    inside = (frf.frequency_hz >= low) & (frf.frequency_hz <= high)
+    n_lines = int(inside.sum())
+    if n_lines < _FEWEST_LINES:
+        raise MeasurementError(
+            f"modal fit: found {n_lines} lines between {low:g} and {high:g} Hz; expected {_FEWEST_LINES} or more; "
+            "widen the band or measure finer lines"
+        )
+    if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
+        raise MeasurementError(
+            f"modal fit: found a variance of shape {variance.shape}; expected positive numbers of shape "
+            f"{frf.values.shape}; correct it"
+        )
+    frequency = frf.frequency_hz[inside]
+    values = frf.values[inside].reshape(n_lines, -1)
+    stated = None if variance is None else variance[inside].reshape(n_lines, -1)
+    order = min(max_order, n_lines // 4)
+    problem = ModalProblem(frequency, values, _first_weight(values) if stated is None else stated**-0.5, frf.quantity)
+    by_order = polynomial_poles(frequency, values, problem.weight, order)
+    poles = steady_poles(by_order, max(4, order // 5))
+    if stated is not None:
+        poles = problem.search(poles, order)
+    else:
+        poles = problem.climb(poles)
+        from_coherence = _noise_squares(frf, inside)
+        # the noise is known better the more modes are known: once for the strong ones, once for all
+        for _ in range(2):
+            model = problem.model(poles)
+            square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
+            problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
+            poles = problem.search(poles, order)
+    misfit = problem.chi2(poles) / problem.freedom(poles.size)
+    shape = (n_lines, len(frf.outputs), len(frf.inputs))
+    inside_band = [
+        m
+        for m in _modes(problem, poles, misfit)
+        if frequency[0] <= m.frequency_hz <= frequency[-1] and m.damping_ratio < 0.5
+    ]
+    return ModalFit(tuple(inside_band), problem.model(poles).reshape(shape), misfit)
+
+
+#: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
+_FEWEST_LINES = 16
+
+
+def _first_weight(values: Complex) -> Array:
+    """One over the noise where nothing is known of it: 3 % of |H| and 1 % of its median."""
+    magnitude = np.abs(values)
+    weight: Array = 1 / (0.03 * magnitude + 0.01 * np.median(magnitude, axis=0) + np.finfo(float).tiny)
+    return weight
+
+
+def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_]) -> tuple[Array, int] | None:
+    """σ² as coherence and averages estimate it line by line, and how many lines hold 40 degrees of freedom.
+
+    None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
+    spoil the fit.
+    """
+    coherence, averages = frf.coherence, frf.averages
+    if coherence is None or averages is None or averages < 2:
+        return None
+    if not (coherence > 0).all() or (coherence >= 1 - 1e-12).all(axis=0).any():
+        return None
+    square = coherence_variance(frf)[inside].reshape(int(inside.sum()), -1)
+    return square, 1 + 2 * (20 // (2 * (averages - 1)))
+
+
+def _weight_of_squares(square: Array, model: Complex, width: int) -> Array:
+    """One over the noise of which each square is a rough estimate of σ².
+
+    ln σ² is a parabola in ln|H| plus one in f, as likely as the squares allow; times the mean over `width` lines of
+    what that leaves, for noise that depends on frequency as such.
+    """
+    weight = np.empty(square.shape)
+    count, half = len(square), width // 2
+    line = np.linspace(-1, 1, count)
+    first = np.maximum(np.arange(count) - half, 0)
+    last = np.minimum(np.arange(count) + half + 1, count)
+    for k in range(square.shape[1]):
+        magnitude = np.abs(model[:, k])
+        level = np.log(magnitude + 1e-3 * np.median(magnitude) + np.finfo(float).tiny)
+        level = (level - level.mean()) / max(level.std(), 1e-6)
+        columns = np.column_stack([np.ones(count), level, level**2, line, line**2])
+        law = np.exp(columns @ _log_linear_fit(columns, square[:, k]))
+        total = np.concatenate([[0.0], np.cumsum(square[:, k] / law)])
+        weight[:, k] = (law * (total[last] - total[first]) / (last - first)) ** -0.5
+    return weight
+
+
+def _log_linear_fit(columns: Array, square: Array) -> Array:
+    """Coefficients c of E[square] = exp(columns c) for exponentially distributed squares, by Fisher scoring."""
+    coefficients = np.zeros(columns.shape[1])
+    coefficients[0] = np.log(square.mean() + np.finfo(float).tiny)
+    for _ in range(30):
+        ratio = np.minimum(square / np.exp(columns @ coefficients), 50.0)
+        step = scipy.linalg.lstsq(columns, ratio - 1)[0]
+        coefficients = coefficients + np.clip(step, -1, 1)
+        if np.abs(step).max() < 1e-6:
+            break
+    return coefficients
+
+
+def _modes(problem: ModalProblem, poles: Complex, misfit: float) -> tuple[MeasuredMode, ...]:
+    """Poles as modes; standard deviations from the inverse of JᵀJ, widened where the model does not fit."""
+    if poles.size == 0:
+        return ()
+    jacobian = np.hstack(problem.jacobian(poles))
+    scale = np.linalg.norm(jacobian, axis=0)
+    covariance = np.linalg.inv((jacobian / scale).T @ (jacobian / scale)) / np.outer(scale, scale)
+    sd_omega, sd_zeta = np.sqrt(np.diag(covariance) * max(1.0, misfit)).reshape(2, -1)
+    return tuple(
+        MeasuredMode(float(abs(p) / (2 * np.pi)), float(so / (2 * np.pi)), float(-p.real / abs(p)), float(sz))
+        for p, so, sz in zip(poles, sd_omega, sd_zeta, strict=True)
+    )

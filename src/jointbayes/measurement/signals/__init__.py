@@ -1,0 +1,1 @@
+"""From time records to FRFs."""

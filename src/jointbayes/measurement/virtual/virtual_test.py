@@ -1,0 +1,243 @@
+"""Time histories of a test with a known truth: hammer or shaker, noise on all channels, double hits, overloads."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import Quantity
+from jointbayes.measurement.records import SensorQuantity, TimeRecord
+from jointbayes.measurement.virtual.virtual_frf import channel_label
+
+__all__ = ["ChannelNoise", "Hammer", "Rig", "half_sine", "hammer_records", "shaker_records"]
+
+Array = NDArray[np.float64]
+
+SENSOR: dict[Quantity, SensorQuantity] = {
+    "receptance": "displacement",
+    "mobility": "velocity",
+    "accelerance": "acceleration",
+}
+SENSOR_UNIT: dict[Quantity, str] = {"receptance": "m", "mobility": "m/s", "accelerance": "m/s^2"}
+
+_NOMINAL_N = 100.0
+_SPREAD = 0.25  # of the logarithm of the peak force from hit to hit
+_MOST = 2.0  # times the nominal peak, for a hit that is not meant to overload
+_FORCE_RANGE = 2.5  # full scale over the nominal peak
+_RESPONSE_RANGE = 4.0  # a shorter pulse moves accelerometers more than a stronger one
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A structure under test, its sensors and the analyser.
+
+    Parameters
+    ----------
+    frf
+        Exact FRFs (lines, outputs, inputs) at lines (lines,) above 0 Hz; displacement, velocity or acceleration, as
+        `quantity` says, per newton.
+    outputs, inputs
+        DOF labels.
+    quantity
+        What the sensors make of it.
+    sample_rate_hz
+        Samples per second.
+    block
+        Samples of a block.
+    decay_s
+        Time in which all that a hit stirs is gone, s.
+    """
+
+    frf: Callable[[Array], NDArray[np.complex128]]
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    quantity: Quantity
+    sample_rate_hz: float
+    block: int
+    decay_s: float
+
+    def responses(self, samples: int) -> "Responses":
+        """FRFs for signals that repeat after `samples` samples at least."""
+        period = int(fft.next_fast_len(samples, real=True))
+        lines = np.fft.rfftfreq(period, 1 / self.sample_rate_hz)
+        values = np.zeros((lines.size, len(self.outputs), len(self.inputs)), dtype=complex)
+        values[1:] = self.frf(np.asarray(lines[1:], dtype=float))
+        values[0] = values[1].real  # static; the model may not have 0 Hz
+        return Responses(period, values)
+
+
+@dataclass(frozen=True, slots=True)
+class Responses:
+    """Response to forces of a fixed period, exact at each line of it.
+
+    Parameters
+    ----------
+    period
+        Samples.
+    frf
+        Shape (period // 2 + 1, outputs, inputs).
+    """
+
+    period: int
+    frf: NDArray[np.complex128]
+
+    def of(self, force: Array, input_: int) -> Array:
+        """Response of all outputs (period, outputs) to a force (period,) at one input."""
+        spectrum = fft.rfft(force)[:, None] * self.frf[:, :, input_]
+        moved: Array = fft.irfft(spectrum, self.period, axis=0)
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelNoise:
+    """White noise of the channels.
+
+    Parameters
+    ----------
+    force, response
+        Standard deviation as a fraction of the channel's peak in a nominal hit, or, with a shaker, of its own.
+
+    Raises
+    ------
+    MeasurementError
+        If a fraction is below 0.
+    """
+
+    force: float = 0.0005
+    response: float = 0.001
+
+    def __post_init__(self) -> None:
+        if not (self.force >= 0 and self.response >= 0):
+            raise MeasurementError(
+                f"virtual test: found noise of {self.force:g} and {self.response:g}; expected 0 or more; correct it"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Hammer:
+    """How the hammer is swung.
+
+    Parameters
+    ----------
+    hits
+        Good hits at each input.
+    pulse_s
+        Nominal length of the half-sine pulse, s; each is 20 % shorter to 10 % longer.
+    double_hits, overloads
+        Further hits at each input that bounce, or exceed the range, at random places among the good ones.
+    pretrigger_s
+        Time before the pulse in each block, s.
+    """
+
+    hits: int
+    pulse_s: float
+    double_hits: int = 0
+    overloads: int = 0
+    pretrigger_s: float = 0.01
+
+
+def half_sine(samples: int, sample_rate_hz: float, start_s: float, length_s: float, peak: float) -> Array:
+    """Half-sine pulse, shape (samples,); it may begin between two samples."""
+    phase = (np.arange(samples) / sample_rate_hz - start_s) / length_s
+    pulse: Array = np.where((phase > 0) & (phase < 1), peak * np.sin(np.pi * phase), 0.0)
+    return pulse
+
+
+def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random.Generator) -> Iterator[TimeRecord]:
+    """Records of a hammer test: for each hit the block of the force and of each response.
+
+    Hits are counted through over the inputs. Noise and range of a channel are the same for all hits.
+
+    Yields
+    ------
+    TimeRecord
+        Force first, then the outputs in order; `hit` says which belong together.
+    """
+    tail = round(rig.decay_s * rig.sample_rate_hz)
+    responses = rig.responses(rig.block + tail)
+    number = 0
+    for j, input_ in enumerate(rig.inputs):
+        nominal = _force(responses.period, rig, hammer, 1.0, 1.0)
+        scale = np.abs(responses.of(nominal, j)).max(axis=0)
+        kinds = np.repeat(["good", "double", "overload"], [hammer.hits, hammer.double_hits, hammer.overloads])
+        for kind in rng.permutation(kinds):
+            number += 1
+            force = _swing(str(kind), responses.period, rig, hammer, rng)
+            moved = responses.of(force, j)[: rig.block]
+            measured = _limited(force[: rig.block], _NOMINAL_N, noise.force, _FORCE_RANGE, rng)
+            yield TimeRecord(channel_label(input_), rig.sample_rate_hz, measured, "force", "N", number, "virtual test")
+            for i, output in enumerate(rig.outputs):
+                yield TimeRecord(
+                    channel_label(output),
+                    rig.sample_rate_hz,
+                    _limited(moved[:, i], float(scale[i]), noise.response, _RESPONSE_RANGE, rng),
+                    SENSOR[rig.quantity],
+                    SENSOR_UNIT[rig.quantity],
+                    number,
+                    "virtual test",
+                )
+
+
+def _force(samples: int, rig: Rig, hammer: Hammer, strength: float, length: float) -> Array:
+    return half_sine(samples, rig.sample_rate_hz, hammer.pretrigger_s, length * hammer.pulse_s, strength * _NOMINAL_N)
+
+
+def _swing(kind: str, samples: int, rig: Rig, hammer: Hammer, rng: np.random.Generator) -> Array:
+    """Force of one hit, shape (samples,), N."""
+    strength = min(float(rng.lognormal(0.0, _SPREAD)), _MOST)
+    length = float(rng.uniform(0.8, 1.1))
+    if kind == "overload":
+        strength = float(rng.uniform(1.5, 2.5)) * _FORCE_RANGE
+    force = _force(samples, rig, hammer, strength, length)
+    if kind == "double":
+        again = hammer.pretrigger_s + float(rng.uniform(3.0, 10.0)) * hammer.pulse_s
+        weaker = float(rng.uniform(0.2, 0.6)) * strength * _NOMINAL_N
+        force = force + half_sine(samples, rig.sample_rate_hz, again, length * hammer.pulse_s, weaker)
+    return force
+
+
+def _limited(true: Array, scale: float, noise: float, most: float, rng: np.random.Generator) -> Array:
+    """What a channel makes of a signal: noise added, cut off at its range, `most` times its scale."""
+    return np.clip(true + noise * scale * rng.standard_normal(true.size), -most * scale, most * scale)
+
+
+def shaker_records(rig: Rig, samples: int, noise: ChannelNoise, rng: np.random.Generator) -> Iterator[TimeRecord]:
+    """Records of a test with white random force, one input after the other, in the steady state.
+
+    Parameters
+    ----------
+    rig
+        Structure, sensors, analyser.
+    samples
+        Samples of each record.
+    noise
+        On the channels.
+    rng
+        Source of force and noise.
+
+    Yields
+    ------
+    TimeRecord
+        Force first, then the outputs in order; `hit` counts the inputs.
+    """
+    responses = rig.responses(samples + round(rig.decay_s * rig.sample_rate_hz))
+    for j, input_ in enumerate(rig.inputs):
+        # a random force that repeats after the record's end has no beginning: no transient to wait for
+        force = _NOMINAL_N * rng.standard_normal(responses.period)
+        moved = responses.of(force, j)[:samples]
+        force = force[:samples] + noise.force * _NOMINAL_N * rng.standard_normal(samples)
+        yield TimeRecord(channel_label(input_), rig.sample_rate_hz, force, "force", "N", j + 1, "virtual test")
+        for i, output in enumerate(rig.outputs):
+            sd = noise.response * float(moved[:, i].std())
+            yield TimeRecord(
+                channel_label(output),
+                rig.sample_rate_hz,
+                moved[:, i] + sd * rng.standard_normal(samples),
+                SENSOR[rig.quantity],
+                SENSOR_UNIT[rig.quantity],
+                j + 1,
+                "virtual test",
+            )

@@ -1,0 +1,1 @@
+"""How well what is known: linearised and from draws."""

@@ -1,0 +1,382 @@
+"""Which combinations of a joint's stiffnesses are known, and how well: evaluated on the draws themselves.
+
+A posterior may know k22 − k12²/k11 and none of the three stiffnesses by itself. Every quantity that can be made of a
+joint is evaluated on each draw; the best known one is named, then the best known among those that say something else.
+What is said of a quantity is its own 95 % credible interval, so that no sentence can say what the draws do not.
+
+References
+----------
+Gutenkunst, R. N. et al. (2007). Universally sloppy parameter sensitivities in systems biology models. PLoS
+Computational Biology 3(10), e189. DOI 10.1371/journal.pcbi.0030189 (combinations of logarithms that data determine)
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, LogStiffness, PlainSprings, SignedCoupling
+from jointbayes.posterior.identifiability import (
+    CERTAINTY,
+    IDENTIFIED_RATIO,
+    WEAK_RATIO,
+    Identifiability,
+    Verdict,
+    assess,
+    verdict_by_rule,
+)
+from jointbayes.posterior.information.joint_quantities import (
+    JointQuantity,
+    condensed_stiffnesses,
+    powers_text,
+    products_of_powers,
+    single_value,
+)
+from jointbayes.posterior.rounding import factor, rounded
+
+__all__ = [
+    "NamedDirection",
+    "factor_in_words",
+    "interval_ratio",
+    "limit_in_words",
+    "name_directions",
+    "spread_in_words",
+    "summary_sentence",
+    "verdict_of",
+]
+
+Array = NDArray[np.float64]
+
+_NORMAL_95 = 1.959963984540054
+_LARGEST_FACTOR = 1e3
+#: A quantity says something else than those named before if so much of its gradient is left beside theirs.
+_NEW = 0.5
+#: Products of powers of whatever exponents are the last resort: they must be known so many times better.
+_ODD_POWERS = 4.0
+#: A rounded exponent may cost so much of what is known of the product.
+_ROUNDING_COST = 1.3
+#: A stiffness moves with another one if the correlation of their logarithms over the draws is larger than this.
+_MOVES_WITH = 0.8
+_STEP = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class NamedDirection:
+    """One combination of the joint's stiffnesses, and what its draws say.
+
+    Parameters
+    ----------
+    quantity
+        What it is: ``"k22 − k12²/k11"``, ``"k11"``, ``"rho"`` for k12/√(k11 k22).
+    interval95
+        Equal-tailed 95 % credible interval of the quantity over the draws, SI units.
+    ratio
+        Upper over lower end; infinite where the interval holds zero or the draws have both signs.
+    sd_log
+        Standard deviation of ln |quantity| over the draws; NaN where they have both signs.
+    verdict
+        By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness; that of a stiffness itself
+        is the one of the whole posterior, see `jointbayes.posterior.verdicts`.
+    sentence
+        For example ``"k22 is identified: its 95 % credible interval spans a factor of 1.04"``.
+    interval95_error
+        Monte Carlo standard errors of the two ends; NaN for a combination.
+    limit
+        For a stiffness that is bounded below or above: its one-sided limit in words; else empty.
+    """
+
+    quantity: str
+    interval95: tuple[float, float]
+    ratio: float
+    sd_log: float
+    verdict: Verdict
+    sentence: str
+    interval95_error: tuple[float, float] = (math.nan, math.nan)
+    limit: str = ""
+
+
+def interval_ratio(sd: float) -> float:
+    """Upper over lower end of the 95 % interval that a standard deviation of a logarithm implies."""
+    exponent = 2 * _NORMAL_95 * sd
+    return math.exp(exponent) if exponent < 700 else math.inf
+
+
+def verdict_of(sd: float) -> Verdict:
+    """Verdict that the 95 % interval of a logarithm of this standard deviation implies; contraction not regarded.
+
+    For linearised figures, of which there are no draws.
+
+    Examples
+    --------
+    >>> [verdict_of(sd) for sd in (0.05, 0.2, 0.3)]
+    ['identified', 'weakly identified', 'not identified']
+    """
+    ratio = interval_ratio(sd)
+    if ratio > WEAK_RATIO:
+        return "not identified"
+    return "identified" if ratio <= IDENTIFIED_RATIO else "weakly identified"
+
+
+def factor_in_words(ratio: float) -> str:
+    """Upper over lower end of a 95 % interval.
+
+    Examples
+    --------
+    >>> factor_in_words(1.0162), factor_in_words(3.84), factor_in_words(math.inf)
+    ('a factor of 1.016', 'a factor of 3.84', 'more than a factor of 1000')
+    """
+    if ratio > _LARGEST_FACTOR:
+        return f"more than a factor of {_LARGEST_FACTOR:.0f}"
+    return f"a factor of {factor(ratio)}"
+
+
+def limit_in_words(name: str, found: Identifiability) -> str:
+    """The one-sided 95 % limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
+    if not math.isfinite(found.limit95):
+        return ""
+    side = "above" if found.verdict == "bounded below" else "below"
+    return f"{side} {rounded(found.limit95, found.limit95_error)} {STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]}"
+
+
+def spread_in_words(sd: float) -> str:
+    """A standard deviation of a logarithm: in per cent where small, else as the ratio of the ends of the 95 % interval.
+
+    Examples
+    --------
+    >>> spread_in_words(0.0058), spread_in_words(0.15), spread_in_words(0.36), spread_in_words(1.3)
+    ('0.58 %', '16 %', 'a factor of 4.1', 'a factor of 160')
+    """
+    ratio = interval_ratio(sd)
+    if ratio > _LARGEST_FACTOR:
+        return factor_in_words(ratio)
+    return f"a factor of {float(f'{ratio:.2g}'):g}" if ratio > WEAK_RATIO else f"{100 * math.expm1(sd):.2g} %"
+
+
+def name_directions(
+    stiffness: ArrayLike,
+    prior: ArrayLike,
+    known: Mapping[str, Identifiability] | None = None,
+    wider: tuple[ArrayLike, ArrayLike] | None = None,
+) -> tuple[NamedDirection, ...]:
+    """Name the combinations of the stiffnesses that draws determine independently, best known first.
+
+    Where every single stiffness is identified the words name those: combinations would say nothing more. A product, a
+    ratio or a difference is named only where it is at least weakly identified, and better known than any single
+    stiffness that says the same.
+
+    Parameters
+    ----------
+    stiffness
+        Posterior draws of (k11, k12, k22), shape (n, 3).
+    prior
+        Prior draws of the same, shape (m, 3): a verdict asks what the data added.
+    known
+        What is already said of single stiffnesses, by name, so that it is said here in the same words; those that are
+        not among them are assessed here.
+    wider
+        Posterior and prior draws under wider priors, where these change the posterior: a combination is no better
+        known than it would be with them.
+
+    Returns
+    -------
+    tuple of NamedDirection
+        As many as the joint has coordinates.
+    """
+    draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
+    after = None if wider is None else (np.asarray(wider[0], dtype=float), np.asarray(wider[1], dtype=float))
+    search = _Search(draws, before, dict(known or {}), after)
+    singles = [search.judged(quantity) for quantity in search.singles]
+    if all(found.verdict == "identified" for found in singles):
+        order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
+        return tuple(_named(quantity.name, found) for quantity, found in order)
+    return search.run()
+
+
+def summary_sentence(named: Sequence[NamedDirection]) -> str:
+    """All combinations in one sentence, best known first.
+
+    Examples
+    --------
+    >>> summary_sentence([])
+    'The joint has no stiffness to be known.'
+    """
+    if not named:
+        return "The joint has no stiffness to be known."
+    return "; ".join(n.sentence for n in named) + "."
+
+
+class _Search:
+    """Quantities of one joint, evaluated on its draws."""
+
+    def __init__(
+        self, stiffness: Array, prior: Array, known: dict[str, Identifiability], wider: tuple[Array, Array] | None
+    ) -> None:
+        self._stiffness, self._prior, self._known, self._wider = stiffness, prior, known, wider
+        self._parametrisation = _coordinates_of(stiffness if wider is None else np.vstack([stiffness, wider[0]]))
+        self.names = self._parametrisation.names
+        self._theta = self._parametrisation.coordinates(stiffness)
+        scale = np.maximum(self._theta.std(axis=0), np.finfo(float).tiny)
+        off = (self._theta - np.median(self._theta, axis=0)) / scale
+        #: The draw in the middle: a possible joint, which a median of each coordinate by itself need not be.
+        self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
+        self.singles = [JointQuantity(name, single_value(name), True, 1.0) for name in self.names]
+        self._others = products_of_powers(self.names) + condensed_stiffnesses(self.names)
+
+    def run(self) -> tuple[NamedDirection, ...]:
+        """Best known first; the last is a single stiffness, and says what moves with it."""
+        axes = np.empty((0, len(self.names)))
+        found: list[NamedDirection] = []
+        while len(found) < len(self.names):
+            last = len(found) == len(self.names) - 1
+            quantity, judged = self._widest(axes) if last else self._best(axes)
+            words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
+            found.append(_named(quantity.name, judged, words))
+            beside = _beside(self._gradient(quantity), axes)
+            axes = np.vstack([axes, beside / np.linalg.norm(beside)])
+        return tuple(found)
+
+    def judged(self, quantity: JointQuantity) -> Identifiability:
+        """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
+        if quantity.name not in self._known:
+            found = self._assessed(quantity)
+            withheld = [one.verdict for one in self._known.values() if str(one.verdict) == "no verdict"]
+            self._known[quantity.name] = replace(found, verdict=withheld[0]) if withheld else found
+        return self._known[quantity.name]
+
+    def _assessed(self, quantity: JointQuantity) -> Identifiability:
+        """By the draws, and no better than by those under wider priors."""
+        found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+        if self._wider is None:
+            return found
+        wider = assess(*(quantity.of(draws) for draws in self._wider)).verdict
+        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(found.verdict, 0):
+            return found
+        reason = f"rests on the prior: {wider} with wider priors of the joint"
+        return replace(found, verdict=wider, verdict_reason=reason)
+
+    def _best(self, axes: Array) -> tuple[JointQuantity, Identifiability]:
+        """The best known quantity that says something else than those named."""
+        quantities = [*self.singles, *self._others, *self._powers(axes)]
+        for i in np.argsort([self._score(quantity, axes) for quantity in quantities]):
+            quantity = quantities[int(i)]
+            if quantity.single or self.judged(quantity).verdict in ("identified", "weakly identified"):
+                return quantity, self.judged(quantity)
+        raise AssertionError("single stiffnesses are always among the quantities")  # pragma: no cover
+
+    def _widest(self, axes: Array) -> tuple[JointQuantity, Identifiability]:
+        """The least known single stiffness among those that say something else than the quantities named."""
+        inside = [quantity for quantity in self.singles if self._share(quantity, axes) > 0]
+        quantity = max(inside or self.singles, key=self._width)
+        return quantity, self.judged(quantity)
+
+    def _score(self, quantity: JointQuantity, axes: Array) -> float:
+        """How well a quantity is known for what it adds to those named; infinite where it adds nothing."""
+        share = self._share(quantity, axes)
+        return self._width(quantity) * quantity.penalty / share if share else math.inf
+
+    def _width(self, quantity: JointQuantity) -> float:
+        """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""
+        values = quantity.of(self._stiffness)
+        if (values > 0).all() or (values < 0).all():
+            values = np.log(np.abs(values))
+        elif not quantity.single:
+            return math.inf
+        low, high = np.quantile(values, [0.025, 0.975])
+        return float(high - low) / (2 * _NORMAL_95)
+
+    def _gradient(self, quantity: JointQuantity) -> Array:
+        """∂ ln q/∂ coordinates at the draw in the middle, shape (p,); of q itself for a coordinate."""
+        if quantity.single:
+            unit: Array = np.eye(len(self.names))[self.names.index(quantity.name)]
+            return unit
+        step = _STEP * np.eye(len(self.names))
+        ends = np.concatenate([self._middle + step, self._middle - step])
+        up, down = np.split(np.log(np.abs(quantity.of(self._parametrisation.stiffness(ends)))), 2)
+        slope: Array = (up - down) / (2 * _STEP)
+        return slope
+
+    def _share(self, quantity: JointQuantity, axes: Array) -> float:
+        """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
+        gradient = self._gradient(quantity)
+        left = float(np.linalg.norm(_beside(gradient, axes)))
+        return left if left >= _NEW * np.linalg.norm(gradient) else 0.0
+
+    def _powers(self, axes: Array) -> list[JointQuantity]:
+        """The product of powers that varies least over the draws, beside what is named."""
+        count = len(self.names)
+        basis = np.linalg.svd(np.vstack([axes, np.zeros((1, count))]))[2][len(axes) :]
+        covariance = np.atleast_2d(np.cov(basis @ self._theta.T))
+        weights = np.linalg.eigh(covariance)[1][:, 0] @ basis
+        scaled = weights / np.abs(weights).max()
+        exact, rounded = float((self._theta @ scaled).std()), scaled
+        for decimals in (1, 2, 3):
+            rounded = np.round(scaled, decimals)
+            if float((self._theta @ rounded).std()) <= _ROUNDING_COST * exact:
+                break
+        rounded = rounded * (1.0 if rounded.sum() >= 0 else -1.0)
+        each = [quantity.of for quantity in self.singles]
+        kept = [i for i in range(count) if rounded[i]]
+
+        def product(k: Array) -> Array:
+            columns = [each[i](k) if self.names[i] == "rho" else np.log(np.abs(each[i](k))) for i in kept]
+            return np.asarray(np.exp(np.stack(columns, axis=-1) @ rounded[kept]))
+
+        return [JointQuantity(powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
+
+    def _moving_with(self, quantity: JointQuantity) -> str:
+        """How the other coordinates move with one that is not known."""
+        main = self.names.index(quantity.name)
+        parts = []
+        for i, name in enumerate(self.names):
+            x, y = self._theta[:, main], self._theta[:, i]
+            if i == main or not x.std() or not y.std() or abs(np.corrcoef(x, y)[0, 1]) < _MOVES_WITH:
+                continue
+            parts.append(_moves_with(name, quantity.name, float(np.cov(x, y)[0, 1] / x.var(ddof=1))))
+        return f" ({'; '.join(parts)})" if parts else ""
+
+
+def _coordinates_of(stiffness: Array) -> LogStiffness | SignedCoupling | PlainSprings:
+    """Coordinates of the draws: ρ takes the place of ln k12 where the coupling has both signs."""
+    if not stiffness[:, 1].any():
+        moving = tuple(n for n, i in (("k11", 0), ("k22", 2)) if np.ptp(stiffness[:, i]) > 0)
+        return PlainSprings(moving)
+    return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
+
+
+def _beside(gradient: Array, axes: Array) -> Array:
+    """What is left of a gradient, shape (p,), without its parts along orthonormal axes, shape (m, p)."""
+    left: Array = gradient - axes.T @ (axes @ gradient)
+    return left
+
+
+def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:
+    """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
+    low, high = found.interval95
+    limit = limit_in_words(quantity, found)
+    if limit:
+        spread = f"it is {limit} with 95 % probability"
+    elif low <= 0 <= high:
+        spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, holds zero"
+    elif math.isinf(found.ratio):
+        spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
+    else:
+        spread = f"its 95 % credible interval spans {factor_in_words(found.ratio)}"
+        if found.verdict not in (verdict_by_rule(found.ratio, 1.0)[0], "no verdict"):
+            spread += f", and {found.verdict_reason.removeprefix('if the model were right: ')}"
+    verb = "has" if found.verdict == "no verdict" else "is"  # a failed run
+    sentence = f"{quantity} {verb} {found.verdict}: {spread}{moving}"
+    return NamedDirection(
+        quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence, found.interval95_error, limit
+    )
+
+
+def _moves_with(name: str, main: str, slope: float) -> str:
+    """How one coordinate follows another over the draws."""
+    if name == "rho":
+        return f"rho moves with it, {slope * math.log(2):+.2g} as {main} doubles"
+    if main == "rho":
+        return f"{name} moves with it, times {math.exp(0.1 * slope):.3g} as rho grows by 0.1"
+    power = f"{slope:.2g}".replace("-", "−")
+    return f"{name} moves with it: {name} ∝ {main}" + ("" if power == "1" else f"^{power}")

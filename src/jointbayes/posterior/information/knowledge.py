@@ -1,0 +1,126 @@
+"""What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.inference import Normal, Nuisance, Problem
+from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
+from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
+from jointbayes.posterior.information.uncertain_inputs import (
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
+    effect_sentence,
+    uncertain_quantities,
+)
+from jointbayes.posterior.posterior import Posterior
+
+__all__ = ["Knowledge", "assumed_words", "gather_knowledge"]
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """How far the numbers of a posterior carry.
+
+    Parameters
+    ----------
+    check
+        Posterior predictive check.
+    directions
+        Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
+    profiles
+        Profile likelihood of each coordinate of the joint.
+    freed
+        What is known with other quantities uncertain or exactly known; the first row is the run. Empty where there is
+        nothing to free.
+    assumed
+        The uncertainties that were assumed for `freed` in words, one for each quantity; empty where they are the case's
+        own.
+    """
+
+    check: PredictiveCheck
+    directions: tuple[NamedDirection, ...]
+    profiles: tuple[ProfileLikelihood, ...]
+    freed: tuple[UncertainInputsRow, ...]
+    assumed: tuple[str, ...]
+
+    @property
+    def directions_sentence(self) -> str:
+        """Which combinations are known, in one sentence; conditional where the model does not explain the data."""
+        said = summary_sentence(self.directions)
+        return said if self.check.explains else f"If the model were right: {said}"
+
+    @property
+    def freed_sentence(self) -> str:
+        """What the verdicts rest on, in one sentence."""
+        if not self.freed:
+            return ""
+        said = effect_sentence(self.freed)
+        if self.check.explains or said.startswith("Whether"):
+            return said
+        return f"If the model were right, {said[0].lower()}{said[1:]}"
+
+
+def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:
+    """Check and examine a posterior.
+
+    Parameters
+    ----------
+    posterior
+        The posterior; the seed of its run also replicates the data of the check.
+    freed
+        The same problem with more quantities uncertain, for the table of what freeing them does where the posterior's
+        own problem takes all as exactly known.
+    """
+    problem = posterior.problem
+    prior = np.stack([posterior.prior_values(name).ravel() for name in STIFFNESS_NAMES], axis=-1)
+    known = {name: posterior.identifiability(name) for name in STIFFNESS_NAMES}
+    assumed = freed is not None and not uncertain_quantities(problem)
+    return Knowledge(
+        posterior.check,
+        name_directions(posterior.stiffness, prior, known, _under_wider_priors(posterior)),
+        _profiles(problem, posterior),
+        effect_of_uncertain_inputs(posterior, freed),
+        assumed_words(freed) if assumed and freed is not None else (),
+    )
+
+
+def _under_wider_priors(posterior: Posterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
+
+    Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
+    """
+    wide = posterior.widened
+    if wide is None:
+        return None
+    drawn = wide.prior.stiffness(wide.prior_theta)
+    return (wide.prior.stiffness(wide.theta) if wide.reliable else drawn), drawn
+
+
+def assumed_words(freed: Problem) -> tuple[str, ...]:
+    """How well each quantity is taken to be known, in words, from the very priors that were used."""
+    names = uncertain_quantities(freed)
+    return tuple(_prior_words(n) for n in freed.prior.nuisances if n.name in names)
+
+
+def _prior_words(nuisance: Nuisance) -> str:
+    name = nuisance.name.replace("youngs", "Young's").replace("_", " ")
+    if isinstance(nuisance.prior, Normal):
+        return f"{name} to {100 * nuisance.prior.sd:g} %"
+    low, high = (math.exp(end) for end in nuisance.prior.support)
+    return f"{name} to between {low:.3g} and {high:.3g} times the stated"
+
+
+def _profiles(problem: Problem, posterior: Posterior) -> tuple[ProfileLikelihood, ...]:
+    found = []
+    for name in problem.parametrisation.names:
+        try:
+            found.append(profile_likelihood(problem, posterior.estimate.theta, name))
+        except ModelError:
+            continue  # no residual depends on it: its prior is all there is, and the verdict says so
+    return tuple(found)

@@ -1,0 +1,305 @@
+"""Profile likelihood of one coordinate, with likelihood-ratio intervals.
+
+Unlike the Fisher information it follows a curved or flat ridge to its end, and unlike an interval of draws it does not
+depend on the prior of the stiffnesses.
+
+References
+----------
+Raue, A. et al. (2009). Structural and practical identifiability analysis of partially observed dynamical models by
+exploiting the profile likelihood. Bioinformatics 25(15), 1923-1929. DOI 10.1093/bioinformatics/btp358
+Venzon, D. J., Moolgavkar, S. H. (1988). A method for computing profile-likelihood-based confidence intervals. Applied
+Statistics 37(1), 87-94. DOI 10.2307/2347496
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize, stats
+
+from jointbayes.errors import ModelError
+from jointbayes.inference import LogPosterior, Problem
+from jointbayes.joint import LogStiffness
+from jointbayes.posterior.information.fisher import coordinate_names, inverse_information
+
+__all__ = ["ProfileLikelihood", "profile_likelihood"]
+
+Array = NDArray[np.float64]
+
+#: An unbounded prior counts as bounded so many standard deviations from its mean.
+_UNBOUNDED = 8.0
+#: Wanted fall of the log ratio from one point to the next.
+_FALL = 0.35
+#: Distance from the edge of the positive definite joints, 2 ln k12 = ln k11 + ln k22, that the climb keeps.
+_EDGE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileLikelihood:
+    """Greatest likelihood for each value of one coordinate, relative to the greatest of all.
+
+    Parameters
+    ----------
+    name
+        Coordinate.
+    value
+        Its values in increasing order, shape (n,): ln k, ρ or ln(p/nominal).
+    log_ratio
+        ln of the profile over its maximum, shape (n,), 0 or less.
+    theta
+        All coordinates where the maximum is reached, shape (n, d): how the others move along.
+    level
+        Confidence of the interval.
+    interval
+        Values between which −2 log ratio stays below the χ²₁ quantile; at an open end, the end of the prior's support.
+    open_below, open_above
+        Whether the ratio does not fall that far within the prior: there is no lower or upper limit.
+    """
+
+    name: str
+    value: Array
+    log_ratio: Array
+    theta: Array
+    level: float
+    interval: tuple[float, float]
+    open_below: bool
+    open_above: bool
+
+    @property
+    def sentence(self) -> str:
+        """What the interval says, for instance "no upper limit within the prior"."""
+        missing = [word for word, is_open in (("lower", self.open_below), ("upper", self.open_above)) if is_open]
+        if missing:
+            return f"{self.name} has no {' and no '.join(missing)} limit within the prior"
+        return f"{self.name} has a lower and an upper {100 * self.level:g} % limit"
+
+
+def profile_likelihood(
+    problem: Problem, theta: ArrayLike, name: str, *, level: float = 0.95, step: float | None = None
+) -> ProfileLikelihood:
+    """Profile of one coordinate from a mode outwards.
+
+    At each value the likelihood is climbed over all other coordinates by least squares, from where the climb before
+    it ended. The priors of the nuisances belong to the likelihood (they stand for other measurements); those of the
+    joint's coordinates are left out except for their support, an unbounded one ending 8 standard deviations from its
+    mean. Coordinates that the residuals do not depend on (noise hyperparameters) stay at `theta`.
+
+    Parameters
+    ----------
+    problem
+        Structure, joint, data and prior.
+    theta
+        Where to start, shape (d,): a mode.
+    name
+        Coordinate to profile.
+    level
+        Confidence of the likelihood-ratio interval.
+    step
+        First step away from the maximum; by default half a standard deviation by the Fisher information.
+
+    Raises
+    ------
+    ModelError
+        If there is no such coordinate, or the residuals do not depend on it, or `theta` is impossible.
+    """
+    names = coordinate_names(problem)
+    if name not in names:
+        raise ModelError(f"profile: found coordinate {name!r}; expected one of {', '.join(names)}; correct the name")
+    climb = _Climb(problem.log_posterior, np.asarray(theta, dtype=float), names.index(name))
+    if not climb.depends:
+        raise ModelError(
+            f"profile: found that no residual depends on {name}; expected a coordinate that the model predicts with; "
+            "profile another one"
+        )
+    top, top_cost = climb.maximum()
+    first = step or climb.first_step(top)
+    quantile = float(stats.chi2.ppf(level, 1))
+    below, lower, open_below = _side(climb, top, top_cost, -first, quantile)
+    above, upper, open_above = _side(climb, top, top_cost, first, quantile)
+    points = np.array([t for t, _ in reversed(below)] + [top] + [t for t, _ in above])
+    costs = np.array([c for _, c in reversed(below)] + [top_cost] + [c for _, c in above])
+    return ProfileLikelihood(
+        name, points[:, climb.at], costs.min() - costs, points, level, (lower, upper), open_below, open_above
+    )
+
+
+def _side(
+    climb: "_Climb", top: Array, top_cost: float, step: float, quantile: float
+) -> tuple[list[tuple[Array, float]], float, bool]:
+    """Points outwards on one side, the interval's end there, and whether it is open."""
+    edge = climb.high[climb.at] if step > 0 else climb.low[climb.at]
+    limit = top_cost + quantile / 2
+    points: list[tuple[Array, float]] = []
+    theta, cost, smallest = top, top_cost, abs(step) / 4
+    while theta[climb.at] != edge:
+        value = theta[climb.at] + step
+        value = min(value, edge) if step > 0 else max(value, edge)
+        there, there_cost = climb.at_value(value, theta)
+        if not np.isfinite(there_cost):  # no positive definite joint so far out: its edge ends the prior's support
+            step /= 4
+            if abs(step) < 1e-3 * smallest:
+                break
+            continue
+        points.append((there, there_cost))
+        if there_cost > limit:
+            points.insert(-1, _crossing(climb, theta, there, limit))
+            return points, float(points[-2][0][climb.at]), False
+        fall = max(abs(there_cost - cost), 0.01 * _FALL)
+        theta, cost = there, there_cost
+        # towards the limit the ratio falls as a square: the next step shrinks where this one fell too far
+        size = max(abs(step) * float(np.clip(np.sqrt(_FALL / fall), 0.5, 2.0)), smallest)
+        step = size if step > 0 else -size
+    return points, float(theta[climb.at]), True
+
+
+def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> tuple[Array, float]:
+    """Point at which the cost equals the limit, between one below and one above it."""
+
+    def excess(value: float) -> float:
+        return climb.at_value(value, inside)[1] - limit
+
+    low, high = sorted((float(inside[climb.at]), float(outside[climb.at])))
+    end = optimize.brentq(excess, low, high, xtol=1e-4 * (high - low), rtol=1e-10)
+    return climb.at_value(float(end), inside)
+
+
+class _Climb:
+    """Least squares over all coordinates but one, the joint's own prior left out."""
+
+    def __init__(self, log_posterior: LogPosterior, theta: Array, at: int) -> None:
+        self._log_posterior, self.at = log_posterior, at
+        prior = log_posterior.prior
+        self._feasible = prior.parametrisation.feasible
+        self._joint = len(prior.parametrisation.names)
+        low, high = (np.array(end, dtype=float) for end in prior.support)
+        unbounded = _UNBOUNDED * prior.sd
+        self.low = np.where(np.isfinite(low), low, prior.mean - unbounded)
+        self.high = np.where(np.isfinite(high), high, prior.mean + unbounded)
+        inner = 1e-9 * (self.high - self.low)  # at its very ends ρ is no positive definite joint
+        self.low, self.high = self.low + inner, self.high - inner
+        self._last: tuple[bytes, Array, Array] | None = None
+        self._start = np.clip(theta, self.low, self.high)
+        if not self._possible(self._start):
+            raise ModelError(f"profile: found a start at {theta.tolist()}; expected a positive definite joint")
+        residual, jacobian = log_posterior.residuals(self._start)
+        moved = (jacobian[: len(residual) - theta.size] != 0).any(axis=0)
+        self._moved = moved
+        self.depends = bool(moved[at])
+
+    def _both(self, theta: Array) -> tuple[Array, Array]:
+        """Residuals of the data and of the nuisances' priors, with their Jacobian; the last point is kept."""
+        key = theta.tobytes()
+        if self._last is None or self._last[0] != key:
+            residual, jacobian = self._log_posterior.residuals(theta)
+            first = len(residual) - theta.size
+            kept = np.r_[0:first, first + self._joint : len(residual)]
+            self._last = key, residual[kept], jacobian[kept]
+        return self._last[1], self._last[2]
+
+    def _possible(self, theta: Array) -> bool:
+        return bool(self._feasible(theta[: self._joint]))
+
+    def maximum(self) -> tuple[Array, float]:
+        """Point of greatest likelihood near the start, shape (d,), and its cost eᵀe/2."""
+        return self._solve(self._start, self._moved)
+
+    def first_step(self, theta: Array) -> float:
+        """Half a standard deviation of the coordinate, at most a tenth of its range."""
+        _, jacobian = self._both(theta)
+        used = jacobian[:, self._moved]
+        variance = np.diag(inverse_information(used.T @ used))[int(self._moved[: self.at].sum())]
+        return float(min(np.sqrt(variance) / 2, (self.high[self.at] - self.low[self.at]) / 10))
+
+    def at_value(self, value: float, near: Array) -> tuple[Array, float]:
+        """Greatest likelihood with the coordinate at `value`, from a solution near it: θ (d,) and eᵀe/2."""
+        others = self._moved.copy()
+        others[self.at] = False
+        starts = []
+        residual, jacobian = self._both(near)
+        along = jacobian[:, self.at] * (value - near[self.at])
+        # the others follow by the linear model: the point moves along the ridge, not off it
+        move = np.linalg.lstsq(jacobian[:, others], -(residual + along), rcond=1e-10)[0]
+        for share in (1.0, 0.5, 0.0):
+            start = near.copy()
+            start[self.at] = value
+            start[others] = np.clip(start[others] + share * move, self.low[others], self.high[others])
+            starts.append(start)
+        starts.append(self._pulled_inside(starts[-1]))
+        possible = [start for start in starts if self._possible(start)]
+        if not possible:
+            return starts[-1], np.inf
+        best = min(possible, key=lambda start: float((self._both(start)[0] ** 2).sum()))
+        return self._solve(best, others) if others.any() else (best, float((self._both(best)[0] ** 2).sum()) / 2)
+
+    def _pulled_inside(self, theta: Array) -> Array:
+        """The point with the joint's other logarithms moved until k12² < k11 k22, within the prior's support."""
+        out = theta.copy()
+        parametrisation = self._log_posterior.prior.parametrisation
+        if isinstance(parametrisation, LogStiffness) and not self._possible(out):
+            excess = 2 * out[1] - out[0] - out[2] + 0.1
+            for i, slope in ((1, 2.0), (0, -1.0), (2, -1.0)):
+                if i != self.at:
+                    moved = float(np.clip(out[i] - excess / slope, self.low[i], self.high[i]))
+                    excess += slope * (moved - out[i])
+                    out[i] = moved
+        return out
+
+    def _solve(self, start: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+        full = start.copy()
+
+        def whole(u: Array) -> Array:
+            full[free] = u
+            return full
+
+        size = self._both(start)[0].size
+
+        def residual(u: Array) -> Array:
+            theta = whole(u)
+            return self._both(theta)[0] if self._possible(theta) else np.full(size, np.inf)
+
+        def jacobian(u: Array) -> Array:
+            return self._both(whole(u))[1][:, free]
+
+        low, high = self.low[free], self.high[free]
+        inner = 1e-12 * (high - low)
+        scale = 1 / np.maximum(np.linalg.norm(jacobian(start[free]), axis=0), 1 / (high - low))
+        found = optimize.least_squares(
+            residual, np.clip(start[free], low + inner, high - inner), jac=jacobian, bounds=(low, high),
+            x_scale=scale, xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=60,
+        )  # fmt: skip
+        best, cost = whole(found.x).copy(), float(found.cost)
+        return self._along_edge(best, cost, free, scale)
+
+    def _along_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
+        """Climb on along the edge of positive definite joints, where least squares, which knows boxes only, stops."""
+        parametrisation = self._log_posterior.prior.parametrisation
+        if not isinstance(parametrisation, LogStiffness) or 2 * theta[1] - theta[0] - theta[2] < -0.01:
+            return theta, cost
+        normal = np.zeros(theta.size)
+        normal[:3] = -1.0, 2.0, -1.0
+        full = theta.copy()
+
+        def whole(u: Array) -> Array:
+            full[free] = theta[free] + u * scale
+            return full
+
+        def value(u: Array) -> float:
+            residual, _ = self._both(whole(u))
+            return float(residual @ residual) / 2
+
+        def gradient(u: Array) -> Array:
+            residual, jacobian = self._both(whole(u))
+            slope: Array = residual @ jacobian[:, free] * scale
+            return slope
+
+        found = optimize.minimize(
+            value,
+            np.zeros(scale.size),
+            jac=gradient,
+            method="SLSQP",
+            bounds=list(zip((self.low - theta)[free] / scale, (self.high - theta)[free] / scale, strict=True)),
+            constraints=optimize.LinearConstraint(normal[free] * scale, ub=-_EDGE - normal @ theta),
+            options={"ftol": 1e-9, "maxiter": 100},
+        )
+        end = whole(found.x).copy()
+        return (end, float(found.fun)) if self._possible(end) and found.fun < cost else (theta, cost)

@@ -1,0 +1,314 @@
+"""What is known of the joint when other quantities are uncertain, or are not: each row from draws of its own.
+
+The first row is the run itself. Every further one belongs to the same density with other quantities free, those left
+out held at their stated values. It is sampled by importance from a proposal fitted to it, or where the weights cannot
+be trusted by a short run of the ensemble sampler. Where neither settles it nothing is said.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import JointBayesError
+from jointbayes.inference import JointPrior, Problem
+from jointbayes.joint import STIFFNESS_NAMES, ComplianceChart
+from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
+from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
+from jointbayes.posterior.information.directions import factor_in_words, limit_in_words
+from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.posterior.posterior import Posterior
+from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
+from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
+from jointbayes.sampling import (
+    BoxChart,
+    Chart,
+    ProductChart,
+    Proposal,
+    SamplerSettings,
+    fit_proposal,
+    run_ensembles,
+)
+from jointbayes.structure import is_mode_frequency
+
+__all__ = [
+    "Source",
+    "UncertainInputsRow",
+    "effect_of_uncertain_inputs",
+    "effect_sentence",
+    "listed",
+    "uncertain_quantities",
+]
+
+Array = NDArray[np.float64]
+Source = Literal["this run", "importance sampling", "short run", "none"]
+
+_RANK: dict[Verdict, int] = {
+    "identified": 0,
+    "weakly identified": 1,
+    "bounded below": 2,
+    "bounded above": 2,
+    "not identified": 3,
+}
+_DRAWS = 8000
+#: Effective draws below which the ends of a 95 % interval are not worth printing.
+_LEAST_EFFECTIVE = 400
+#: Efficiency of a proposal that will do: four times `_LEAST_EFFECTIVE` of the draws, or a start for a short run.
+_ENOUGH = 0.2
+#: Of a decade: the strips before a bound in which draws are counted.
+_STRIP = 0.2
+#: Draws of the run among which a first point is looked for.
+_TRIED = 200
+#: A short run: long enough to tell a factor of 3 from one of 1.25, not for an end's second digit.
+_SHORT = SamplerSettings(walkers=24, max_steps=150)
+#: It is trusted if R̂ over its ensembles stays below this, with so many effective draws.
+_SHORT_R_HAT, _SHORT_EFFECTIVE = 1.05, 150
+
+
+@dataclass(frozen=True, slots=True)
+class UncertainInputsRow:
+    """What is known of the stiffnesses while some quantities are uncertain and the others exactly known.
+
+    Parameters
+    ----------
+    uncertain
+        Names of the uncertain quantities; empty where all are exactly known.
+    source
+        Where the draws come from; ``"none"`` where there are none that can be trusted.
+    known
+        What the draws say of each stiffness, by name; empty where there are none.
+    """
+
+    uncertain: tuple[str, ...]
+    source: Source
+    known: Mapping[str, Identifiability]
+
+    @property
+    def verdict(self) -> dict[str, Verdict]:
+        """Verdict on each stiffness."""
+        return {name: found.verdict for name, found in self.known.items()}
+
+
+def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
+    """Uncertain quantities on which the prediction depends; parameters of the noise are none."""
+    count = len(problem.prior.nuisances) - problem.log_posterior.likelihood.hyper_count
+    return tuple(n.name for n in problem.prior.nuisances[:count])
+
+
+def effect_of_uncertain_inputs(
+    posterior: Posterior, freed: Problem | None = None, *, each: bool = False
+) -> tuple[UncertainInputsRow, ...]:
+    """What the verdicts rest on: the run, then other sets of uncertain quantities.
+
+    Parameters
+    ----------
+    posterior
+        The run. Where it has uncertain quantities the rows are: as it was run, none uncertain.
+    freed
+        The same problem with more quantities uncertain, for a run that takes all as exactly known. The rows are then:
+        as it was run, all uncertain.
+    each
+        Whether each quantity is looked at alone as well, a second or two for each.
+
+    Returns
+    -------
+    tuple of UncertainInputsRow
+        Empty where there is nothing to free, where the run allows no verdict, and where the natural frequencies
+        themselves are uncertain: they are one quantity for each mode.
+    """
+    own = uncertain_quantities(posterior.problem)
+    problem = posterior.problem if own or freed is None else freed
+    every = uncertain_quantities(problem)
+    if not every or any(is_mode_frequency(name) for name in every):
+        return ()
+    run = UncertainInputsRow(own, "this run", {n: posterior.identifiability(n) for n in STIFFNESS_NAMES})
+    if "no verdict" in map(str, run.verdict.values()):
+        return ()
+    rng = np.random.default_rng([posterior.record.seed, 3])
+    other = _row(posterior, problem, () if own else every, rng)
+    if len(every) == 1 or not each:
+        return run, other
+    alone = tuple(_row(posterior, problem, (name,), rng) for name in every)
+    return (run, other, *alone) if own else (run, *alone, other)
+
+
+def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
+    """The table in words: whose verdict is worse with all quantities uncertain, and what a single one does."""
+    settled = [row for row in rows if row.known]
+    least, most = (pick(settled, key=lambda row: len(row.uncertain)) for pick in (min, max))
+    if not most.uncertain or least.uncertain or len(settled) < 2:
+        return "Whether other uncertain quantities matter could not be settled by draws."
+    parts = []
+    for name, verdict in least.verdict.items():
+        if _RANK[most.verdict[name]] <= _RANK[verdict]:
+            continue
+        alone = [r.uncertain[0] for r in settled if len(r.uncertain) == 1 and r.verdict[name] == most.verdict[name]]
+        enough = f", {' or '.join(alone)} alone suffices" if alone and len(most.uncertain) > 1 else ""
+        parts.append(
+            f"{name} goes from {verdict} ({_spread(name, least.known[name])}) to {most.verdict[name]} "
+            f"({_spread(name, most.known[name])}{enough.replace('_', ' ')})"
+        )
+    names = listed(most.uncertain)
+    if not parts:
+        return f"With {names} uncertain no verdict is worse than with all exactly known."
+    return f"With {names} uncertain: {'; '.join(parts)}."
+
+
+def _spread(name: str, found: Identifiability) -> str:
+    low, high = found.interval95
+    if limit := limit_in_words(name, found):
+        return f"{limit} with 95 % probability"
+    return "its sign is open" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
+
+
+def _row(
+    posterior: Posterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+) -> UncertainInputsRow:
+    """Draws of the problem with only these quantities uncertain, and what they say."""
+    part = _Part(problem, uncertain)
+    try:
+        start = part.start(posterior)
+        covariance = part.covariance(start)
+        proposal = fit_proposal(part.log_density, part.charts(), ((start, covariance),), rng, enough=_ENOUGH)
+        draws, source = _draws(part.log_density, proposal, rng)
+    except (JointBayesError, np.linalg.LinAlgError):
+        draws, source = None, "none"
+    if draws is None:
+        return UncertainInputsRow(uncertain, "none", {})
+    theta = part.whole(draws)
+    held = _bounds_that_hold(problem.prior, theta)
+    known = {}
+    for name, values in zip(STIFFNESS_NAMES, problem.prior.stiffness(theta).T, strict=True):
+        sides = [side for one, side in held if one == name]
+        found = _judged(values, posterior.prior_values(name).ravel(), sides)
+        conditional = not posterior.check.explains and found.verdict != "not identified"
+        known[name] = replace(found, if_model_right=conditional)
+    return UncertainInputsRow(uncertain, source, known)
+
+
+def _bounds_that_hold(prior: JointPrior, theta: Array) -> list[tuple[str, Side]]:
+    """Bounds within reach beyond which a wider prior would hold more than `BEYOND`, by the density before them.
+
+    The density beyond is taken to go on for a decade as it changes over the last two fifths of one before the bound.
+    """
+    found = []
+    names = prior.parametrisation.names
+    for name, side in bounds_within_reach(prior, theta):
+        low, high = prior.marginals[names.index(name)].support
+        column = theta[:, names.index(name)]
+        before = (column - low if side == "lower" else high - column) / DECADE
+        last, earlier = (float(((before >= a) & (before < a + _STRIP)).mean()) for a in (0.0, _STRIP))
+        change = min(last / earlier, 1.0) if earlier else 1.0
+        steps = np.arange(1, round(1 / _STRIP) + 1)
+        beyond = last * float((change**steps).sum())
+        if beyond / (1 + beyond) > BEYOND:
+            found.append((name, side))
+    return found
+
+
+def _judged(values: Array, prior: Array, held: Sequence[Side]) -> Identifiability:
+    """One stiffness by its draws; where they reach a bound of the prior, a limit to the other side.
+
+    As for a run, but without draws under wider priors.
+    """
+    found = assess(values, prior)
+    if not held:
+        return found
+    if len(held) > 1:
+        return replace(found, verdict="not identified", verdict_reason="both bounds of its prior hold it")
+    above = held[0] == "upper"
+    limit = float(np.quantile(values, 0.05 if above else 0.95))
+    reason = f"the prior's {held[0]} bound holds it"
+    if float(((prior < limit) if above else (prior > limit)).mean()) < LEAST_EXCLUDED:
+        return replace(found, verdict="not identified", verdict_reason=reason)
+    verdict: Verdict = "bounded below" if above else "bounded above"
+    return replace(found, verdict=verdict, verdict_reason=reason, limit95=limit)
+
+
+class _Part:
+    """The density of a problem with some of its uncertain quantities held at their stated values."""
+
+    def __init__(self, problem: Problem, uncertain: tuple[str, ...]) -> None:
+        self._problem = problem
+        held = set(uncertain_quantities(problem)) - set(uncertain)
+        self._free = np.array([i for i, name in enumerate(problem.names) if name not in held])
+        self._joint = len(problem.parametrisation.names)
+        low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
+        self._low, self._high = low[self._free], high[self._free]
+
+    def whole(self, theta: Array) -> Array:
+        """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
+        out = np.zeros((len(theta), len(self._problem.names)))
+        out[:, self._free] = theta
+        return out
+
+    def log_density(self, theta: Array) -> Array:
+        """Log density, shape (n,), of the free coordinates, shape (n, f)."""
+        return self._problem.log_posterior(self.whole(theta))
+
+    def charts(self) -> tuple[Chart, ...]:
+        """Compliance of the joint, and normal scores of all."""
+        compliance: Chart = ComplianceChart(self._problem.parametrisation)
+        if len(self._free) > self._joint:
+            box = BoxChart(self._low[self._joint :], self._high[self._joint :])
+            compliance = ProductChart(compliance, self._joint, box)
+        return compliance, BoxChart(self._low, self._high)
+
+    def start(self, posterior: Posterior) -> Array:
+        """The likeliest point, shape (f,), among draws of the run with what is held put at its stated value."""
+        known = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
+        names = posterior.problem.names
+        tried = np.zeros((len(known), len(self._problem.names)))
+        for i, name in enumerate(self._problem.names):
+            if name in names:
+                tried[:, i] = known[:, names.index(name)]
+        points: Array = tried[:, self._free]
+        best: Array = points[int(np.argmax(self.log_density(points)))]
+        return best
+
+    def covariance(self, theta: Array) -> Array:
+        """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
+        prior: JointPrior = self._problem.prior
+        names = [self._problem.names[i] for i in self._free]
+        found = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(names)
+        sd = prior.sd[self._free]
+        variance = np.where(np.isfinite(np.diag(found)), np.diag(found), sd**2)
+        finite = np.where(np.isfinite(found), found, 0.0)
+        np.fill_diagonal(finite, variance)
+        shrink = np.minimum(1.0, sd / np.sqrt(variance))
+        bounded: Array = finite * np.outer(shrink, shrink)
+        return bounded
+
+
+def _draws(
+    log_density: Callable[[Array], Array], proposal: Proposal, rng: np.random.Generator
+) -> tuple[Array | None, Source]:
+    """Equally weighted draws, shape (n, f), and where they come from; None where none can be trusted."""
+    theta, log_weight = proposal.weighted_draws(log_density, rng, _DRAWS)
+    if not len(theta):
+        return None, "none"
+    weighted = WeightedDraws(theta, log_weight)
+    effective = 1 / float((weighted.weight**2).sum())
+    if effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
+        return weighted.resample(rng, _DRAWS), "importance sampling"
+    # the largest of ln w plus Gumbel noise, w truncated, are a sample without replacement
+    truncated = np.minimum(log_weight, np.logaddexp.reduce(log_weight) - 0.5 * np.log(_DRAWS))
+    count = _SHORT.ensembles * _SHORT.walkers
+    chosen = np.argsort(-(truncated + rng.gumbel(size=truncated.size)))[:count]
+    if len(chosen) < count:
+        return None, "none"
+    start = theta[chosen].reshape(_SHORT.ensembles, _SHORT.walkers, -1)
+    chains = run_ensembles(log_density, start, rng, _SHORT, chart=proposal.chart, proposal=proposal)
+    if not (chains.r_hat.max() < _SHORT_R_HAT and chains.ess.min() >= _SHORT_EFFECTIVE):
+        return None, "none"
+    draws: Array = chains.draws().theta.reshape(-1, theta.shape[1])
+    return draws, "short run"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``"density, length and gain"``."""
+    readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
+    return readable[0] if len(readable) == 1 else f"{', '.join(readable[:-1])} and {readable[-1]}"

@@ -1,0 +1,231 @@
+"""The run directory: report, draws, summary, case and figures, whole or absent."""
+
+import datetime
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.case.case import Case, case_from_text
+from jointbayes.errors import CaseError
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.storage import stored_test
+from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report.comparison import build_comparison_report
+from jointbayes.report.kept_draws import draws_kept
+from jointbayes.studies.comparison.compare import Comparison
+from jointbayes.workflow import identify
+
+__all__ = [
+    "COMPARISON_MARK",
+    "json_text",
+    "require_writable",
+    "write_comparison",
+    "write_report",
+    "write_run",
+    "write_whole",
+]
+
+_MARK = "summary.json"  # by which a run directory is known
+#: File by which the directory of a comparison is known.
+COMPARISON_MARK = "compare.json"
+
+
+def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
+    """Write a run directory.
+
+    The draws are on disk, whole, in a file beside the directory, before any figure is drawn; the file goes when the
+    directory is there, and stays where the report fails.
+
+    Parameters
+    ----------
+    posterior
+        The posterior; its case is rebuilt from the text and the data it carries.
+    directory
+        Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
+        the same name is replaced, any other directory is refused.
+
+    Returns
+    -------
+    Path
+        The directory: ``report.html``, ``report.pdf``, ``posterior.nc``, ``summary.json``, ``case.toml``,
+        ``figures/*.svg``.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and is no run directory.
+    WriteError
+        If not even the draws can be written; where they can be written elsewhere the message says where they are.
+    ReportError, ReportInterruptedError
+        If the report fails or is interrupted: where the draws are, and how to go on.
+    """
+    target = Path(directory)
+    require_writable(target)
+    with draws_kept(posterior, target) as kept:
+        return write_run(posterior, target, kept)
+
+
+def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> Path:
+    """Write a run directory whose draws are on disk already, in the file `kept` or where they were read from.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and is no run directory.
+    """
+    require_writable(target)
+    record = posterior.record
+    test = stored_test(posterior.tree, record.provenance)
+    case = case_from_text(record.case_name, record.case_text, test=test)
+    reference = case.spec.reference
+    inputs = ReportInputs(
+        posterior=posterior,
+        title=case.title,
+        initial=_triple(case.initial),
+        history=None if case.joint_frf is None else identify(case),
+        reference=None if case.reference is None else _triple(case.reference),
+        reference_source=reference.source if reference else "",
+        measured_frequencies_hz=case.measured_frequencies_hz,
+        freed=case.workshop_problem,
+        paper_tables=bool(reference and reference.paper_audit),
+        provenance=case.provenance,
+        warnings=tuple(map(str, case.warnings)),
+    )
+    report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
+
+    files = {"summary.json": json_text(inputs.summary), "case.toml": record.case_text}
+    write_whole(target, report, files, posterior, kept)
+    return target
+
+
+def write_comparison(comparison: Comparison, cases: Sequence[Case], directory: str | os.PathLike[str]) -> Path:
+    """Write the run directory of a comparison, whole or absent.
+
+    Parameters
+    ----------
+    comparison
+        What was compared.
+    cases
+        Its cases, whose text is kept.
+    directory
+        Where to write, as for `write_report`; an older comparison of the same name is replaced.
+
+    Returns
+    -------
+    Path
+        The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and holds no comparison.
+    """
+    target = Path(directory)
+    require_writable(target, COMPARISON_MARK)
+    summary = comparison.summary()
+    report = build_comparison_report(summary, datetime.datetime.now(datetime.UTC).date())
+    files = {COMPARISON_MARK: json_text(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
+    write_whole(target, report, files)
+    return target
+
+
+def json_text(numbers: dict[str, Any]) -> str:
+    """JSON as it is written into a directory: indented, readable, without NaN."""
+    return json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_whole(
+    target: Path,
+    report: Report,
+    files: Mapping[str, str],
+    posterior: Posterior | None = None,
+    kept: Path | None = None,
+) -> None:
+    """Write report, figures, other files and draws beside the target, then put them in its place.
+
+    Draws come from the file `kept` where they are on disk already.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    try:
+        (scratch / "report.html").write_text(render_html(report), encoding="utf-8", newline="\n")
+        (scratch / "report.pdf").write_bytes(render_pdf(report))
+        for block in report.blocks():
+            if isinstance(block, Figure):
+                files = {**files, f"figures/{block.identifier}.svg": block.svg}
+        for name, text in files.items():
+            (scratch / name).parent.mkdir(exist_ok=True)
+            (scratch / name).write_text(text, encoding="utf-8")
+        if kept is not None:
+            _link_or_copy(kept, scratch / "posterior.nc")
+        elif posterior is not None:
+            posterior.save(scratch / "posterior.nc")
+        scratch.chmod(0o755)  # mkdtemp makes it private
+        _swap(scratch, target)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def require_writable(target: Path, mark: str = _MARK) -> None:
+    """Refuse a place where a run directory cannot or must not be written; before the work, not after it.
+
+    Parameters
+    ----------
+    target
+        The directory to be.
+    mark
+        File by which an earlier one is known.
+
+    Raises
+    ------
+    CaseError
+        If it is a file, or a directory that holds something else.
+    """
+    remedy = "expected a new directory or an earlier run directory; choose another --out"
+    if target.is_dir():
+        if any(target.iterdir()) and not (target / mark).is_file():
+            raise CaseError(f"{target}: found a directory that holds other files; {remedy}")
+    elif target.exists():
+        raise CaseError(f"{target}: found a file; {remedy}")
+    parent = next(p for p in target.absolute().parents if p.exists())
+    if not parent.is_dir():
+        raise CaseError(f"{target}: found that {parent} is a file; {remedy}")
+    if not os.access(parent, os.W_OK):
+        raise CaseError(f"{target}: found that {parent} cannot be written to; {remedy}")
+
+
+def _swap(scratch: Path, target: Path) -> None:
+    """Put `scratch` in the place of `target`; an older run directory goes only when the new one is there."""
+    if not target.exists():
+        scratch.replace(target)
+        return
+    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+    try:
+        target.replace(old / "run")
+        try:
+            scratch.replace(target)
+        except BaseException:
+            (old / "run").replace(target)
+            raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    """The same file under a second name, which takes no room; a copy where the file system has no such names."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    k11, k12, k22 = (float(v) for v in values)
+    return k11, k12, k22

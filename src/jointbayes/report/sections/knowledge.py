@@ -1,0 +1,220 @@
+"""What the data determine and what the verdicts rest on: combinations, uncertain quantities, likelihood limits."""
+
+from typing import Any
+
+import numpy as np
+
+from jointbayes.posterior import Knowledge, Posterior
+from jointbayes.posterior.identifiability import Verdict
+from jointbayes.posterior.information.directions import NamedDirection
+from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.verdicts import verdict_text
+from jointbayes.report import figures
+from jointbayes.report.format import contraction, factor, fixed, interval, number, rounded_interval
+from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
+
+__all__ = [
+    "coordinate_label",
+    "freed_blocks",
+    "knowledge_section",
+    "likelihood_section",
+    "nuisance_section",
+]
+
+Summary = dict[str, Any]
+_READABLE = {
+    "youngs_modulus": "Young's modulus",
+    "density": "density",
+    "length": "length",
+    "section_size": "size of the section",
+    "shear_coefficient": "shear coefficient",
+    "damping_ratio": "damping ratio",
+    "loss_factor": "loss factor",
+    "accelerometer_mass": "accelerometer mass",
+    "gain": "gain",
+    "noise_scale": "noise, factor on the stated",
+    "discrepancy_scale": "model discrepancy, in noise sd",
+    "discrepancy_length": "its correlation length",
+}
+_SHORT = {
+    "rho": "ρ",
+    "youngs_modulus": "ln E",
+    "density": "ln density",
+    "length": "ln L",
+    "section_size": "ln size",
+    "shear_coefficient": "ln κ",
+    "damping_ratio": "ln ζ",
+    "loss_factor": "ln η",
+    "accelerometer_mass": "ln mass",
+    "noise_scale": "ln noise",
+    "discrepancy_scale": "ln discr.",
+    "discrepancy_length": "ln Hz",
+}
+_KINDS = {"identified": "good", "weakly identified": "caution", "not identified": "bad"}
+
+
+def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summary) -> Section:
+    """Which combinations are known, correlations, and what the verdicts rest on: all of it from draws."""
+    blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
+    condition = "" if knowledge.check.explains else ", if the model were right"
+    rows = tuple((d.quantity, *_figures(d), _words(d.verdict, condition)) for d in knowledge.directions)
+    blocks.append(
+        Table(
+            "Combinations of the stiffnesses that are known independently",
+            ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
+            rows,
+            note="Each combination evaluated on the draws, best known first; judged as a single stiffness is. "
+            "rho = k12/√(k11 k22). A dash: draws of both signs, or a limit to one side, which holds with 95 % "
+            "probability.",
+            row_kinds=tuple(_kind(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions),
+        )
+    )
+    blocks.append(_correlations(posterior))
+    if knowledge.freed:
+        blocks += freed_blocks(knowledge)
+    return Section("known", "What is known, and what it rests on", tuple(blocks))
+
+
+def _words(verdict: Verdict, condition: str) -> str:
+    """A verdict as on page one: what is not known is not known under any condition."""
+    return verdict if verdict in ("not identified", "no verdict") else verdict + condition
+
+
+def _figures(named: NamedDirection) -> tuple[str, str, str]:
+    """Interval, ratio of its ends and spread; of a stiffness that is bounded its limit only."""
+    if named.limit:
+        return named.limit, "–", "–"
+    ends = rounded_interval(named.interval95, named.interval95_error)
+    return ends, factor(named.ratio), number(named.sd_log)
+
+
+def _kind(verdict: str, *, explained: bool) -> str:
+    """Colour of a verdict; none is green where the model does not explain the data."""
+    kind = _KINDS.get(verdict, "caution")
+    return "caution" if kind == "good" and not explained else kind
+
+
+def _correlations(posterior: Posterior) -> Table:
+    """Correlation of the draws, the joint's coordinates against all."""
+    names = posterior.problem.names
+    matrix = np.atleast_2d(np.corrcoef(posterior.theta.T))
+    joint = posterior.problem.parametrisation.names
+    rows = tuple(
+        (coordinate_label(name), *(f"{matrix[i, j]:.2f}" for j in range(len(joint)))) for i, name in enumerate(names)
+    )
+    return Table(
+        "Correlation of the draws",
+        ("", *(coordinate_label(name) for name in joint)),
+        rows,
+        note="Near 1 or −1 the data know a combination of the two, not each by itself.",
+    )
+
+
+def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None:
+    """Likelihood-ratio limits, which are no credible intervals; None where no residual depends on a coordinate."""
+    if not knowledge.profiles:
+        return None
+    rows = []
+    for profile in knowledge.profiles:
+        low, high = profile.interval if profile.name == "rho" else tuple(np.exp(profile.interval).tolist())
+        ends = ("none" if profile.open_below else number(low), "none" if profile.open_above else number(high))
+        known = summary["parameters"].get(profile.name)
+        rows.append((profile.name, *ends, interval(known["interval95"]) if known else "–"))
+    blocks: tuple[Block, ...] = (
+        Paragraph(
+            "These are likelihood-ratio confidence limits, not credible intervals. Each asks how well the data can "
+            "still be fitted at a value, with everything else at its best; it does not ask how many joints fit so "
+            "well, and leaves the priors of the joint out but for their bounds. The verdicts rest on the draws."
+        ),
+        Table(
+            "Likelihood-ratio limits at 95 %",
+            ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)"),
+            tuple(rows),
+            note="None: within the bounds of the prior the data set no limit. Units as above; rho has none.",
+        ),
+        Figure(
+            "profiles",
+            "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
+            "dashed, the limit at 95 %.",
+            f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
+            figures.profiles([(p.name, p.value, p.log_ratio) for p in knowledge.profiles]),
+        ),
+    )
+    return Section("likelihood", "Likelihood-ratio limits", blocks)
+
+
+def freed_blocks(knowledge: Knowledge) -> list[Block]:
+    """What uncertain quantities cost: a sentence and the table, whose first row is the run."""
+    names = tuple(knowledge.freed[0].known)
+    head = ("Uncertain other quantities", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Draws of")
+    rows = tuple(_freed_row(row, names) for row in knowledge.freed)
+    note = (
+        "Each row from draws with just these quantities uncertain and all others at their stated values. The ends from "
+        "a short run are rough. A dash: draws that can be trusted were not to be had in a short time."
+    )
+    lead = knowledge.freed_sentence
+    if knowledge.assumed:
+        lead = (
+            "This case takes everything other than the joint as exactly known. Were it known less well "
+            f"({', '.join(knowledge.assumed)}): {lead[0].lower()}{lead[1:]}"
+        )
+        note += " The uncertainties are assumed; state your own in [uncertain] to have them in the result."
+    return [Paragraph(f"**{lead}**"), Table("What uncertain quantities cost", head, rows, note=note, align=None)]
+
+
+def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ...]:
+    uncertain = ", ".join(_readable(name) for name in row.uncertain) or "none"
+    if not row.known:
+        return (uncertain, *("–" for _ in names), "–", "–")
+    known = row.known
+    intervals = (rounded_interval(known[name].interval95, known[name].interval95_error) for name in names)
+    verdicts = "; ".join(
+        f"{name} {verdict_text(known[name].verdict, if_model_right=known[name].if_model_right)}" for name in names
+    )
+    return (uncertain, *intervals, verdicts, row.source)
+
+
+def nuisance_section(summary: Summary) -> Section | None:
+    """Prior and posterior of whatever else is uncertain; None where nothing is."""
+    if not summary["nuisances"]:
+        return None
+    rows = tuple(
+        (
+            _readable(name),
+            number(n["nominal"], 4),
+            interval(n["prior_interval95"], 4),
+            number(n["median"], 4),
+            interval(n["interval95"], 4),
+            n["unit"],
+            contraction(n["contraction"], 2),
+            fixed(n["r_hat"], 3),
+        )
+        for name, n in summary["nuisances"].items()
+    )
+    head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
+    note = (
+        "Contraction 0: the data say nothing about it and it keeps its prior; 1: they say all; none: it is as wide as "
+        "its prior or wider."
+    )
+    return Section(
+        "nuisances",
+        "What else was uncertain",
+        (Table("Other uncertain quantities", head, rows, note=note),),
+    )
+
+
+def coordinate_label(name: str) -> str:
+    """Short label of a coordinate for an axis."""
+    if name.startswith("mode_frequency_"):
+        return f"ln f{name.rsplit('_', 1)[1]}"
+    if name.startswith("damping_ratio_"):
+        return f"ln ζ{name.rsplit('_', 1)[1]}"
+    return _SHORT.get(name, f"ln {name}")
+
+
+def _readable(name: str) -> str:
+    if name.startswith("mode_frequency_"):
+        return f"natural frequency {name.rsplit('_', 1)[1]}"
+    if name.startswith("damping_ratio_"):
+        return f"damping ratio of mode {name.rsplit('_', 1)[1]}"
+    return _READABLE.get(name, name)

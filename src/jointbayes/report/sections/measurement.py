@@ -1,0 +1,83 @@
+"""What a report says of the measurement files: what they are, how they were read, and the modes they show."""
+
+import numpy as np
+
+from jointbayes.measurement.channels import ChannelUse
+from jointbayes.measurement.measured import NotedDoubt, Provenance
+from jointbayes.posterior import Posterior
+from jointbayes.report.format import number
+from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
+
+__all__ = ["measurement_section", "mode_table"]
+
+
+def mode_table(posterior: Posterior, provenance: Provenance) -> tuple[Block, ...]:
+    """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
+    if not provenance.modes:
+        return ()
+    predicted = _predicted(posterior, provenance)
+    rows = tuple(
+        (
+            str(i),
+            f"{mode.frequency_hz:.2f}",
+            number(mode.frequency_sd_hz, 2),
+            f"{100 * mode.damping_ratio:.3f}",
+            number(100 * mode.damping_sd, 2),
+            f"{near:.2f}",
+            f"{round(100 * (near / mode.frequency_hz - 1), 2) + 0.0:+.2f}",
+        )
+        for i, (mode, near) in enumerate(zip(provenance.modes, predicted, strict=True), 1)
+    )
+    head = ("Mode", "Frequency (Hz)", "sd (Hz)", "Damping (%)", "sd (%)", "Model at the MAP (Hz)", "Model, error (%)")
+    note = (
+        "From a modal fit of the measured FRFs, without the model of the structure. Frequency: undamped. Damping: "
+        "ratio to the critical one. The model's natural frequency is the nearest one."
+    )
+    return (Table("Measured natural frequencies and damping", head, rows, note=note),)
+
+
+def _predicted(posterior: Posterior, provenance: Provenance) -> list[float]:
+    """The model's natural frequency nearest to each measured one."""
+    problem, theta = posterior.problem, posterior.estimate.theta
+    measured = np.array([mode.frequency_hz for mode in provenance.modes])
+    most = problem.structure.n_dofs - len(problem.joint.dofs)
+    count = min(most, 2 * len(measured) + 4)
+    found = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
+    return [float(found[np.argmin(np.abs(found - f))]) for f in measured]
+
+
+def measurement_section(provenance: Provenance) -> Section:
+    """Files, channels, variance, what was changed, and what is doubtful."""
+    p = provenance
+    averages = f", {p.averages} averages" if p.averages else ""
+    text = (
+        f"**{p.quantity.capitalize()}**, {p.lines} lines from {p.band_hz[0]:g} to {p.band_hz[1]:g} Hz{averages}. "
+        f"Variance: {p.variance}."
+    )
+    if p.variance_dof is not None:
+        text += (
+            f" It is itself estimated, line by line from {p.variance_dof} degrees of freedom, so that residuals over "
+            "it are Student-t with as many, not Gaussian; the case is analysed so unless its [noise] says otherwise."
+        )
+    blocks: list[Block] = [Callout("caution", f"**Doubtful: {d.where}.** {_sentence(d)}") for d in p.doubts]
+    blocks.append(Paragraph(text))
+    files = tuple((file.name, f"{file.size}", f"`{file.sha256}`") for file in p.files)
+    blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))
+    head = ("Channel", "Used as", "DOF", "Factor", "Mass taken out (g)")
+    blocks.append(Table("Channels", head, tuple(_row(use) for use in p.channels), align="lllrr"))
+    blocks += [Paragraph(note) for note in p.notes]
+    if p.left_out:
+        shown = ", ".join(f"`{label}`" for label in p.left_out[:40])
+        more = f" and {len(p.left_out) - 40} more" if len(p.left_out) > 40 else ""
+        blocks.append(Paragraph(f"Channels left out, because the case does not map them: {shown}{more}."))
+    return Section("measurement", "Measurement", tuple(blocks))
+
+
+def _sentence(doubt: NotedDoubt) -> str:
+    return f"{doubt.sentence[0].upper()}{doubt.sentence[1:]}; {doubt.remedy}."
+
+
+def _row(use: ChannelUse) -> tuple[str, ...]:
+    turned = " (other direction)" if use.reversed_direction else ""
+    mass = number(1e3 * use.accelerometer_mass) if use.accelerometer_mass else "–"
+    return (f"`{use.channel}`{turned}", use.role, use.dof, number(use.factor, 6), mass)

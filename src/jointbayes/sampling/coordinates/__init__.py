@@ -1,0 +1,1 @@
+"""Coordinates in which a density is nearer to a bell."""

@@ -1,0 +1,1 @@
+"""Distributions to propose from, fitted to a density."""

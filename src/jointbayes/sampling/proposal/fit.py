@@ -1,0 +1,185 @@
+"""Fit a distribution to propose from, knowing nothing but the log-density and a first Laplace approximation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import SamplingError
+from jointbayes.sampling.coordinates.chart import Chart, Identity
+from jointbayes.sampling.density import Checked, LogDensity
+from jointbayes.sampling.differences import covariance_roots
+from jointbayes.sampling.proposal.bell_fit import DOF, Round, good_efficiency, refined_bell
+from jointbayes.sampling.proposal.laplace import Whitened, laplace, whitened
+from jointbayes.sampling.proposal.mixture_search import Fit, search
+from jointbayes.sampling.proposal.pool import Pool, theta_draws
+from jointbayes.sampling.proposal.student_mixture import StudentMixture
+from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.proposal.weights import importance_efficiency
+
+__all__ = ["Proposal", "Start", "fit_proposal", "importance_efficiency"]
+
+Array = NDArray[np.float64]
+
+_SCATTERED = 1000  # draws about each start
+_WIDER = 2.0  # than a start's covariance are these
+_LEAST = 1e-4  # eigenvalue of its correlations
+_COMPONENTS = 12  # of a first mixture, or two for each start: those that few draws belong to are dropped
+
+Start = tuple[Array, Array]
+"""A point near a mode, shape (d,), and a rough covariance of θ there, shape (d, d)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A distribution to propose from, and how good it is.
+
+    Parameters
+    ----------
+    density : StudentT or StudentMixture
+        Distribution in the coordinates φ of the chart.
+    efficiency : float
+        Effective fraction of its draws as importance samples of the density, 0 to 1.
+    evaluations : int
+        Number of points at which the log-density was computed for the fit.
+    chart : Chart
+        Coordinates φ; θ itself by default.
+    """
+
+    density: StudentT | StudentMixture
+    efficiency: float
+    evaluations: int
+    chart: Chart = field(default_factory=Identity)
+
+    def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
+        """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.
+
+        Parameters
+        ----------
+        log_density : callable
+            Log of a density over θ, normalised or not.
+        rng : numpy.random.Generator
+            Source of the draws.
+        n : int
+            Number of draws.
+
+        Returns
+        -------
+        theta, log_weight : ndarray, shapes (m, d) and (m,)
+            m ≤ n: the other draws have weight zero. The sum of the weights over n estimates the integral of the
+            density.
+        """
+        theta, value, log_proposal, _ = theta_draws(Checked(log_density), self.density, self.chart, rng, n)
+        alive = np.isfinite(value)
+        return theta[alive], value[alive] - log_proposal[alive]
+
+
+def fit_proposal(
+    log_density: LogDensity,
+    charts: Sequence[Chart | None],
+    starts: Sequence[Start],
+    rng: np.random.Generator,
+    *,
+    enough: float | None = None,
+) -> Proposal:
+    """Fit a Student-t distribution, or a mixture of such, to a density in the coordinates φ of one of several charts.
+
+    From one start, the first candidate is the Laplace approximation in φ: mode and curvature of
+    ln p(θ(φ)) + ln |∂θ/∂φ|, which is another than that in θ. Its draws are weighted by p/q, and the t distribution
+    most likely for the weighted draws is the next candidate, a few rounds long (population Monte Carlo). While few
+    draws carry all the weight, a power of the weights below 1 is used, so that the next candidate still spans the
+    space.
+
+    Where one bell is not good in the first chart, and always from several starts, mixtures are fitted in every chart
+    to all weighted draws so far, and the best chart is refined
+    (:func:`jointbayes.sampling.proposal.mixture_search.search`). A wide component goes along that bounds the weights.
+
+    A poor fit is no error: the efficiency says so, and the moves are chosen by it.
+
+    Parameters
+    ----------
+    log_density : callable
+        Log of the unnormalised density over θ, (n, d) array to (n,) array; −inf where the density is zero.
+    charts : sequence of Chart or None
+        Coordinates to try, the likeliest first; None is θ itself.
+    starts : sequence of (theta, covariance)
+        For each mode a point near it, shape (d,), inside the support, and a rough covariance, shape (d, d); the
+        highest first.
+    rng : numpy.random.Generator
+        Source of the draws.
+    enough : float, optional
+        Efficiency at which the fit ends; by default `good_efficiency`. A lower one saves time where a few hundred
+        effective draws will do.
+
+    Returns
+    -------
+    Proposal
+        The best candidate; its components have 5 degrees of freedom.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If there is no chart or no start, the shapes do not fit or a number is not finite, or if the log-density
+        returns NaN or +inf.
+
+    References
+    ----------
+    L. Tierney, J. B. Kadane, Accurate approximations for posterior moments (1986),
+    DOI 10.1080/01621459.1986.10478240.
+    O. Cappé et al., Population Monte Carlo (2004), DOI 10.1198/106186004X12803.
+    O. Cappé et al., Adaptive importance sampling in general mixture classes (2008), section 4 on t distributions,
+    DOI 10.1007/s11222-008-9059-x.
+    E. Koblents, J. Míguez, A population Monte Carlo scheme with transformed weights (2015),
+    DOI 10.1007/s11222-013-9440-2 (the power of the weights).
+    """
+    if not charts or not starts:
+        raise SamplingError(
+            f"proposal: found {len(charts)} charts and {len(starts)} starts; expected at least one of each; name them"
+        )
+    known = [chart or Identity() for chart in charts]
+    target = whitened(log_density, known[0], *starts[0])
+    dimension = len(target.origin)
+    least = good_efficiency(dimension) if enough is None else enough
+    pool = Pool(target.log_density, dimension)
+    fits: list[Fit] = []
+    if len(starts) == 1:
+        rounds = refined_bell(target, *laplace(target), rng, least)
+        best = max(rounds, key=lambda one: one.efficiency)
+        fits.append(Fit(_carried_back(target, best.bell), target.chart, best.efficiency))
+        if best.efficiency > least:
+            return _proposal(fits, target.evaluations)
+        for one in rounds:
+            _remember(pool, target, one)
+    for theta, covariance in starts:
+        roots = covariance_roots(np.asarray(covariance, dtype=float), _LEAST)
+        around = StudentT(np.asarray(theta, dtype=float), _WIDER * roots @ roots.T, DOF)
+        pool.extend(around, Identity(), rng, _SCATTERED)
+        if len(starts) > 1:
+            local = whitened(log_density, known[0], theta, covariance)
+            pool.extend(_carried_back(local, StudentT(*laplace(local), DOF)), known[0], rng, _SCATTERED)
+            target.evaluations += local.evaluations
+    fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng, enough)
+    if not fits:
+        bell = StudentT(*laplace(target), DOF)
+        fits.append(Fit(_carried_back(target, bell), target.chart, 0.0))
+    return _proposal(fits, target.evaluations + pool.evaluations)
+
+
+def _remember(pool: Pool, target: Whitened, one: Round) -> None:
+    """Put the draws of a round in z into the pool."""
+    alive = np.isfinite(one.values)
+    theta, _ = target.chart.inverse(target.origin + one.draws[alive] @ target.factor.T)
+    value = one.values[alive] - target.chart.log_volume(theta)
+    pool.add(_carried_back(target, one.bell), target.chart, theta, value, len(one.draws))
+
+
+def _carried_back(target: Whitened, bell: StudentT) -> StudentT:
+    """Distribution over φ of one over z."""
+    factor = target.factor
+    return StudentT(target.origin + factor @ bell.mean, factor @ bell.scale @ factor.T, bell.dof)
+
+
+def _proposal(fits: list[Fit], evaluations: int) -> Proposal:
+    best = max(fits, key=lambda fit: fit.efficiency)
+    return Proposal(best.density, best.efficiency, evaluations, best.chart)

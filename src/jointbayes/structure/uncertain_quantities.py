@@ -1,0 +1,191 @@
+"""A beam as a recipe: everything its matrices are made from, each quantity open to a factor."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.beam import BeamMaterial, beam
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.mesh import BeamMesh, BeamShape, mesh_through, meshed_beam
+from jointbayes.structure.section import Section
+
+__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "ElementKind", "is_damping_ratio", "is_mode_frequency"]
+
+#: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
+ElementKind = Literal["converged", "paper"]
+
+_HALF_WAVES = 10.0  # along the beam: what a mesh without a stated frequency is made for
+_RICHER = 4  # polynomial orders that a reference has more
+
+#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on.
+STRUCTURE_QUANTITIES = (
+    "youngs_modulus",
+    "density",
+    "length",
+    "section_size",
+    "shear_coefficient",
+    "accelerometer_mass",
+    "damping_ratio",
+    "loss_factor",
+)
+
+
+def is_damping_ratio(name: str) -> bool:
+    """Whether a quantity is the damping ratio of all modes, or of one."""
+    return name == "damping_ratio" or name.startswith("damping_ratio_")
+
+
+def is_mode_frequency(name: str) -> bool:
+    """Whether a quantity is the error of one natural frequency of the assembled structure."""
+    return name.startswith("mode_frequency_")
+
+
+@dataclass(frozen=True, slots=True)
+class BeamRecipe:
+    """What a uniform straight beam is made from, see `jointbayes.structure.beam`.
+
+    Parameters
+    ----------
+    length
+        Length, m.
+    section, material, damping
+        Cross-section, material and damping law.
+    elements
+        Equal spans between the numbered points 1 to elements + 1; with the paper's element also the finite elements.
+    dofs_per_node, shear_coefficient
+        As for `beam`; None takes Cowper's κ.
+    supports
+        DOFs held fixed.
+    accelerometer_mass
+        Mass of each accelerometer, kg.
+    accelerometer_dofs
+        Where one sits: its mass moves in all translations of the node of each of these DOFs that is a translation.
+    element
+        How it is discretised.
+    richer
+        Whether elements are four orders richer than it takes: a reference for others. No matter to the paper's element.
+    """
+
+    length: float
+    section: Section
+    material: BeamMaterial
+    damping: DampingLaw
+    elements: int = 10
+    dofs_per_node: Literal[2, 5] = 2
+    shear_coefficient: float | None = None
+    supports: tuple[str, ...] = ()
+    accelerometer_mass: float = 0.0
+    accelerometer_dofs: tuple[str, ...] = ()
+    element: ElementKind = "converged"
+    richer: bool = False
+
+    @property
+    def shape(self) -> BeamShape:
+        """Length, section and material."""
+        return BeamShape(self.length, self.section, self.material, self.shear_coefficient)
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> BeamMesh | None:
+        """Elements that are exact up to a frequency and end where something acts or is observed.
+
+        Parameters
+        ----------
+        dofs
+            Labels of such DOFs, beside supports and accelerometers; None takes all points.
+        top_hz
+            Highest frequency, Hz; None that of ten half waves along the beam.
+
+        Returns
+        -------
+        BeamMesh, or None for the paper's element
+
+        Raises
+        ------
+        ModelError
+            If the frequency is too high for the beam.
+        """
+        if self.element == "paper":
+            return None
+        if dofs is None:
+            numbers = set(range(1, self.elements + 2))
+        else:
+            labels = (*dofs, *self.supports, *self.accelerometer_dofs)
+            numbers = {int(label.split(":")[0]) for label in labels} & set(range(1, self.elements + 2))
+        top = self.shape.bending_frequency_hz(_HALF_WAVES) if top_hz is None else top_hz
+        extra = _RICHER if self.richer else 0
+        return mesh_through(self.shape, self.elements + 1, numbers, top, self.dofs_per_node, extra)
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: BeamMesh | None = None) -> Structure:
+        """Assemble the beam with its quantities multiplied by factors, 1 where none is given.
+
+        Parameters
+        ----------
+        factors
+            By name, see `STRUCTURE_QUANTITIES`. ``section_size`` multiplies every dimension of the section,
+            ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode. Errors of natural frequencies,
+            ``mode_frequency_1`` and so on, are those of the assembled structure, and change nothing here.
+        mesh
+            Elements, as `mesh` gives them; None takes those through all points.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown or a quantity becomes impossible.
+        """
+        given = dict(factors or {})
+        for name in given:
+            if name not in STRUCTURE_QUANTITIES and not (is_damping_ratio(name) or is_mode_frequency(name)):
+                raise ModelError(
+                    f"beam: found uncertain quantity {name!r}; expected one of {', '.join(STRUCTURE_QUANTITIES)}"
+                )
+        material = replace(
+            self.material,
+            youngs_modulus=self.material.youngs_modulus * given.get("youngs_modulus", 1.0),
+            density=self.material.density * given.get("density", 1.0),
+        )
+        shear = given.get("shear_coefficient", 1.0)
+        section = self.section.scaled(given.get("section_size", 1.0), shear)
+        kappa = None if self.shear_coefficient is None else self.shear_coefficient * shear
+        length, damping = self.length * given.get("length", 1.0), _damping(self.damping, given)
+        mesh = mesh or self.mesh()
+        if mesh is None:
+            free = beam(
+                length,
+                section,
+                material,
+                damping,
+                elements=self.elements,
+                dofs_per_node=self.dofs_per_node,
+                shear_coefficient=kappa,
+            )
+        else:
+            free = meshed_beam(BeamShape(length, section, material, kappa), damping, mesh, self.dofs_per_node)
+        loaded = self._loaded(free, self.accelerometer_mass * given.get("accelerometer_mass", 1.0))
+        return loaded.fixed(self.supports) if self.supports else loaded
+
+    def _loaded(self, free: Structure, mass: float) -> Structure:
+        if mass < 0:
+            raise ModelError(f"accelerometer: found a mass of {mass:g} kg; expected 0 or more; correct it")
+        if mass == 0 or not self.accelerometer_dofs:
+            return free
+        total = free.mass.copy()
+        nodes = {dof.split(":")[0] for dof in self.accelerometer_dofs if ":r" not in dof}
+        at = [i for i, dof in enumerate(free.dofs) if dof.split(":")[0] in nodes and ":r" not in dof]
+        total[at, at] += mass
+        return replace(free, mass=total)
+
+
+def _damping(law: DampingLaw, factors: Mapping[str, float]) -> DampingLaw:
+    match law:
+        case ModalDamping():
+            each = np.array(law.ratios) * factors.get("damping_ratio", 1.0)
+            for i in range(each.size):
+                each[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)
+            return ModalDamping(tuple(each.tolist()))
+        case LossFactor():
+            return LossFactor(law.loss_factor * factors.get("loss_factor", 1.0))
+        case Rayleigh():
+            return law

@@ -1,0 +1,189 @@
+"""Which joint, and which case, explains the data best: the evidence of each hypothesis."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.case.case import Case
+from jointbayes.errors import CaseError, JointBayesError, ModelError
+from jointbayes.inference import JointPrior, Problem
+from jointbayes.inference.likelihood import FrfLikelihood
+from jointbayes.joint import PlainSprings
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior import data_sha256
+from jointbayes.posterior.evidence import evidence
+from jointbayes.sampling import Start
+from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_out
+from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
+from jointbayes.workflow import charts, find_map, starts_of
+
+__all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "under"]
+
+Array = NDArray[np.float64]
+
+#: Springs that yield under each hypothesis; None is the case's own joint with coupling.
+HYPOTHESES: dict[str, tuple[str, ...] | None] = {
+    "rigid": (),
+    "translation": ("k11",),
+    "rotation": ("k22",),
+    "springs": ("k11", "k22"),
+    "full": None,
+}
+
+_KEPT = 2000  # posterior draws, for what the evidence does not need
+_EDGE = 0.05  # of a prior's interval
+_PILED = 2.0  # times the prior's probability in that strip
+
+
+def under(problem: Problem, hypothesis: str) -> Problem:
+    """The problem with the joint that a hypothesis allows; priors of what stays free are as they were.
+
+    Parameters
+    ----------
+    problem
+        Problem with the full joint.
+    hypothesis
+        One of `HYPOTHESES`.
+
+    Raises
+    ------
+    ModelError
+        If there is no such hypothesis.
+    """
+    if hypothesis not in HYPOTHESES:
+        raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
+    springs = HYPOTHESES[hypothesis]
+    if springs is None:
+        return problem
+    known = dict(zip(problem.parametrisation.names, problem.prior.marginals, strict=True))
+    marginals = tuple(known[name] for name in springs)
+    return replace(problem, prior=replace(problem.prior, parametrisation=PlainSprings(springs), marginals=marginals))
+
+
+def compare(
+    cases: Sequence[Case], seed: int | None = None, progress: Callable[[str], None] | None = None
+) -> Comparison:
+    """Weigh the hypotheses of cases that hold the same data against each other.
+
+    Parameters
+    ----------
+    cases
+        Cases, each with its list of hypotheses.
+    seed
+        Seed of all random numbers; by default the first case's.
+    progress
+        Told which candidate is next.
+
+    Returns
+    -------
+    Comparison
+        ``.best``, ``.verdict``, ``.candidates``, ``.summary()``.
+
+    Raises
+    ------
+    CaseError
+        If there is no case, two have the same name, or they do not hold the same data.
+
+    References
+    ----------
+    Kass, R. E., Raftery, A. E. (1995). Bayes factors. Journal of the American Statistical Association 90(430),
+    773-795. DOI 10.1080/01621459.1995.10476572
+    """
+    require_same_data(cases)
+    seed = cases[0].spec.sampling.seed if seed is None else seed
+    candidates = []
+    for case in cases:
+        for hypothesis in case.spec.compare.hypotheses:
+            if progress is not None:
+                progress(f"{hypothesis} in {case.name}")
+            try:
+                candidates.append(_candidate(case, hypothesis, seed))
+            except CaseError:
+                raise
+            except JointBayesError as error:
+                raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
+    return Comparison(tuple(candidates), seed, data_sha256(cases[0].problem.measurement))
+
+
+def require_same_data(cases: Sequence[Case]) -> None:
+    """Refuse cases whose evidences could not be compared.
+
+    Raises
+    ------
+    CaseError
+        If there is no case, two have the same name, or they do not hold the same data.
+    """
+    if not cases:
+        raise CaseError("compare: found no case; expected one or more; name them")
+    names = [case.name for case in cases]
+    for i, case in enumerate(cases):
+        if case.name in names[:i]:
+            raise CaseError(f"compare: found two cases named {case.name}; expected each once; rename one of the files")
+        if _data_of(case.problem) != _data_of(cases[0].problem):
+            raise CaseError(
+                f"compare: found other data in {case.name} than in {cases[0].name}; expected the same, because "
+                "evidences of different data cannot be compared; give both the same [data]"
+            )
+
+
+def _data_of(problem: Problem) -> tuple[object, ...]:
+    measured = problem.measurement
+    if not isinstance(measured, FrfMeasurement):
+        return (data_sha256(measured),)
+    frf = measured.frf
+    return data_sha256(measured), frf.outputs, frf.inputs, frf.quantity, problem.residual_kind
+
+
+def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
+    # one stream for each candidate, whatever else is compared
+    key = [seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)]
+    rng = np.random.default_rng(key)
+    problem = under(case.problem, hypothesis)
+    log_posterior = problem.log_posterior
+    starts: tuple[Start, ...] = ()
+    mode = np.empty(0)
+    if problem.names:
+        estimate = find_map(replace(case, problem=problem), seed=seed)
+        starts, mode = starts_of(estimate), estimate.theta
+    found = evidence(log_posterior, charts(problem), starts, rng)
+    if not np.isfinite(found.log_z):
+        raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
+    draws = np.empty((_KEPT, 0)) if found.draws is None else found.draws.resample(rng, _KEPT)
+    efficiency = 1.0 if found.draws is None else min(1.0, found.ess / _KEPT)
+    loo, note = _cross_validated(problem, draws, efficiency)
+    return Candidate(
+        case.name,
+        case.title,
+        hypothesis,
+        problem.names,
+        problem.prior.stiffness(mode),
+        found,
+        _piled_up(problem.prior, draws),
+        loo,
+        note,
+    )
+
+
+def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple[LeaveOneOut | None, str]:
+    likelihood = problem.log_posterior.likelihood
+    if isinstance(likelihood, FrfLikelihood) and "discrepancy_scale" in problem.names:
+        return None, "left out: the noise model correlates the residuals"
+    try:
+        return leave_one_out(problem, draws, efficiency), ""
+    except ModelError as error:
+        return None, f"left out: {error}"
+
+
+def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
+    """Edges with more than twice the probability nearby that the prior has there."""
+    low, high = prior.support
+    found = []
+    for i, (name, marginal) in enumerate(zip(prior.names, prior.all_marginals, strict=True)):
+        if not np.isfinite(marginal.support).all():
+            continue
+        place = (draws[:, i] - low[i]) / (high[i] - low[i])
+        shares = {"low": float((place < _EDGE).mean()), "high": float((place > 1 - _EDGE).mean())}
+        found += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * _EDGE]
+    return tuple(found)

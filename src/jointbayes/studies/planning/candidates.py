@@ -1,0 +1,217 @@
+"""Further measurements that could be made, as data of the model itself: what they would show, and how noisy."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import FrfSet, Ports, Quantity, quantity_factor, receptance_model
+from jointbayes.inference import Problem
+from jointbayes.inference.likelihood import FrfLikelihood
+from jointbayes.inference.noise.models import CorrelatedNoise, GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrfMeasurement, RelativeNoise
+from jointbayes.structure import Structure, StructureFamily
+
+__all__ = ["Candidate", "CandidateKind", "StatedVariance", "VarianceLaw", "estimated_law", "present", "repeated"]
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+CandidateKind = Literal["accelerometer", "hammer", "pair", "averages", "band", "mass"]
+
+#: Part of the largest FRF below which a value counts as zero noise in the estimate of a law: rounding.
+_TINY = 1e-12
+
+
+class VarianceLaw(Protocol):
+    """How noisy FRFs will be: that of the case (`NoiseLaw`), or one estimated from a measurement."""
+
+    def variance(self, values: ComplexArray) -> Array:
+        """σ² = E|δH|², shape as `values` (lines, outputs, inputs)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedVariance:
+    """The variance that a measurement states, whatever the FRF: for one that is to be repeated.
+
+    Parameters
+    ----------
+    stated
+        σ², shape (lines, outputs, inputs).
+    """
+
+    stated: Array
+
+    def variance(self, values: ComplexArray) -> Array:
+        """The stated variance; `values` must have its shape."""
+        if values.shape != self.stated.shape:
+            raise ModelError(f"repeated measurement: found FRFs {values.shape}; expected {self.stated.shape}")
+        return self.stated
+
+
+def estimated_law(measurement: FrfMeasurement) -> RelativeNoise:
+    """Relative noise and floor that come nearest to a measurement's own variance, for DOFs that it does not have.
+
+    The standard deviation of a part is fitted as a|H| + b·median|H| with a, b ≥ 0, relative deviations squared.
+    Exact where the variance was made so from an FRF without noise.
+    """
+    magnitude = np.abs(measurement.frf.values)
+    sd = np.sqrt(measurement.variance / 2)
+    floor = np.broadcast_to(np.median(magnitude, axis=0), magnitude.shape)
+    terms = np.stack([magnitude / sd, floor / sd], axis=-1).reshape(-1, 2)
+    (relative, share), _ = optimize.nnls(terms, np.ones(len(terms)))
+    return RelativeNoise(max(float(relative), _TINY), float(share))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A further measurement, independent of the present one and of each other candidate, given the parameters.
+
+    Parameters
+    ----------
+    name
+        Short: ``"6:y"``, ``"hammer 6:y"``, ``"4 x averages"``.
+    kind
+        What is changed.
+    words
+        For a sentence: ``"an accelerometer at mid-span (6:y)"``.
+    structure, family
+        What is measured, without the joint; as of `Problem`. They differ from the present ones by added masses.
+    ports
+        Lines, outputs and inputs.
+    quantity
+        Receptance, mobility or accelerance.
+    law
+        Noise.
+    above_hz
+        Only lines above this frequency are new; the noise law sees all lines, since its floor is relative to their
+        median.
+    position
+        Where on the structure: ``"191.5 mm"``; empty where nothing is placed.
+    """
+
+    name: str
+    kind: CandidateKind
+    words: str
+    structure: Structure
+    family: StructureFamily | None
+    ports: Ports
+    quantity: Quantity
+    law: VarianceLaw
+    above_hz: float = 0.0
+    position: str = ""
+
+    def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
+        """The candidate measured where θ, shape (d,), is the truth: a problem over the same parameters.
+
+        Parameters
+        ----------
+        problem
+            The present problem, whose prior and noise model hold for the candidate as well.
+        theta
+            Truth, shape (d,), the parameters of the noise included.
+        rng
+            Source of the noise; None leaves the FRFs exact, with their variance still stated.
+        """
+        point = np.asarray(theta, dtype=float)
+        prior = problem.prior
+        factors = prior.factors(point)
+        model = receptance_model(self.structure if self.family is None else self.family, problem.joint, self.ports)
+        true = model.receptance(joint_matrix(prior.stiffness(point)), problem.structural(factors))[0]
+        names = [n.name for n in prior.nuisances]
+        gain = float(factors[names.index("gain")]) if "gain" in names else 1.0
+        true = gain * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
+        kept = self.ports.frequency_hz > self.above_hz
+        lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
+        if rng is not None:
+            values = values - np.sqrt(variance) * _noise(problem, point, lines, variance.shape, rng)
+        frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
+        return replace(
+            problem,
+            structure=self.structure,
+            family=self.family,
+            measurement=FrfMeasurement(frf, variance, synthetic=True),
+            noise=_on_lines(problem.noise, lines),
+        )
+
+
+def present(problem: Problem) -> FrfMeasurement:
+    """The present measurement.
+
+    Raises
+    ------
+    ModelError
+        If it is not one of FRFs.
+    """
+    if not isinstance(problem.measurement, FrfMeasurement):
+        raise ModelError("planning: found natural frequencies; expected FRFs, whose lines and noise a plan can vary")
+    return problem.measurement
+
+
+def repeated(problem: Problem, averages_factor: float) -> Candidate:
+    """The present measurement with so many times the averages, as what is added to it.
+
+    Averages of n of which one part is in hand: the new part alone has the variance σ²/(factor − 1).
+
+    Raises
+    ------
+    ModelError
+        If the factor is not above 1, the data are natural frequencies, or a model discrepancy is inferred: averaging
+        takes noise away, not model error.
+    """
+    measured = present(problem)
+    if not 1 < averages_factor < math.inf:
+        raise ModelError(f"planning: found {averages_factor:g} times the averages; expected a number above 1")
+    if isinstance(problem.noise, CorrelatedNoise):
+        raise ModelError("planning: found an inferred discrepancy; expected none, since averages do not reduce it")
+    frf = measured.frf
+    return Candidate(
+        f"{averages_factor:g} × averages",
+        "averages",
+        f"{averages_factor:g} times the averages",
+        problem.structure,
+        problem.family,
+        Ports(frf.frequency_hz, frf.outputs, frf.inputs),
+        frf.quantity,
+        StatedVariance(measured.variance / (averages_factor - 1)),
+    )
+
+
+def _on_lines(noise: NoiseModel | None, frequency_hz: Array) -> NoiseModel | None:
+    """The noise model for other lines."""
+    if isinstance(noise, CorrelatedNoise):
+        return CorrelatedNoise(noise.parts, frequency_hz, noise.scaled)
+    return noise
+
+
+def _noise(
+    problem: Problem, theta: Array, lines: Array, shape: Sequence[int], rng: np.random.Generator
+) -> NDArray[np.complex128]:
+    """Standardised complex residuals that the noise model expects at θ, shape (lines, outputs, inputs)."""
+    noise, hyper = _replicating(problem, theta)
+    on_lines = _on_lines(noise, lines)
+    assert on_lines is not None
+    drawn = on_lines.draw(rng, hyper[None], shape[0], math.prod(shape[1:]))
+    residual: ComplexArray = drawn[0].reshape(shape)
+    return residual
+
+
+def _replicating(problem: Problem, theta: Array) -> tuple[NoiseModel, Array]:
+    """Complex noise model and its parameters at θ; a scale that is integrated out is what the present data say."""
+    likelihood = problem.log_posterior.likelihood
+    assert isinstance(likelihood, FrfLikelihood)
+    factors = problem.prior.factors(theta)
+    noise = likelihood.noise
+    if isinstance(noise, IntegratedScale):
+        z = likelihood.standardised(joint_matrix(problem.prior.stiffness(theta))[None], factors[None])
+        scale = noise.typical_scale(float((np.abs(z) ** 2).sum()), likelihood.n_data)
+        return ScaledNoise(2), np.array([scale])
+    # noise is made in both parts even where only the magnitude is looked at
+    both = GaussianNoise(2) if isinstance(noise, GaussianNoise) else replace(noise, parts=2)
+    return both, likelihood.hyper(factors)[0]

@@ -1,0 +1,272 @@
+"""The further measurements that a case could be given, from its `[plan]` table."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.case.build import beam_recipe, family_of, noise_law
+from jointbayes.case.case import Case
+from jointbayes.case.schema import case as schema
+from jointbayes.errors import CaseError
+from jointbayes.frf import Ports
+from jointbayes.inference import CorrelatedNoise
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.structure import BeamFamily, BeamRecipe, Discretisation, FreeModes, Structure
+from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
+
+__all__ = ["HeavierFamily", "candidates_of"]
+
+Array = NDArray[np.float64]
+_G = 1e-3
+
+
+def candidates_of(case: Case) -> tuple[Candidate, ...]:
+    """All single candidates of a case, in the order in which its plan names them.
+
+    Each DOF that could be measured and is not, with the present inputs; each that could be excited and is not, with
+    the present outputs; both new at once where the plan names inputs; more averages; a wider band; an added mass. A
+    pair of DOFs that by reciprocity says what an earlier candidate says is left out where no accelerometer has mass.
+
+    Raises
+    ------
+    CaseError
+        If the data are natural frequencies.
+    """
+    if not isinstance(case.problem.measurement, FrfMeasurement):
+        raise CaseError(
+            f"{case.name}: found natural frequencies as data; a plan expects FRFs, whose noise and band it can vary; "
+            'write [data] with kind = "synthetic_frf" or "measured_frf"'
+        )
+    return _Maker(case, case.problem.measurement).all()
+
+
+class _Maker:
+    """Makes candidates from one case; noise at other DOFs is as stated, or like that of the measured FRFs."""
+
+    def __init__(self, case: Case, measurement: FrfMeasurement) -> None:
+        data = case.spec.data
+        self._case, self._data, self._spec = case, measurement.frf, case.spec
+        self._recipe = beam_recipe(case.spec.structure, data, case.provenance.loaded if case.provenance else None)
+        self._law: VarianceLaw = estimated_law(measurement)
+        self._step_hz: float | None = None
+        if isinstance(data, schema.SyntheticFrfSpec):
+            self._law, self._step_hz = noise_law(data.noise), data.f_step_hz
+        self._lines = measurement.frf.frequency_hz
+
+    def all(self) -> tuple[Candidate, ...]:
+        seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
+        found: list[Candidate] = []
+        for candidate in self._at_dofs():
+            ports = candidate.ports
+            pairs = {frozenset((o, i)) for o in ports.outputs for i in ports.inputs}
+            if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
+                found.append(candidate)
+                seen |= pairs
+        if not isinstance(self._case.problem.noise, CorrelatedNoise):  # model error does not average out
+            found.append(repeated(self._case.problem, self._spec.plan.averages_factor))
+        return (*found, *self._band(), *self._mass())
+
+    def _at_dofs(self) -> Iterator[Candidate]:
+        here, struck = self._data.outputs, self._data.inputs
+        new_outputs = [dof for dof in self._spec.plan_outputs if dof not in here]
+        new_inputs = [dof for dof in self._spec.plan_inputs if dof not in struck]
+        for dof in new_outputs:
+            yield self._measured(dof, "accelerometer", self._sensor(dof), (dof,), struck)
+        for dof in new_inputs:
+            yield self._measured(f"hammer {dof}", "hammer", self._hammer(dof), here, (dof,))
+        for out in new_outputs:
+            for dof in new_inputs:
+                words = f"{self._sensor(out)} with {self._hammer(dof)}"
+                yield self._measured(f"{out} / hammer {dof}", "pair", words, (out,), (dof,))
+
+    def _measured(
+        self, name: str, kind: CandidateKind, words: str, outputs: tuple[str, ...], inputs: tuple[str, ...]
+    ) -> Candidate:
+        """A candidate at other DOFs; a new accelerometer's mass is on the structure beside that of the present ones."""
+        loaded = self._recipe.accelerometer_dofs + tuple(
+            dof for dof in outputs if dof not in self._recipe.accelerometer_dofs
+        )
+        recipe = replace(self._recipe, accelerometer_dofs=loaded)
+        problem = self._case.problem
+        structure, family = problem.structure, problem.family
+        if recipe.accelerometer_mass > 0 and kind != "hammer":
+            structure, family = recipe.structure(), family_of(recipe, problem.prior)
+        ports = Ports(self._lines, outputs, inputs)
+        placed = (outputs if kind != "hammer" else ()) + (inputs if kind != "accelerometer" else ())
+        where = self._positions(placed)
+        return Candidate(name, kind, words, structure, family, ports, self._data.quantity, self._law, position=where)
+
+    def _band(self) -> Iterator[Candidate]:
+        top, data, problem = self._spec.plan.f_max_hz, self._data, self._case.problem
+        if top is None or self._step_hz is None:
+            return
+        steps = math.floor((top - float(self._lines[0])) / self._step_hz + 1e-9)
+        lines: Array = float(self._lines[0]) + self._step_hz * np.arange(steps + 1, dtype=float)
+        if lines[-1] <= self._lines[-1]:
+            return
+        yield Candidate(
+            f"band to {top:g} Hz",
+            "band",
+            f"a band up to {top:g} Hz",
+            problem.structure,
+            problem.family,
+            Ports(lines, data.outputs, data.inputs),
+            data.quantity,
+            self._law,
+            above_hz=float(self._lines[-1]),
+        )
+
+    def _mass(self) -> Iterator[Candidate]:
+        grams = self._spec.plan.added_mass_g
+        translations = tuple(dof for dof in self._data.outputs if ":r" not in dof)
+        if grams is None or not translations:
+            return
+        heavier, data, problem = _heavier(self._recipe, grams * _G), self._data, self._case.problem
+        uncertain = problem.structures.names
+        ranges = {n.name: n.range for n in problem.prior.nuisances if n.name in uncertain}
+        yield Candidate(
+            f"+{grams:g} g",
+            "mass",
+            f"a mass of {grams:g} g at {' and '.join(translations)}",
+            heavier.structure(),
+            HeavierFamily.of(self._recipe, grams * _G, ranges),
+            Ports(self._lines, data.outputs, data.inputs),
+            data.quantity,
+            self._law,
+            position=self._positions(translations),
+        )
+
+    def _positions(self, dofs: tuple[str, ...]) -> str:
+        """Where nodes are along the beam, each place once."""
+        spec = self._spec.structure
+        shares = dict.fromkeys((int(dof.split(":")[0]) - 1) / spec.elements for dof in dofs)
+        return " / ".join(f"{spec.length_mm * share:.4g} mm" for share in shares)
+
+    def _sensor(self, dof: str) -> str:
+        kind = "a rotational accelerometer" if ":r" in dof else "an accelerometer"
+        return f"{kind} {self._place(dof)} ({dof}, {self._positions((dof,))})"
+
+    def _hammer(self, dof: str) -> str:
+        return f"{'a moment' if ':r' in dof else 'a hammer'} {self._place(dof)} ({dof}, {self._positions((dof,))})"
+
+    def _place(self, dof: str) -> str:
+        """Where a node is, in words."""
+        spec = self._spec.structure
+        nodes = {int(label.split(":")[0]) for label in self._spec.joint.dofs + self._spec.joint.against}
+        node = int(dof.split(":")[0])
+        share = (node - 1) / spec.elements
+        if node in nodes:
+            return "at the joint"
+        if share in (0.0, 1.0) and nodes <= {1, spec.nodes} and len(nodes) == 1:
+            return "at the tip"
+        return "at mid-span" if share == 0.5 else "on the beam"
+
+
+def _heavier(recipe: BeamRecipe, mass: float) -> BeamRecipe:
+    """The beam with a further mass at each measured translation."""
+    return replace(recipe, accelerometer_mass=recipe.accelerometer_mass + mass)
+
+
+class HeavierFamily:
+    """A family of beams with a mass, exactly known, added to each accelerometer.
+
+    Parameters
+    ----------
+    beams
+        The beams with that mass, their factor of ``accelerometer_mass`` that on accelerometer and added mass together.
+    own, added
+        Mass of each accelerometer, and mass added at each measured translation, kg.
+    """
+
+    def __init__(self, beams: BeamFamily, own: float, added: float) -> None:
+        self._family, self._own, self._added = beams, own, added
+        self.names = beams.names
+        self._at = self.names.index("accelerometer_mass") if "accelerometer_mass" in self.names else None
+
+    @classmethod
+    def of(cls, recipe: BeamRecipe, added: float, ranges: Mapping[str, tuple[float, float]]) -> Self:
+        """From the beam without that mass.
+
+        Parameters
+        ----------
+        recipe
+            The beam without that mass.
+        added
+            Mass added at each measured translation, kg.
+        ranges
+            Smallest and largest logarithm of the factor by uncertain quantity, as for `BeamFamily`; the factor of
+            ``accelerometer_mass`` is that on the accelerometer alone.
+        """
+        own, turned = recipe.accelerometer_mass, dict(ranges)
+        if "accelerometer_mass" in turned:
+            low, high = np.log(_total(np.exp(turned["accelerometer_mass"]), own, added))
+            turned["accelerometer_mass"] = float(low), float(high)
+        return cls(BeamFamily(_heavier(recipe, added), turned), own, added)
+
+    @property
+    def nominal(self) -> Structure:
+        """Beam at all factors 1."""
+        return self._family.nominal
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """Elements."""
+        return self._family.discretisation
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same beams, exact at these DOFs up to this frequency."""
+        return type(self)(self._family.at(dofs, top_hz), self._own, self._added)
+
+    def reference(self, *, solved: bool = True) -> Self:
+        """The same beams on a much richer mesh."""
+        return type(self)(self._family.reference(solved=solved), self._own, self._added)
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz."""
+        return self._family.reach_hz(count)
+
+    def _turned(self, factors: Array) -> Array:
+        if self._at is None or factors.shape[-1] == 0:
+            return factors
+        turned = np.array(factors, dtype=float)
+        turned[..., self._at] = _total(turned[..., self._at], self._own, self._added)
+        return turned
+
+    def structure(self, factors: Array) -> Structure:
+        """Beam at factors (q,), assembled anew."""
+        return self._family.structure(self._turned(np.asarray(factors, dtype=float)))
+
+    def free_modes(self, motions: Array) -> FreeModes:
+        """Modes without the joint as functions of the factors."""
+        return _TurnedModes(self._family.free_modes(motions), self)
+
+    def damping_ratios(self, factors: Array) -> Array:
+        """Damping ratio of every mode, shape (n, m)."""
+        return self._family.damping_ratios(self._turned(factors))
+
+    def loss_factors(self, factors: Array) -> Array:
+        """Loss factor, shape (n,)."""
+        return self._family.loss_factors(self._turned(factors))
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """True over predicted natural frequency of the first modes, shape (n, c)."""
+        return self._family.frequency_factors(self._turned(factors))
+
+
+class _TurnedModes:
+    """Free modes at the factors that a heavier family hands on."""
+
+    def __init__(self, modes: FreeModes, family: HeavierFamily) -> None:
+        self._modes, self._family = modes, family
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        return self._modes(self._family._turned(factors))
+
+
+def _total(factor: Array, own: float, added: float) -> Array:
+    """Factor on accelerometer and added mass together, from that on the accelerometer alone."""
+    return (own * factor + added) / (own + added)

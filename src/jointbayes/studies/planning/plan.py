@@ -1,0 +1,364 @@
+"""What to measure next: the plan of a case, ranked by simulated measurements."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.case.case import Case
+from jointbayes.errors import CaseError
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.information.directions import spread_in_words
+from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.case_candidates import candidates_of
+from jointbayes.studies.planning.first_look import FirstLook, Linearised, sets_of, worth_simulating
+from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
+from jointbayes.studies.planning.simulation import Simulator, assumed_truth
+from jointbayes.workflow import charts, sample
+
+__all__ = ["Plan", "PlannedMeasurement", "plan"]
+
+Array = NDArray[np.float64]
+Names = tuple[str, ...]
+
+#: Simulated truths of each candidate, and of those few that could still come first after that.
+FIRST, ALL = 9, 19
+#: So many of those that could still come first are simulated further.
+MOST_AGAIN = 3
+#: So many candidates are simulated whatever the first look says of them; of sets of several, so many at most.
+MOST_SINGLES, MOST_SETS = 12, 8
+#: A measurement helps if it leaves at most this share of the present standard deviation, in the median.
+HELPS = 0.9
+#: Another is about as good as the first if it did better for at least this share of the truths.
+AS_GOOD = 1 / 3
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMeasurement:
+    """A candidate, or a set of them, and what is forecast of it.
+
+    Parameters
+    ----------
+    candidates
+        The measurements to be made together.
+    linearised
+        First look by Fisher information about draws of the present posterior.
+    simulation
+        What simulated measurements say; None where none was made.
+    """
+
+    candidates: tuple[Candidate, ...]
+    linearised: Linearised
+    simulation: Simulation | None = None
+
+    @property
+    def names(self) -> Names:
+        """Names of the candidates."""
+        return tuple(one.name for one in self.candidates)
+
+    @property
+    def label(self) -> str:
+        """The names in one."""
+        return " + ".join(self.names)
+
+    @property
+    def words(self) -> str:
+        """The candidates for a sentence."""
+        words = [one.words for one in self.candidates]
+        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+    @property
+    def ranked(self) -> bool:
+        """Whether simulations stand behind it, so that it may be recommended."""
+        return self.simulation is not None and self.simulation.valid
+
+    @property
+    def sd_after(self) -> float:
+        """Median simulated standard deviation; NaN where it is not ranked."""
+        return self.simulation.median if self.simulation is not None and self.simulation.valid else math.nan
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of `plan.json`."""
+        low, high = self.linearised.ends
+        return {
+            "names": list(self.names),
+            "words": self.words,
+            "positions": [one.position for one in self.candidates],
+            "simulated": None if self.simulation is None else _simulated(self.simulation),
+            "linearised": {"median": _finite(self.linearised.median), "range": [_finite(low), _finite(high)]},
+        }
+
+
+def _simulated(one: Simulation) -> dict[str, Any]:
+    return {
+        "valid": one.valid,
+        "sd_median": _finite(one.median),
+        "sd_range80": [_finite(end) for end in one.range80],
+        "sds": [_finite(sd) for sd in one.sds.tolist()],
+        "verdict": one.verdict if one.found else None,
+        "verdict_count": one.agreeing if one.found else 0,
+        "truths": len(one.posteriors),
+        "lost": one.lost,
+        "reweighted": one.reweighted,
+        "least_effective": min((found.effective for found in one.found), default=None),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Further measurements of a case, ranked by simulation.
+
+    Parameters
+    ----------
+    case_name, title
+        Of the case.
+    seed
+        Seed of the one random generator.
+    parameter
+        The stiffness to be known best.
+    now
+        What the present posterior says of it.
+    measurements
+        Candidates and sets: simulated ones first, by their median standard deviation; then the others, by their
+        linearised one.
+    converged, reason
+        Whether the sampler of the present posterior converged, and why it stopped.
+    assumed
+        Whether the joint of the simulated measurements was stated, rather than drawn from the present posterior.
+    left_out
+        Sets that could come first by their linearised range and were not simulated, for there are too many.
+    """
+
+    case_name: str
+    title: str
+    seed: int
+    parameter: str
+    now: SimulatedPosterior
+    measurements: tuple[PlannedMeasurement, ...]
+    converged: bool
+    reason: str
+    assumed: bool = False
+    left_out: int = 0
+
+    @property
+    def ranked(self) -> tuple[PlannedMeasurement, ...]:
+        """Measurements with simulations behind them, the best first."""
+        return tuple(one for one in self.measurements if one.ranked)
+
+    @property
+    def recommended(self) -> PlannedMeasurement | None:
+        """The measurement to make next.
+
+        That of the least median simulated standard deviation, if it leaves at most nine tenths of the present one.
+        None if no simulation stands behind any, or if the present posterior had not converged.
+        """
+        best = next(iter(self.ranked), None)
+        if best is None or not self.converged or best.sd_after > HELPS * self.now.sd:
+            return None
+        return best
+
+    @property
+    def as_good(self) -> tuple[PlannedMeasurement, ...]:
+        """Measurements that did better than the recommended one for a third of the same truths or more."""
+        best = self.recommended
+        if best is None:
+            return ()
+        return tuple(one for one in self.ranked[1:] if _share_better(one, best) >= AS_GOOD)
+
+    @property
+    def sentence(self) -> str:
+        """The recommendation in plain words."""
+        if not self.converged:
+            return f"No recommendation: the draws of the present posterior have not converged ({self.reason})."
+        if not self.ranked:
+            return "No recommendation: no measurement was simulated with success."
+        best = self.recommended
+        now = f"{spread_in_words(self.now.sd)} ({self.now.verdict})"
+        if best is None:
+            first = self.ranked[0]
+            return (
+                f"None of the {len(self.ranked)} simulated measurements makes {self.parameter} much better known than "
+                f"it is now, to {now}: the best, {first.words}, would leave {spread_in_words(first.sd_after)}."
+            )
+        assert best.simulation is not None
+        low, high = best.simulation.range80
+        said = (
+            f"Measure next: {best.words}. It is expected to make {self.parameter} known to "
+            f"{spread_in_words(best.sd_after)} ({best.simulation.verdict}); now it is known to {now}. In 80 % of "
+            f"simulated measurements: {spread_in_words(low)} to {spread_in_words(high)}."
+        )
+        others = ", ".join(one.words for one in self.as_good)
+        return f"{said} About as good: {others}." if others else said
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader must know to trust the plan."""
+        found = []
+        if self.assumed:
+            found.append("The measurements were simulated for a stated joint, not for what the present data allow.")
+        lost = [one.label for one in self.measurements if one.simulation is not None and not one.simulation.valid]
+        if lost:
+            found.append(f"Too many simulated posteriors were not found, so these are not ranked: {', '.join(lost)}.")
+        if self.left_out:
+            found.append(
+                f"{self.left_out} further sets could come first by the linearised first look and were not simulated."
+            )
+        return tuple(found)
+
+    def summary(self) -> dict[str, Any]:
+        """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
+        best = self.recommended
+        return {
+            "schema_version": 2,
+            "case": self.case_name,
+            "title": self.title,
+            "seed": self.seed,
+            "parameter": self.parameter,
+            "assumed": self.assumed,
+            "converged": self.converged,
+            "reason": self.reason,
+            "now": {"sd": _finite(self.now.sd), "verdict": self.now.verdict},
+            "measurements": [one.as_json() for one in self.measurements],
+            "recommended": None if best is None else list(best.names),
+            "as_good": [list(one.names) for one in self.as_good],
+            "sentence": self.sentence,
+            "notes": list(self.notes),
+        }
+
+
+def _share_better(one: PlannedMeasurement, best: PlannedMeasurement) -> float:
+    """Share of the truths that both were simulated for in which the first leaves less than the second."""
+    assert one.simulation is not None
+    assert best.simulation is not None
+    count = min(len(one.simulation.sds), len(best.simulation.sds))
+    mine, other = one.simulation.sds[:count], best.simulation.sds[:count]
+    both = np.isfinite(mine) & np.isfinite(other)
+    return float((mine < other)[both].mean()) if both.any() else 0.0
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def plan(
+    case: Case,
+    posterior: Posterior | None = None,
+    seed: int | None = None,
+    *,
+    assume: ArrayLike | None = None,
+    simulations: int = ALL,
+    progress: Callable[[str], None] | None = None,
+) -> Plan:
+    """Rank the further measurements that a case could be given.
+
+    Parameters
+    ----------
+    case
+        Case with FRF data; its `[plan]` names the stiffness to be known best and the candidates.
+    posterior
+        Posterior of the case; by default it is sampled.
+    seed
+        Seed of the one random generator; by default the case's.
+    assume
+        (k11, k12, k22), shape (3,), of the joint that makes every simulated measurement. By default joints are drawn
+        from the present posterior.
+    simulations
+        Measurements to simulate of each candidate that could come first; 9 at most of the others. 0 leaves the
+        linearised first look, which recommends nothing.
+    progress
+        Called with a line of text at each step.
+
+    Returns
+    -------
+    Plan
+        ``.recommended``, ``.sentence``, ``.measurements``, ``.summary()``.
+
+    Raises
+    ------
+    CaseError
+        If the data are natural frequencies, the posterior is of another case, or there is nothing to choose from.
+    ModelError
+        If the prior thinks the assumed joint impossible.
+    """
+    tell = progress or (lambda line: None)
+    candidates = {c.name: c for c in candidates_of(case)}
+    if posterior is not None and posterior.problem.names != case.problem.names:
+        raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
+    seed = case.spec.sampling.seed if seed is None else seed
+    problem, settings = case.problem, case.spec.plan
+    if posterior is None:
+        tell("sampling the present posterior")
+        posterior = sample(case, seed)
+    truth = None if assume is None else assumed_truth(problem, posterior.mode_theta, assume)
+    simulator = Simulator(
+        problem, settings.parameter, posterior.theta, charts(problem), np.random.default_rng([seed, 7]),
+        truths=max(simulations, FIRST), assumed=truth,
+    )  # fmt: skip
+    tell(f"first look at {len(candidates)} candidates")
+    look = FirstLook(problem, candidates, settings.parameter, simulator.truths[:FIRST])
+    chosen, others, left_out = _chosen(candidates, look, settings.max_measurements)
+    # truths from draws that have not converged would be simulated for nothing
+    simulated = _Race(simulator, candidates, tell).run(chosen, simulations if posterior.converged else 0)
+    planned = [
+        PlannedMeasurement(tuple(candidates[name] for name in one.names), one, simulated.get(one.names))
+        for one in (*chosen, *others)
+    ]
+    planned.sort(key=lambda one: (not one.ranked, one.sd_after if one.ranked else one.linearised.median))
+    return Plan(
+        case.name, case.title, seed, settings.parameter, simulator.now, tuple(planned), posterior.converged,
+        posterior.reason, truth is not None, left_out,
+    )  # fmt: skip
+
+
+def _chosen(
+    candidates: Mapping[str, Candidate], look: FirstLook, size: int
+) -> tuple[tuple[Linearised, ...], tuple[Linearised, ...], int]:
+    """What is simulated, single candidates that are not, and the number of sets that could come first and are not."""
+    singles = [look.at((name,)) for name in candidates]
+    chosen = worth_simulating(singles, MOST_SINGLES)
+    others = tuple(one for one in singles if one not in chosen)
+    if size < 2 or len(candidates) < 2:
+        return chosen, others, 0
+    sets = [look.at(names) for names in sets_of(tuple(candidates), size, lambda names: look.at(names).median)]
+    worth = worth_simulating(sets, MOST_SETS)
+    return (*chosen, *worth[:MOST_SETS]), others, len(worth[MOST_SETS:])
+
+
+class _Race:
+    """Simulates all entrants for a few truths, then the first of those that could still come first for all truths."""
+
+    def __init__(self, simulator: Simulator, candidates: Mapping[str, Candidate], tell: Callable[[str], None]) -> None:
+        self._simulator, self._candidates, self._tell = simulator, candidates, tell
+
+    def run(self, entrants: tuple[Linearised, ...], simulations: int) -> dict[Names, Simulation]:
+        """Simulations by names of a set."""
+        first = min(FIRST, simulations)
+        if first < 1:
+            return {}
+        found = self._round([one.names for one in entrants], range(first), {})
+        if simulations > first:
+            found |= self._round(could_come_first(found), range(first, simulations), found)
+        return found
+
+    def _round(self, names: list[Names], truths: range, before: Mapping[Names, Simulation]) -> dict[Names, Simulation]:
+        found = {}
+        for number, one in enumerate(names, start=1):
+            self._tell(f"simulating candidate {number} of {len(names)}: {' + '.join(one)}, measurements "
+                       f"{truths.start + 1} to {truths.stop}")  # fmt: skip
+            measured = [self._candidates[name] for name in one]
+            posteriors = tuple(self._simulator.after(measured, truth) for truth in truths)
+            found[one] = replace(before[one], posteriors=before[one].posteriors + posteriors) if one in before \
+                else Simulation(posteriors)  # fmt: skip
+        return found
+
+
+def could_come_first(found: Mapping[Names, Simulation]) -> list[Names]:
+    """The three of least median whose range begins below the end of that of the first, in this order."""
+    ranked = sorted((one.median, names) for names, one in found.items() if one.valid)
+    if not ranked:
+        return []
+    limit = found[ranked[0][1]].range80[1]
+    return [names for _, names in ranked[:MOST_AGAIN] if found[names].range80[0] <= limit]

@@ -1,0 +1,296 @@
+"""Further measurements simulated, and the posterior that each would leave: nested Monte Carlo.
+
+A truth is drawn from the present posterior, the further measurement is made there with noise, and the posterior of the
+data in hand together with the simulated ones is found: by reweighting draws of the present posterior with the
+likelihood of the new data where enough of them stay effective, and otherwise by importance sampling from a Student-t
+fit about the truth, in coordinates in which the posterior is near a bell.
+
+References
+----------
+Ryan, E. G. et al. (2016). A review of modern computational algorithms for Bayesian optimal design. International
+Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
+
+from jointbayes.errors import JointBayesError, ModelError
+from jointbayes.inference import LogPosterior, Problem
+from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
+from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.sampling import Chart, Start, fit_proposal
+from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.first_look import measurement_information
+from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
+
+__all__ = ["LEAST_EFFECTIVE", "Simulator", "WithFurther", "assumed_truth"]
+
+Array = NDArray[np.float64]
+
+#: Fewer effective draws than this say too little about a standard deviation: 5 % of it at this number.
+LEAST_EFFECTIVE = 200.0
+#: Draws of the present posterior that are reweighted: first a few, then as many as these promise to be enough.
+_FEW, _ALL = 2000, 40_000
+#: So many times the draws that would just leave enough of them effective, by the first few.
+_SPARE = 1.3
+#: Present draws are no independent ones: so many times the effective number must be left of them.
+_CORRELATED = 2.0
+#: Where neither way leaves enough, so many will do for a figure to 10 %; rather that than leaving out the posteriors
+#: of awkward shape, which need not be like the others.
+_ROUGH = 50.0
+#: Efficiency at which a fit ends, and importance draws from it: a bell, a mixture, and the best mixture there is.
+_FITS: tuple[tuple[float | None, int], ...] = ((0.1, 4000), (0.4, 4000), (None, 8000))
+_RESAMPLED = 4000
+
+
+class WithFurther:
+    """ln p(θ | present data, further data) up to the evidence: measurements independent given θ.
+
+    Parameters
+    ----------
+    present
+        Posterior density of the measurement in hand.
+    further
+        Problems over the same parameters, of whose densities only the likelihood is added.
+    """
+
+    def __init__(self, present: LogPosterior, further: Sequence[Problem]) -> None:
+        self._present, self._further = present, [one.log_posterior for one in further]
+
+    def __call__(self, theta: ArrayLike) -> Array:
+        """Log density, shape (n,), of θ, shape (n, d)."""
+        t = np.atleast_2d(np.asarray(theta, dtype=float))
+        out = self._present(t)
+        inside = np.isfinite(out)
+        if inside.any():
+            out[inside] += self.new_log_likelihood(t[inside])
+        return out
+
+    def new_log_likelihood(self, theta: Array) -> Array:
+        """ln L of the further data alone, shape (n,), of θ, shape (n, d), inside the prior's support."""
+        total: Array = sum((one.log_likelihood(theta) for one in self._further), np.zeros(len(theta)))
+        return total
+
+
+class Simulator:
+    """Simulates further measurements and finds the posteriors that they leave.
+
+    Parameters
+    ----------
+    problem
+        The problem in hand.
+    quantity
+        The wanted stiffness: ``"k11"``, ``"k12"`` or ``"k22"``.
+    draws
+        Draws of θ from the present posterior, shape (n, d), equally weighted.
+    charts
+        Coordinates in which the posterior may be near a bell, the likeliest first.
+    rng
+        Chooses the truths among the draws, and seeds all noise.
+    truths
+        Number of truths.
+    assumed
+        θ that is the truth of every simulated measurement, shape (d,); by default truths are drawn from `draws`.
+
+    Raises
+    ------
+    ModelError
+        If there are too few draws, or no truth is asked for.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        quantity: str,
+        draws: Array,
+        charts: Sequence[Chart],
+        rng: np.random.Generator,
+        *,
+        truths: int,
+        assumed: Array | None = None,
+    ) -> None:
+        if truths < 1 or len(draws) < 2 * truths:
+            raise ModelError(
+                f"planning: found {truths} simulations and {len(draws)} draws of the present posterior; expected at "
+                "least one simulation and twice as many draws"
+            )
+        order = rng.permutation(len(draws))
+        #: θ of each simulated truth, shape (truths, d).
+        self.truths: Array = draws[order[:truths]] if assumed is None else np.repeat(assumed[None], truths, axis=0)
+        self._draws: Array = draws[
+            order[truths : truths + _ALL]
+        ]  # a truth must not be among the draws that are reweighted
+        self._draw_sd = draws.std(axis=0)
+        self._problem, self._charts = problem, tuple(charts)
+        self._column = STIFFNESS_NAMES.index(quantity)
+        self._prior_values = self._values(problem.prior.sample(rng, _RESAMPLED))
+        self._seed = int(rng.integers(2**32))
+        #: What is known now.
+        self.now = self._posterior(WeightedDraws(draws.copy(), np.zeros(len(draws))), rng, "reweighting")
+
+    def after(self, candidates: Sequence[Candidate], truth: int) -> SimulatedPosterior | None:
+        """Posterior after a set of further measurements of truth number `truth`; None where it is not found.
+
+        A candidate has the same noise for the same truth, alone and in every set.
+        """
+        theta = self.truths[truth]
+        further = [c.problem(self._problem, theta, self.noise(truth, c)) for c in candidates]
+        density = WithFurther(self._problem.log_posterior, further)
+        rng = self._generator(truth, *(c.name for c in candidates), "draws")
+        few = self._draws[:_FEW].copy()
+        first, needed = WeightedDraws(few, density.new_log_likelihood(few)), _CORRELATED * LEAST_EFFECTIVE
+        wanted = math.ceil(_SPARE * needed / max(_effective(first.log_weight), 1.0) * len(few))
+        if wanted <= len(self._draws):
+            present = self._reweighted(density, first, wanted)
+            if _trusted(present.log_weight, needed):
+                return self._posterior(present, rng, "reweighting")
+        best: Array = few[int(np.argmax(first.log_weight))]
+        about_truth = self._importance(density, self._start(candidates, theta), self._start(candidates, best), rng)
+        if about_truth is not None and _trusted(about_truth.log_weight, LEAST_EFFECTIVE):
+            return self._posterior(about_truth, rng, "importance sampling")
+        return self._better(self._reweighted(density, first, len(self._draws)), about_truth, rng)
+
+    def _reweighted(self, density: WithFurther, first: WeightedDraws, count: int) -> WeightedDraws:
+        """So many draws of the present posterior, weighted by the likelihood of the new data."""
+        rest = self._draws[len(first.theta) : count]
+        if not len(rest):
+            return first
+        whole = np.concatenate([first.log_weight, density.new_log_likelihood(rest)])
+        return WeightedDraws(self._draws[: len(whole)].copy(), whole)
+
+    def _importance(
+        self, density: WithFurther, at_truth: Start, elsewhere: Start, rng: np.random.Generator
+    ) -> WeightedDraws | None:
+        """Weighted draws from a bell about the truth, or from a mixture where its tails are too light; None if none.
+
+        The mixtures start from the likeliest of the present draws as well, which may lie at another mode.
+        """
+        best: WeightedDraws | None = None
+        starts: tuple[Start, ...] = (at_truth,)
+        for enough, count in _FITS:
+            if enough is None and best is not None and _effective(best.log_weight) >= _ROUGH:
+                break  # a rough figure is there: the best mixture would cost seconds more
+            try:
+                proposal = fit_proposal(density, self._charts, starts, rng, enough=enough)
+            except JointBayesError:
+                continue  # a start at the very edge of the coordinates
+            drawn = WeightedDraws(*proposal.weighted_draws(density, rng, count))
+            if _trusted(drawn.log_weight, LEAST_EFFECTIVE):
+                return drawn
+            if best is None or _effective(drawn.log_weight) > _effective(best.log_weight):
+                best = drawn
+            starts = (at_truth, elsewhere)
+        return best
+
+    def _better(
+        self, present: WeightedDraws, about_truth: WeightedDraws | None, rng: np.random.Generator
+    ) -> SimulatedPosterior | None:
+        """What leaves more effective draws where neither leaves enough; None where too few for a rough figure."""
+        effective = _effective(present.log_weight) / _CORRELATED
+        other = 0.0 if about_truth is None else _effective(about_truth.log_weight)
+        if max(effective, other) < _ROUGH:
+            return None
+        if about_truth is not None and other > effective:
+            return self._posterior(about_truth, rng, "importance sampling")
+        return self._posterior(present, rng, "reweighting")
+
+    def _start(self, candidates: Sequence[Candidate], theta: Array) -> Start:
+        """A point, and the linearised covariance there, no wider than the present posterior in any coordinate."""
+        fisher = fisher_information(self._problem, theta)
+        added = sum((measurement_information(c, self._problem, theta) for c in candidates), np.zeros_like(fisher.data))
+        covariance = replace(fisher, data=fisher.data + added).covariance()
+        widest = np.minimum(fisher.prior_sd, self._draw_sd)
+        variance = np.diag(covariance)
+        known = np.isfinite(variance)
+        shrink = np.minimum(1.0, widest / np.sqrt(np.where(known, variance, widest**2)))
+        bounded = np.where(np.isfinite(covariance), covariance, 0.0) * np.outer(shrink, shrink)
+        bounded[~known, ~known] = widest[~known] ** 2
+        return theta, bounded
+
+    def _posterior(self, draws: WeightedDraws, rng: np.random.Generator, method: Method) -> SimulatedPosterior:
+        weight, values = draws.weight, self._values(draws.theta)
+        with np.errstate(divide="ignore"):
+            logs = np.log(np.abs(values))
+        sd = math.sqrt(float(weight @ (logs - weight @ logs) ** 2))
+        verdict = assess(self._values(draws.resample(rng, _RESAMPLED)), self._prior_values).verdict
+        return SimulatedPosterior(sd, verdict, _effective(draws.log_weight), method)
+
+    def noise(self, truth: int, candidate: Candidate) -> np.random.Generator:
+        """Generator, at its beginning, of the noise with which a candidate measures truth number `truth`."""
+        return self._generator(truth, candidate.name)
+
+    def _generator(self, truth: int, *names: str) -> np.random.Generator:
+        return np.random.default_rng([self._seed, truth, *" + ".join(names).encode()])
+
+    def _values(self, theta: Array) -> Array:
+        return self._problem.prior.stiffness(theta)[:, self._column]
+
+
+def _trusted(log_weight: Array, effective: float) -> bool:
+    """Whether weighted draws leave so many effective ones, in a tail that can be trusted."""
+    return _effective(log_weight) >= effective and pareto_k(log_weight) <= PARETO_LIMIT
+
+
+def _effective(log_weight: Array) -> float:
+    """Effective number of weighted draws, (Σw)²/Σw²; 0 without any."""
+    if not len(log_weight) or not np.isfinite(log_weight.max()):
+        return 0.0
+    weight = np.exp(log_weight - log_weight.max())
+    return float(weight.sum() ** 2 / (weight**2).sum())
+
+
+def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array:
+    """θ, shape (d,), of an assumed joint, all else as the present data have it, given that joint.
+
+    Parameters
+    ----------
+    problem
+        The problem in hand.
+    theta
+        Mode of its posterior, shape (d,), from which the other quantities start.
+    stiffness
+        (k11, k12, k22), shape (3,).
+
+    Raises
+    ------
+    ModelError
+        If the prior thinks that joint impossible.
+    """
+    prior, log_posterior = problem.prior, problem.log_posterior
+    joint = prior.parametrisation.coordinates(stiffness)
+    low, high = prior.support
+    start = np.concatenate([joint, theta[joint.size :]])
+    if not (prior.feasible(start) and (start >= low).all() and (start <= high).all()):
+        given = ", ".join(f"{k:g}" for k in np.asarray(stiffness, dtype=float))
+        raise ModelError(f"planning: found an assumed joint ({given}) outside the prior; expected one inside it")
+    moving = slice(joint.size, start.size - log_posterior.likelihood.hyper_count)
+    if moving.start == moving.stop:
+        return start
+
+    def whole(part: Array) -> Array:
+        return np.concatenate([joint, part, start[moving.stop :]])
+
+    def residual(part: Array) -> Array:
+        return log_posterior.residuals(whole(part))[0]
+
+    def jacobian(part: Array) -> Array:
+        return log_posterior.residuals(whole(part))[1][:, moving]
+
+    inner = 1e-9 * (high - low)[moving]
+    inner[~np.isfinite(inner)] = 0.0
+    found = optimize.least_squares(
+        residual,
+        np.clip(start[moving], low[moving] + inner, high[moving] - inner),
+        jac=jacobian,
+        bounds=(low[moving], high[moving]),
+        x_scale=prior.sd[moving],
+    )
+    return whole(found.x)

@@ -1,0 +1,113 @@
+"""The check for continuous integration: whether the posterior mode matches the published stiffnesses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointbayes.case.case import Case
+from jointbayes.errors import CaseError
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.posterior import Posterior
+
+__all__ = ["CheckLine", "CheckResult", "check_posterior", "require_reference"]
+
+#: Largest relative difference of mode and reference where the data are exact.
+EXACT_TOLERANCE = 0.005
+#: Largest relative difference of k22 where they are noisy.
+NOISY_TOLERANCE_K22 = 0.02
+#: Highest-density region that must hold the reference where they are noisy.
+REGION = 0.99
+
+
+@dataclass(frozen=True, slots=True)
+class CheckLine:
+    """One comparison: what was compared, found and expected.
+
+    Parameters
+    ----------
+    subject, found, expected
+        In words, with units.
+    matches
+        Whether found is as expected; None where the line informs only, because nothing is asked of it.
+    """
+
+    subject: str
+    found: str
+    expected: str
+    matches: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """All comparisons of a check."""
+
+    lines: tuple[CheckLine, ...]
+
+    @property
+    def matches(self) -> bool:
+        """Whether every line that is judged matches."""
+        return all(line.matches is None or line.matches for line in self.lines)
+
+
+def require_reference(case: Case) -> np.ndarray:
+    """Return the published (k11, k12, k22) of the case.
+
+    Raises
+    ------
+    CaseError
+        If the case names none.
+    """
+    if case.reference is None:
+        raise CaseError(
+            f"{case.name}: found no [reference] table; expected published k11, k12, k22 to compare with; add the table"
+        )
+    return case.reference
+
+
+def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
+    """Compare the posterior mode with the case's reference.
+
+    Exact data: every stiffness within 0.5 %. Noisy data: the reference inside the joint 99 % highest-density region
+    of ln-stiffness, and k22 within 2 %; k11 and k12, which one noisy FRF does not pin down, are stated only. In either
+    case the run must have converged and mode and MAP agree.
+
+    Raises
+    ------
+    CaseError
+        If the case has no reference.
+    """
+    reference = require_reference(case)
+    lines = [
+        CheckLine("sampler", posterior.reason, "converged", posterior.converged),
+        CheckLine(
+            "mode against MAP",
+            f"{posterior.mode_distance:.1e} sd apart",
+            "the same point",
+            posterior.mode_agrees,
+        ),
+    ]
+    exact = case.spec.data.kind == "synthetic_frf" and not case.spec.data.noise.added
+    for name, unit, published in zip(STIFFNESS_NAMES, STIFFNESS_UNITS, reference, strict=True):
+        mode = posterior.mode[name]
+        difference = mode / published - 1 if published else np.inf
+        limit = EXACT_TOLERANCE if exact else NOISY_TOLERANCE_K22 if name == "k22" else None
+        expected = f"{published:.4g} {unit}" + ("" if limit is None else f" within {100 * limit:g} %")
+        lines.append(
+            CheckLine(
+                f"mode of {name}",
+                f"{mode:.4g} {unit} ({100 * difference:+.2f} %)",
+                expected,
+                None if limit is None else bool(abs(difference) <= limit),
+            )
+        )
+    if not exact:
+        level = posterior.region_level(reference)
+        lines.append(
+            CheckLine(
+                "published point",
+                f"on the edge of the {100 * level:.1f} % region",
+                f"{100 * REGION:g} % region or inside",
+                level <= REGION,
+            )
+        )
+    return CheckResult(tuple(lines))
