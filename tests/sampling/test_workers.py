@@ -18,7 +18,7 @@ from jointbayes.joint import ComplianceChart, LogStiffness
 from jointbayes.sampling import SamplerSettings, fit_proposal, run_ensembles
 from jointbayes.workflow import charts, sample
 from tests.conftest import CONFIGS
-from tests.worker_densities import GaussianInCompliance, failing, gaussian, leaving
+from tests.sampling.worker_densities import GaussianInCompliance, failing, gaussian, leaving
 
 ONE = SamplerSettings(walkers=8, max_steps=100, check_every=50)
 TWO = dataclasses.replace(ONE, processes=2)

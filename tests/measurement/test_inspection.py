@@ -15,7 +15,7 @@ from jointbayes.measurement.inspection.inspection import inspect_file, inspect_r
 from jointbayes.measurement.inspection.text import text_of
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.report.inspect_figure import inspect_figure
-from tests.test_doubts import DAMPING, FREQUENCY, LINES, hammer, records, times
+from tests.measurement.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records, times
 
 COARSE = LINES[1::2]  # 1 Hz apart
 

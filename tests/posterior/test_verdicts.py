@@ -41,7 +41,7 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.conftest import cheap_text, edited
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 SHORT = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
 
 

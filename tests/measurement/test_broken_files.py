@@ -11,9 +11,9 @@ import pytest
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats import FORMATS, iter_records, read_frf, records_of_frf, write_records
 from jointbayes.measurement.records import TimeRecord
-from tests import broken_files
-from tests.test_formats import frf_set
-from tests.uff_text import function_58
+from tests.measurement import broken_files
+from tests.measurement.test_formats import frf_set
+from tests.measurement.uff_text import function_58
 
 #: What reading takes beside the file: buffers, and modules imported at the first time.
 ROOM = 2_000_000

@@ -9,7 +9,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats import iter_records, read_frf, write_frf
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from tests.uff_text import function_58, header_164
+from tests.measurement.uff_text import function_58, header_164
 
 pyuff = pytest.importorskip("pyuff")
 RNG = np.random.default_rng(3)

@@ -4,7 +4,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pydantic
 import pytest
@@ -15,8 +14,8 @@ from jointbayes.case.schema import case as case_schema
 from jointbayes.case.schema.case import CaseSpec, CircleSpec, parse_case, read_case_file
 from jointbayes.case.toml_text import key_lines
 from jointbayes.errors import CaseError
+from tests.conftest import CONFIGS
 
-CONFIGS = Path(__file__).parents[1] / "configs"
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 SIGNED = (CONFIGS / "clamped_beam_frequencies.toml").read_text(encoding="utf-8")
 UNCERTAIN = (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8")

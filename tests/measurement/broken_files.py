@@ -12,7 +12,7 @@ import scipy.io
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats import records_of_frf, write_records
 from jointbayes.measurement.records import TimeRecord
-from tests.uff_text import function_58, header_164
+from tests.measurement.uff_text import function_58, header_164
 
 LINES = np.arange(1.0, 13.0)
 RNG = np.random.default_rng(8)
