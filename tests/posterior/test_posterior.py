@@ -23,6 +23,18 @@ MEASURED_HZ = (120.0, 762.0, 2101.0)
 # ---- draws
 
 
+def test_all_that_a_user_holds_prints_on_a_screen(cheap_case, cheap_posterior):
+    problem = cheap_case.problem
+    held = cheap_case, problem, problem.structure, problem.measurement, cheap_posterior.estimate, cheap_posterior
+    for one in held:
+        assert len(repr(one)) < 800
+        assert repr(one).count("\n") < 12
+    low, high = cheap_posterior.interval("k22")
+    line = f"k22: median {np.median(cheap_posterior.values('k22')):.4g}, 95 % credible interval {low:.4g} to {high:.4g}"
+    assert f"{line} N·m/rad" in repr(cheap_posterior)
+    assert "joint 1:y, 1:rz to ground; unknown: k11, k12, k22" in repr(problem)
+
+
 def test_draws_are_chains_of_stiffnesses_with_units(cheap_posterior):
     draws = cheap_posterior.draws
     assert cheap_posterior.converged

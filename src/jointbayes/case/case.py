@@ -64,6 +64,9 @@ class Case:
     joint_frf: FrfSet | None
     provenance: Provenance | None = None
 
+    def __repr__(self) -> str:
+        return f"Case({self.name!r}: {self.title}; {self.problem!r})"
+
     @property
     def title(self) -> str:
         """Title for people."""

@@ -72,6 +72,13 @@ class FrfSet:
         _check_lines(self.frequency_hz)
         self._check_values()
 
+    def __repr__(self) -> str:
+        f = self.frequency_hz
+        return (
+            f"FrfSet({self.quantity}, outputs {_listed(self.outputs)}, inputs {_listed(self.inputs)}, "
+            f"{f.size} lines from {f[0]:g} to {f[-1]:g} Hz)"
+        )
+
     def _check_values(self) -> None:
         shape = (self.frequency_hz.size, len(self.outputs), len(self.inputs))
         if self.values.shape != shape:
@@ -155,6 +162,10 @@ def read_only(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
     out: NDArray[Any] = np.array(array, dtype=dtype)
     out.setflags(write=False)
     return out
+
+
+def _listed(labels: tuple[str, ...]) -> str:
+    return ", ".join(labels) if len(labels) <= 4 else f"{labels[0]} to {labels[-1]} ({len(labels)})"
 
 
 def _check_lines(frequency_hz: NDArray[np.float64]) -> None:

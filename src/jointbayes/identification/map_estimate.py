@@ -144,6 +144,14 @@ class MapEstimate:
     modes: tuple[LocalMode, ...] = ()
     effort: SearchEffort | None = None
 
+    def __repr__(self) -> str:
+        stiffness = ", ".join(f"{k:.4g}" for k in self.stiffness)
+        reached = len(self.starts) - len(self.failed_starts)
+        return (
+            f"MapEstimate(stiffness [{stiffness}], log posterior {self.log_posterior:.6g}, {reached} of "
+            f"{len(self.starts)} starts reach it, {len(self.modes)} modes)"
+        )
+
     @property
     def failed_starts(self) -> tuple[str, ...]:
         """Names of the starts that ended elsewhere."""

@@ -50,6 +50,13 @@ class Problem:
     noise: NoiseModel | None = None
     residual_kind: ResidualKind = "complex"
 
+    def __repr__(self) -> str:
+        other_side = ", ".join(self.joint.against) or "ground"
+        return (
+            f"Problem(joint {', '.join(self.joint.dofs)} to {other_side}; unknown: {', '.join(self.names)}; "
+            f"{self.structure!r}; {self.measurement!r})"
+        )
+
     @cached_property
     def log_posterior(self) -> LogPosterior:
         """Posterior density over θ.

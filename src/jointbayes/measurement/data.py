@@ -44,6 +44,9 @@ class FrfMeasurement:
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
             raise MeasurementError("noise: found a variance that is not above zero at some line; raise the noise floor")
 
+    def __repr__(self) -> str:
+        return f"FrfMeasurement({self.frf!r}{', synthetic' if self.synthetic else ''})"
+
     @property
     def top_hz(self) -> float:
         """Highest frequency, Hz."""
@@ -75,6 +78,10 @@ class FrequencyMeasurement:
             )
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
             raise MeasurementError("natural frequencies: expected standard deviations above 0 Hz; correct them")
+
+    def __repr__(self) -> str:
+        pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
+        return f"FrequencyMeasurement({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
 
     @property
     def top_hz(self) -> float:

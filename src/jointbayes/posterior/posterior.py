@@ -95,6 +95,16 @@ class Posterior:
     mode_log_density: float
     record: RunRecord
 
+    def __repr__(self) -> str:
+        lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
+        for name in map(str, self.draws.data_vars):
+            low, middle, high = np.quantile(self.values(name), [0.025, 0.5, 0.975])
+            unit = self.draws[name].attrs.get("units", "")
+            lines.append(
+                f"  {name}: median {middle:.4g}, 95 % credible interval {low:.4g} to {high:.4g} {unit}".rstrip()
+            )
+        return "\n".join(lines)
+
     @property
     def draws(self) -> xr.Dataset:
         """Draws in physical units: k11, k12, k22 and what else is uncertain, with dimensions chain × draw."""

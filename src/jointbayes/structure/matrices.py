@@ -79,6 +79,10 @@ class Structure:
                 raise ModelError(f"structure: found an unsymmetric {name} matrix; expected a symmetric one")
             matrix.setflags(write=False)
 
+    def __repr__(self) -> str:
+        law = type(self.damping).__name__
+        return f"Structure({self.n_dofs} DOFs, {self.dofs[0]} to {self.dofs[-1]}, {law})"
+
     @property
     def n_dofs(self) -> int:
         """Number of DOFs."""
