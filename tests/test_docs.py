@@ -177,7 +177,7 @@ def test_every_case_file_and_page_named_exists(page):
 
 
 def test_the_readme_states_the_exit_codes_of_the_command_line():
-    from jointbayes.cli.commands import commands as cli
+    from jointbayes.cli import commands as cli
 
     text = README.read_text(encoding="utf-8")
     assert f"**{cli.NOT_MATCHED}** the check does not match" in text
