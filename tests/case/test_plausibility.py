@@ -125,7 +125,12 @@ def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(t
     def stop(*_arguments, **_options):
         raise CaseError("stopped here")
 
-    for name in ("workflow.sample", "workflow.find_map", "comparison.compare", "planning.plan"):
+    for name in (
+        "workflow.sample",
+        "workflow.find_map",
+        "studies.comparison.compare.compare",
+        "studies.planning.plan.plan",
+    ):
         monkeypatch.setattr(f"jointbayes.{name}", stop)
     monkeypatch.setattr("jointbayes.workflow.identify", stop)
     config = tmp_path / "short.toml"

@@ -54,9 +54,9 @@ def config(tmp_path, monkeypatch, frequency_posterior):
 
 @pytest.mark.parametrize(
     ("where", "error", "words"),
-    [("run_directory.case_from_text", *failure) for failure in FAILURES.values()]
+    [("report.run_directory.case_from_text", *failure) for failure in FAILURES.values()]
     + [("report.build.summarise", RuntimeError("broken"), "found RuntimeError (broken)")]
-    + [("run_directory.render_pdf", RuntimeError("no fonts"), "found RuntimeError (no fonts)")],
+    + [("report.run_directory.render_pdf", RuntimeError("no fonts"), "found RuntimeError (no fonts)")],
     ids=[*FAILURES, "in the summary", "in the PDF"],
 )
 def test_a_report_that_fails_leaves_the_draws_and_one_line(
