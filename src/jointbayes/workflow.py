@@ -142,8 +142,9 @@ def find_map(
     starts: dict[str, Array] = {"first guess": guess}
     if case.compliance_fit is not None:
         starts["compliance fit without a guess"] = case.compliance_fit
-    if case.joint_frf is not None:
-        starts["paper's iteration"] = identify(case, guess).stiffness
+    iteration = identify(case, guess) if case.joint_frf is not None else None
+    if iteration is not None:
+        starts["paper's iteration"] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
     drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
@@ -158,7 +159,7 @@ def find_map(
         | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
     )
     effort = search_further(search, problem, seed, tell)
-    return replace(search.estimate(), effort=effort)
+    return replace(search.estimate(), effort=effort, iteration=iteration)
 
 
 def limiting_joints(prior: JointPrior) -> dict[str, Array]:
@@ -338,7 +339,7 @@ def _posterior(
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
     if case.provenance and case.joint_frf is not None:
         tree = with_joint_frf(tree, case.joint_frf)
-    return Posterior(problem, tree, estimate, mode_theta, mode_density, record)
+    return Posterior(problem, tree, estimate, mode_theta, mode_density, record, case)
 
 
 def _refined(log_posterior: LogPosterior, best: Array) -> tuple[Array, float]:
@@ -365,7 +366,9 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
     tree, record = read_record(path)
     run = record["record"]
     case = case_from_text(run["case_name"], run["case_text"], test=stored_test(tree, run.get("provenance")))
-    return Posterior.restored(case.problem, tree, record)
+    posterior = Posterior.restored(case.problem, tree, record)
+    iteration = identify(case) if case.joint_frf is not None else None
+    return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 
 def package_versions() -> dict[str, str]:

@@ -4,6 +4,7 @@ import datetime
 import json
 import math
 import re
+from dataclasses import replace
 from typing import get_args
 
 import pytest
@@ -153,12 +154,9 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     assert jb.summarise(frequency_posterior, (1e8, 0.0, 0.0))["warnings"] == []
 
 
-def test_a_run_writes_the_warnings_of_its_case(tmp_path, monkeypatch, frequency_posterior):
+def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):
     text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))
-    monkeypatch.setattr(
-        "jointbayes.report.run_directory.case_from_text", lambda *_a, **_o: jb.case_from_text("case", text)
-    )
-    jb.write_report(frequency_posterior, tmp_path / "out")
+    jb.write_report(replace(frequency_posterior, case=jb.case_from_text("case", text)), tmp_path / "out")
     (line,) = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["warnings"]
     assert line.startswith("structure.density_kg_m3: found 7.8, ")
     assert "if it is in g/cm³, write density_kg_m3 = 7800" in (tmp_path / "out" / "report.html").read_text("utf-8")

@@ -54,7 +54,7 @@ def config(tmp_path, monkeypatch, frequency_posterior):
 
 @pytest.mark.parametrize(
     ("where", "error", "words"),
-    [("report.run_directory.case_from_text", *failure) for failure in FAILURES.values()]
+    [("report.run_directory.build_report", *failure) for failure in FAILURES.values()]
     + [("report.build.summarise", RuntimeError("broken"), "found RuntimeError (broken)")]
     + [("report.run_directory.render_pdf", RuntimeError("no fonts"), "found RuntimeError (no fonts)")],
     ids=[*FAILURES, "in the summary", "in the PDF"],
@@ -93,7 +93,7 @@ def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, fre
         seen.append(jb.load_posterior("out.posterior.nc").theta.tobytes())
         raise RuntimeError
 
-    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", look)
+    monkeypatch.setattr("jointbayes.report.run_directory.build_report", look)
     assert cli("run", config, "--out", "out").exit_code == 2
     assert seen == [frequency_posterior.theta.tobytes()]
 
@@ -127,7 +127,7 @@ def test_too_little_memory_is_one_line(config, monkeypatch):
 def test_an_earlier_run_and_its_kept_draws_survive_runs_that_fail(config, monkeypatch):
     assert cli("run", config, "--out", "out").exit_code == 0
     before = content(config.parent)
-    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(RuntimeError("broken")))
+    monkeypatch.setattr("jointbayes.report.run_directory.build_report", failing(RuntimeError("broken")))
     for number, kept in enumerate(("out.posterior.nc", "out.posterior-2.nc", "out.posterior-3.nc"), 1):
         result = cli("run", config, "--out", "out")
         assert f"the draws are whole in {kept}; " in result.stderr
@@ -172,18 +172,18 @@ def test_a_report_from_a_file_names_that_file_and_makes_no_other(config, monkeyp
 
 def test_python_gets_the_same_with_the_cause_behind_it(config, monkeypatch, frequency_posterior):
     cause = IndexError("here")
-    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(cause))
+    monkeypatch.setattr("jointbayes.report.run_directory.build_report", failing(cause))
     with pytest.raises(ReportError, match=r"the draws are whole in out\.posterior\.nc") as caught:
         write_report(frequency_posterior, "out")
     assert caught.value.__cause__ is cause
-    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(KeyboardInterrupt()))
+    monkeypatch.setattr("jointbayes.report.run_directory.build_report", failing(KeyboardInterrupt()))
     with pytest.raises(KeyboardInterrupt) as stopped:
         write_report(frequency_posterior, "out")
     assert isinstance(stopped.value, ReportInterruptedError)
 
 
 def test_the_traceback_is_there_for_who_asks(config, monkeypatch):
-    monkeypatch.setattr("jointbayes.report.run_directory.case_from_text", failing(IndexError("here")))
+    monkeypatch.setattr("jointbayes.report.run_directory.build_report", failing(IndexError("here")))
     monkeypatch.setenv("JOINTBAYES_DEBUG", "1")
     result = cli("run", config, "--out", "out")
     assert result.exit_code == 2

@@ -83,6 +83,16 @@ class Case:
         return stiffness_of(self.spec.reference) if self.spec.reference else None
 
     @property
+    def reference_source(self) -> str:
+        """Where the published stiffnesses are from; empty without any."""
+        return self.spec.reference.source if self.spec.reference else ""
+
+    @property
+    def paper_audit(self) -> bool:
+        """Whether the report sets the paper's tables beside the results and audits them."""
+        return bool(self.spec.reference and self.spec.reference.paper_audit)
+
+    @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
         """Measured natural frequencies, if the case holds any, Hz."""
         measured = self.problem.measurement

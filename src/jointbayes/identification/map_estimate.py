@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.identification.paper_iteration import IterationHistory
+
 __all__ = ["GAIN", "LEAST_AGREEING", "LocalMode", "MapEstimate", "SearchEffort", "StartOutcome"]
 
 Array = NDArray[np.float64]
@@ -134,6 +136,8 @@ class MapEstimate:
         density.
     effort
         How far the search went and whether its result explains the data; None where that was not looked at.
+    iteration
+        The paper's iteration, whose end was one of the starts; None where it was not made.
     """
 
     theta: Array
@@ -143,6 +147,7 @@ class MapEstimate:
     starts: tuple[StartOutcome, ...]
     modes: tuple[LocalMode, ...] = ()
     effort: SearchEffort | None = None
+    iteration: IterationHistory | None = None
 
     def __repr__(self) -> str:
         stiffness = ", ".join(f"{k:.4g}" for k in self.stiffness)

@@ -2,10 +2,10 @@
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import xarray as xr
@@ -18,6 +18,7 @@ from jointbayes.identification import MapEstimate
 from jointbayes.inference import FrfLikelihood, Problem
 from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement.measured import Provenance
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
@@ -28,7 +29,7 @@ from jointbayes.posterior.storage import estimate_from, estimate_record, write_t
 from jointbayes.posterior.verdicts import judge_stiffness
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 
-__all__ = ["Posterior", "RunRecord", "data_sha256"]
+__all__ = ["Posterior", "RunRecord", "SampledCase", "data_sha256"]
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,55 @@ class RunRecord:
     provenance: Mapping[str, Any] | None = None
 
 
+class SampledCase(Protocol):
+    """What a report says of the case that was sampled, beside the posterior."""
+
+    @property
+    def title(self) -> str:
+        """Title for people."""
+        ...
+
+    @property
+    def initial(self) -> Array:
+        """First guess of (k11, k12, k22), shape (3,)."""
+        ...
+
+    @property
+    def reference(self) -> Array | None:
+        """Published (k11, k12, k22), shape (3,), if any."""
+        ...
+
+    @property
+    def reference_source(self) -> str:
+        """Where these are from."""
+        ...
+
+    @property
+    def paper_audit(self) -> bool:
+        """Whether the paper's tables are set beside the results and audited."""
+        ...
+
+    @property
+    def measured_frequencies_hz(self) -> tuple[float, ...] | None:
+        """Measured natural frequencies, if any, Hz."""
+        ...
+
+    @property
+    def workshop_problem(self) -> Problem | None:
+        """The same problem with more quantities uncertain."""
+        ...
+
+    @property
+    def provenance(self) -> Provenance | None:
+        """Where data from files come from."""
+        ...
+
+    @property
+    def warnings(self) -> Sequence[object]:
+        """What is probably a slip."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """Draws from the posterior of a joint's stiffnesses.
@@ -86,6 +136,8 @@ class Posterior:
         Joint mode: the best draw refined, shape (d,), and its log density.
     record
         How the draws came about.
+    case
+        The case that was sampled, for its report; None where there was none.
     """
 
     problem: Problem
@@ -94,6 +146,7 @@ class Posterior:
     mode_theta: Array
     mode_log_density: float
     record: RunRecord
+    case: SampledCase | None = None
 
     def __repr__(self) -> str:
         lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]

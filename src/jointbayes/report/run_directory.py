@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.case import Case, case_from_text
-from jointbayes.errors import CaseError
+from jointbayes.case.case import Case
+from jointbayes.errors import CaseError, ReportError
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.storage import stored_test
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.comparison import build_comparison_report
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.studies.comparison.compare import Comparison
-from jointbayes.workflow import identify
 
 __all__ = [
     "COMPARISON_MARK",
@@ -46,7 +44,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     Parameters
     ----------
     posterior
-        The posterior; its case is rebuilt from the text and the data it carries.
+        The posterior, with the case that was sampled: nothing of it is built again.
     directory
         Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
         the same name is replaced, any other directory is refused.
@@ -81,26 +79,28 @@ def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> P
         If the directory exists and is no run directory.
     """
     require_writable(target)
-    record = posterior.record
-    test = stored_test(posterior.tree, record.provenance)
-    case = case_from_text(record.case_name, record.case_text, test=test)
-    reference = case.spec.reference
+    case = posterior.case
+    if case is None:
+        raise ReportError(
+            f"{target}: found a posterior without the case that was sampled; expected one of `sample` or "
+            "`load_posterior`"
+        )
     inputs = ReportInputs(
         posterior=posterior,
         title=case.title,
         initial=_triple(case.initial),
-        history=None if case.joint_frf is None else identify(case),
+        history=posterior.estimate.iteration,
         reference=None if case.reference is None else _triple(case.reference),
-        reference_source=reference.source if reference else "",
+        reference_source=case.reference_source,
         measured_frequencies_hz=case.measured_frequencies_hz,
         freed=case.workshop_problem,
-        paper_tables=bool(reference and reference.paper_audit),
+        paper_tables=case.paper_audit,
         provenance=case.provenance,
         warnings=tuple(map(str, case.warnings)),
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
-    files = {"summary.json": json_text(inputs.summary), "case.toml": record.case_text}
+    files = {"summary.json": json_text(inputs.summary), "case.toml": posterior.record.case_text}
     write_whole(target, report, files, posterior, kept)
     return target
 
