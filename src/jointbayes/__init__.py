@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from jointbayes.measurement.records import FrfRecord, TimeRecord
     from jointbayes.measurement.warnings.warnings import Doubt, find_doubts
     from jointbayes.posterior import Knowledge, Posterior, PredictiveCheck, gather_knowledge, summarise
-    from jointbayes.report.plan_directory import write_plan
     from jointbayes.report.run_directory import write_report
     from jointbayes.sampling import SamplerSettings
     from jointbayes.studies.comparison.compare import compare
     from jointbayes.studies.comparison.result import Comparison
+    from jointbayes.studies.planning.directory import write_plan
     from jointbayes.studies.planning.plan import Plan, plan
     from jointbayes.studies.reference_check import check_posterior
     from jointbayes.workflow import find_map, identify, load_posterior, sample
@@ -58,7 +58,7 @@ _HOMES = {
     "jointbayes.measurement.formats": ("iter_records", "read_frf", "write_frf", "write_records"),
     "jointbayes.measurement.modal.fit": ("MeasuredMode", "identify_modes"),
     "jointbayes.measurement.records": ("FrfRecord", "TimeRecord"),
-    "jointbayes.report.plan_directory": ("write_plan",),
+    "jointbayes.studies.planning.directory": ("write_plan",),
     "jointbayes.studies.planning.plan": ("Plan", "plan"),
     "jointbayes.posterior": ("Knowledge", "Posterior", "PredictiveCheck", "gather_knowledge", "summarise"),
     "jointbayes.report.run_directory": ("write_report",),

@@ -18,7 +18,6 @@ from jointbayes.measurement import RelativeNoise
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
-from jointbayes.report.plan import build_plan_report, candidate_table, plan_lines
 from jointbayes.sampling import fit_proposal
 from jointbayes.structure import BeamFamily
 from jointbayes.studies.planning.candidates import Candidate, StatedVariance, estimated_law, repeated
@@ -33,6 +32,7 @@ from jointbayes.studies.planning.first_look import (
 )
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation, predictive_range
 from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first
+from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
 from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth
 from jointbayes.workflow import charts
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited

@@ -208,10 +208,11 @@ def check(config: Path, seed: int | None) -> None:
 @_seed
 def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
     """Weigh joints of less and more freedom against each other, in one case file or several of the same data."""
-    from jointbayes.report.comparison import evidence_table, text_table
-    from jointbayes.report.run_directory import COMPARISON_MARK, require_writable, write_comparison
+    from jointbayes.report.run_directory import require_writable
     from jointbayes.studies.comparison.compare import compare as weigh
     from jointbayes.studies.comparison.compare import require_same_data
+    from jointbayes.studies.comparison.directory import COMPARISON_MARK, write_comparison
+    from jointbayes.studies.comparison.report import evidence_table, text_table
 
     cases = [_load(path) for path in config]
     require_same_data(cases)
@@ -245,9 +246,9 @@ def plan(
     case = _load(config)
     import json
 
-    from jointbayes.report.plan import plan_lines
-    from jointbayes.report.plan_directory import require_plan_directory, write_plan
+    from jointbayes.studies.planning.directory import require_plan_directory, write_plan
     from jointbayes.studies.planning.plan import plan as ranked
+    from jointbayes.studies.planning.report import plan_lines
 
     if out is not None:
         require_plan_directory(out)

@@ -2,6 +2,7 @@
 
 from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
+from jointbayes.inference.marginals import Marginal, Normal, Uniform
 from jointbayes.inference.noise.models import (
     CorrelatedNoise,
     GaussianNoise,
@@ -10,7 +11,7 @@ from jointbayes.inference.noise.models import (
     ScaledNoise,
     StudentNoise,
 )
-from jointbayes.inference.prior import JointPrior, Marginal, Normal, Nuisance, Uniform
+from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
 from jointbayes.inference.resonance_chart import ResonanceChart
 

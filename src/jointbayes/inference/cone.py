@@ -4,19 +4,14 @@ With log stiffnesses the cut is 2 ln k12 < ln k11 + ln k22, with the signed coup
 is none. All works on midpoints of the marginals' probability, so that it is the same in every run.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
-
-if TYPE_CHECKING:
-    from jointbayes.inference.prior import Marginal
+from jointbayes.inference.marginals import Marginal
 
 __all__ = ["cut_quantiles", "log_probability_inside"]
 

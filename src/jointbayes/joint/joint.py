@@ -6,14 +6,15 @@ Cao, H., Li, B., He, Z. A joint stiffness identification method based on finite 
 frequency response functions, section 3 (K^J with k11, k12, k22 at one translation and one rotation).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.joint.plain_springs import RIGID, PlainSprings
-from jointbayes.structure import Structure
 
 __all__ = [
     "RIGID",
@@ -46,6 +47,19 @@ STIFFNESS_PATTERN = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]]
 STIFFNESS_PATTERN.setflags(write=False)
 
 
+class LabelledDofs(Protocol):
+    """Whatever has DOFs with labels: a structure."""
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of DOFs."""
+        ...
+
+    def index(self, labels: Sequence[str]) -> NDArray[np.intp]:
+        """Row numbers of DOF labels, shape (len(labels),)."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Joint:
     """Where a joint acts.
@@ -76,7 +90,7 @@ class Joint:
                 "expected as many on both sides, or none (ground) on the other; correct the labels"
             )
 
-    def selection(self, structure: Structure) -> Array:
+    def selection(self, structure: LabelledDofs) -> Array:
         """Matrix B, shape (n, r), so that Bᵀx is the joint's deformation and B K^J Bᵀ its stiffness.
 
         Raises

@@ -4,8 +4,9 @@ from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.evidence import Evidence, WeightedDraws, evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.information.knowledge import Knowledge, gather_knowledge
-from jointbayes.posterior.posterior import Posterior, RunRecord, data_sha256
+from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.prediction import FrfPrediction
+from jointbayes.posterior.run_record import RunRecord, data_sha256
 from jointbayes.posterior.summary import summarise
 
 __all__ = [

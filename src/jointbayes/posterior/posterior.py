@@ -1,11 +1,9 @@
 """The posterior: draws in physical units, the mode, and everything needed to judge and to repeat the run."""
 
-import hashlib
 import os
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
@@ -17,106 +15,24 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import FrfLikelihood, Problem
 from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
-from jointbayes.measurement.measured import Provenance
+from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.mesh import MeshCheck, check_mesh
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
+from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
 from jointbayes.posterior.verdicts import judge_stiffness
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 
-__all__ = ["Posterior", "RunRecord", "SampledCase", "data_sha256"]
+__all__ = ["Posterior"]
 
 Array = NDArray[np.float64]
 
 _KERNEL_DRAWS = 4000
 _CHECK_DRAWS = 200
-
-
-@dataclass(frozen=True, slots=True)
-class RunRecord:
-    """How the draws came about.
-
-    Parameters
-    ----------
-    case_name, case_text
-        Name of the case and its TOML text, from which everything can be rebuilt.
-    seed
-        Seed of the one random generator of the run.
-    converged, reason
-        Whether the stop rule was met, and a sentence with its figures.
-    sampler
-        Settings and figures of the sampler: walkers, steps, ensembles, tau, seconds and so on.
-    r_hat
-        R̂ over the ensembles by coordinate name.
-    versions
-        Version of every package that numbers depend on.
-    provenance
-        Where data from measurement files come from, as `Provenance.as_json`; None for other data.
-    """
-
-    case_name: str
-    case_text: str
-    seed: int
-    converged: bool
-    reason: str
-    sampler: Mapping[str, Any]
-    r_hat: Mapping[str, float]
-    versions: Mapping[str, str]
-    provenance: Mapping[str, Any] | None = None
-
-
-class SampledCase(Protocol):
-    """What a report says of the case that was sampled, beside the posterior."""
-
-    @property
-    def title(self) -> str:
-        """Title for people."""
-        ...
-
-    @property
-    def initial(self) -> Array:
-        """First guess of (k11, k12, k22), shape (3,)."""
-        ...
-
-    @property
-    def reference(self) -> Array | None:
-        """Published (k11, k12, k22), shape (3,), if any."""
-        ...
-
-    @property
-    def reference_source(self) -> str:
-        """Where these are from."""
-        ...
-
-    @property
-    def paper_audit(self) -> bool:
-        """Whether the paper's tables are set beside the results and audited."""
-        ...
-
-    @property
-    def measured_frequencies_hz(self) -> tuple[float, ...] | None:
-        """Measured natural frequencies, if any, Hz."""
-        ...
-
-    @property
-    def workshop_problem(self) -> Problem | None:
-        """The same problem with more quantities uncertain."""
-        ...
-
-    @property
-    def provenance(self) -> Provenance | None:
-        """Where data from files come from."""
-        ...
-
-    @property
-    def warnings(self) -> Sequence[object]:
-        """What is probably a slip."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,16 +315,3 @@ def _variable(dataset: xr.Dataset, name: str) -> Array:
     if name not in dataset:
         raise ModelError(f"posterior: found parameter {name!r}; expected one of {', '.join(map(str, dataset))}")
     return np.asarray(dataset[name].transpose("chain", "draw").values, dtype=float)
-
-
-def data_sha256(measurement: Measurement) -> str:
-    """Fingerprint of the numbers that were analysed."""
-    digest = hashlib.sha256()
-    arrays: tuple[NDArray[Any], ...]
-    if isinstance(measurement, FrequencyMeasurement):
-        arrays = (measurement.frequency_hz, measurement.sd_hz)
-    else:
-        arrays = (measurement.frf.frequency_hz, measurement.frf.values, measurement.variance)
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
-    return digest.hexdigest()

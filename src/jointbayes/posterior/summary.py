@@ -13,7 +13,8 @@ from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
-from jointbayes.posterior.posterior import Posterior, data_sha256
+from jointbayes.posterior.posterior import Posterior
+from jointbayes.posterior.run_record import data_sha256
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 
 __all__ = ["SCHEMA_VERSION", "summarise"]

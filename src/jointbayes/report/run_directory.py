@@ -5,34 +5,27 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, ReportError
 from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
-from jointbayes.report.comparison import build_comparison_report
 from jointbayes.report.kept_draws import draws_kept
-from jointbayes.studies.comparison.compare import Comparison
 
 __all__ = [
-    "COMPARISON_MARK",
     "json_text",
     "require_writable",
-    "write_comparison",
     "write_report",
     "write_run",
     "write_whole",
 ]
 
 _MARK = "summary.json"  # by which a run directory is known
-#: File by which the directory of a comparison is known.
-COMPARISON_MARK = "compare.json"
 
 
 def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
@@ -102,37 +95,6 @@ def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> P
 
     files = {"summary.json": json_text(inputs.summary), "case.toml": posterior.record.case_text}
     write_whole(target, report, files, posterior, kept)
-    return target
-
-
-def write_comparison(comparison: Comparison, cases: Sequence[Case], directory: str | os.PathLike[str]) -> Path:
-    """Write the run directory of a comparison, whole or absent.
-
-    Parameters
-    ----------
-    comparison
-        What was compared.
-    cases
-        Its cases, whose text is kept.
-    directory
-        Where to write, as for `write_report`; an older comparison of the same name is replaced.
-
-    Returns
-    -------
-    Path
-        The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
-
-    Raises
-    ------
-    CaseError
-        If the directory exists and holds no comparison.
-    """
-    target = Path(directory)
-    require_writable(target, COMPARISON_MARK)
-    summary = comparison.summary()
-    report = build_comparison_report(summary, datetime.datetime.now(datetime.UTC).date())
-    files = {COMPARISON_MARK: json_text(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
-    write_whole(target, report, files)
     return target
 
 

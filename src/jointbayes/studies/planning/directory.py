@@ -5,9 +5,9 @@ import os
 from pathlib import Path
 
 from jointbayes.case.case import Case
-from jointbayes.report.plan import build_plan_report
 from jointbayes.report.run_directory import json_text, require_writable, write_whole
 from jointbayes.studies.planning.plan import Plan
+from jointbayes.studies.planning.report import build_plan_report
 
 __all__ = ["require_plan_directory", "write_plan"]
 

@@ -1,0 +1,112 @@
+"""How the draws of a posterior came about, and of which case and data they are."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.inference import Problem
+from jointbayes.measurement import FrequencyMeasurement, Measurement
+from jointbayes.measurement.measured import Provenance
+
+__all__ = ["RunRecord", "SampledCase", "data_sha256"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """How the draws came about.
+
+    Parameters
+    ----------
+    case_name, case_text
+        Name of the case and its TOML text, from which everything can be rebuilt.
+    seed
+        Seed of the one random generator of the run.
+    converged, reason
+        Whether the stop rule was met, and a sentence with its figures.
+    sampler
+        Settings and figures of the sampler: walkers, steps, ensembles, tau, seconds and so on.
+    r_hat
+        R̂ over the ensembles by coordinate name.
+    versions
+        Version of every package that numbers depend on.
+    provenance
+        Where data from measurement files come from, as `Provenance.as_json`; None for other data.
+    """
+
+    case_name: str
+    case_text: str
+    seed: int
+    converged: bool
+    reason: str
+    sampler: Mapping[str, Any]
+    r_hat: Mapping[str, float]
+    versions: Mapping[str, str]
+    provenance: Mapping[str, Any] | None = None
+
+
+class SampledCase(Protocol):
+    """What a report says of the case that was sampled, beside the posterior."""
+
+    @property
+    def title(self) -> str:
+        """Title for people."""
+        ...
+
+    @property
+    def initial(self) -> Array:
+        """First guess of (k11, k12, k22), shape (3,)."""
+        ...
+
+    @property
+    def reference(self) -> Array | None:
+        """Published (k11, k12, k22), shape (3,), if any."""
+        ...
+
+    @property
+    def reference_source(self) -> str:
+        """Where these are from."""
+        ...
+
+    @property
+    def paper_audit(self) -> bool:
+        """Whether the paper's tables are set beside the results and audited."""
+        ...
+
+    @property
+    def measured_frequencies_hz(self) -> tuple[float, ...] | None:
+        """Measured natural frequencies, if any, Hz."""
+        ...
+
+    @property
+    def workshop_problem(self) -> Problem | None:
+        """The same problem with more quantities uncertain."""
+        ...
+
+    @property
+    def provenance(self) -> Provenance | None:
+        """Where data from files come from."""
+        ...
+
+    @property
+    def warnings(self) -> Sequence[object]:
+        """What is probably a slip."""
+        ...
+
+
+def data_sha256(measurement: Measurement) -> str:
+    """Fingerprint of the numbers that were analysed."""
+    digest = hashlib.sha256()
+    arrays: tuple[NDArray[Any], ...]
+    if isinstance(measurement, FrequencyMeasurement):
+        arrays = (measurement.frequency_hz, measurement.sd_hz)
+    else:
+        arrays = (measurement.frf.frequency_hz, measurement.frf.values, measurement.variance)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
+    return digest.hexdigest()
