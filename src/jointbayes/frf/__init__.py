@@ -1,7 +1,7 @@
 """Frequency response functions: measured sets, the forward models that predict them, rotations."""
 
 from jointbayes.frf.coupling import LowRankCoupling
-from jointbayes.frf.direct import DirectSolve, dynamic_stiffness
+from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
 from jointbayes.frf.model import ReceptanceModel, receptance_model
@@ -25,7 +25,6 @@ __all__ = [
     "NaturalFrequencies",
     "Ports",
     "ReceptanceModel",
-    "dynamic_stiffness",
     "receptance_model",
     # rotations
     "DifferenceScheme",

@@ -10,38 +10,10 @@ from jointbayes.frf.ports import Ports, as_batch
 from jointbayes.joint import Joint
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
 
-__all__ = ["DirectSolve", "dynamic_stiffness", "solve_lines"]
+__all__ = ["DirectSolve", "solve_lines"]
 
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
-
-
-def dynamic_stiffness(
-    structure: Structure, omega: NDArray[np.float64], joint_stiffness: NDArray[np.float64] | None = None
-) -> Iterator[NDArray[np.complex128]]:
-    """Z(ω) = K − ω²M + jωC (or K(1 + jη) − ω²M), in blocks of lines.
-
-    Parameters
-    ----------
-    structure
-        Structure with its damping law.
-    omega
-        Angular frequencies, shape (lines,), rad/s.
-    joint_stiffness
-        B K^J Bᵀ at the structure's DOFs, shape (n, n); None is the structure without joint.
-
-    Yields
-    ------
-    ndarray, shape (block, n, n)
-
-    References
-    ----------
-    Cao et al., Eq. (2).
-    """
-    added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
-    viscous = _viscous(structure, added)
-    for w in _line_blocks(omega):
-        yield _assembled(structure, added, viscous, w)
 
 
 def _line_blocks(omega: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:

@@ -2,7 +2,7 @@
 
 import math
 
-__all__ = ["factor", "number", "rounded", "rounded_interval"]
+__all__ = ["factor", "number", "rounded", "rounded_interval", "signed"]
 
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
@@ -75,3 +75,14 @@ def factor(ratio: float) -> str:
     if 1 < ratio < 2:
         return f"{ratio:.{1 - math.floor(math.log10(ratio - 1))}f}"
     return number(ratio)
+
+
+def signed(value: float, decimals: int = 2) -> str:
+    """Format a number with its sign and so many decimals; what rounds to zero is +0.
+
+    Examples
+    --------
+    >>> signed(1.234), signed(-0.5, 1), signed(-0.001)
+    ('+1.23', '-0.5', '+0.00')
+    """
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"

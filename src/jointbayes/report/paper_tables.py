@@ -14,6 +14,7 @@ from scipy import optimize
 
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint, joint_matrix
+from jointbayes.posterior.rounding import signed
 from jointbayes.structure import BeamMaterial, ModalDamping, Section, Structure, beam
 
 __all__ = ["TABLE_2", "TABLE_3", "TABLE_4", "Finding", "FrequencyTable", "audit", "clamped_frequencies_hz"]
@@ -107,7 +108,7 @@ def _frequencies_of_table_3() -> Finding:
         f"Table 4 does not follow from Tables 1 and 3.",
         ("Mode", "Table 4 (Hz)", "Table 3 in Table 1's beam (Hz)", "Difference (%)"),
         tuple(
-            (str(i), f"{t:.0f}", f"{f:.1f}", f"{100 * (f / t - 1):+.2f}")
+            (str(i), f"{t:.0f}", f"{f:.1f}", signed(100 * (f / t - 1)))
             for i, (t, f) in enumerate(zip(TABLE_4.simulation, found, strict=True), 1)
         ),
         found,
@@ -139,7 +140,7 @@ def _two_springs() -> Finding:
         f"{ratio[0]:.0f} and {ratio[1]:.0f} times softer than Table 3's.",
         ("Mode", "Measured (Hz)", "Two springs, 360 mm (Hz)", "Error (%)", "Paper's error (%)"),
         tuple(
-            (str(i), f"{m:.0f}", f"{f:.2f}", f"{100 * (f / m - 1):+.2f}", f"{e:+.1f}")
+            (str(i), f"{m:.0f}", f"{f:.2f}", signed(100 * (f / m - 1)), signed(e, 1))
             for i, (m, f, e) in enumerate(zip(measured, found, TABLE_4.error, strict=True), 1)
         ),
         found,
@@ -153,7 +154,7 @@ def _sign_in_table_4() -> Finding:
         f"From its own frequencies the third is {error[2]:.1f} %: 2088 Hz lie below 2101 Hz, the sign is lost.",
         ("Mode", "Printed (%)", "Recomputed (%)"),
         tuple(
-            (str(i), f"{p:+.1f}", f"{e:+.2f}")
+            (str(i), signed(p, 1), signed(e))
             for i, (p, e) in enumerate(zip(TABLE_4.printed_error, error, strict=True), 1)
         ),
         error,

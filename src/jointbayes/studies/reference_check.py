@@ -8,6 +8,7 @@ from jointbayes.case.case import Case
 from jointbayes.errors import CaseError
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.rounding import signed
 
 __all__ = ["CheckLine", "CheckResult", "check_posterior", "require_reference"]
 
@@ -95,7 +96,7 @@ def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
         lines.append(
             CheckLine(
                 f"mode of {name}",
-                f"{mode:.4g} {unit} ({100 * difference:+.2f} %)",
+                f"{mode:.4g} {unit} ({signed(100 * difference)} %)",
                 expected,
                 None if limit is None else bool(abs(difference) <= limit),
             )

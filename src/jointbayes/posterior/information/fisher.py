@@ -99,11 +99,6 @@ class FisherInformation:
         """Names of the joint's coordinates."""
         return self.parametrisation.names
 
-    @property
-    def nuisance_names(self) -> tuple[str, ...]:
-        """Names of all other coordinates."""
-        return self.names[len(self.joint_names) :]
-
     def total(self, free: Sequence[str] | None = None, *, with_prior: bool = True) -> Array:
         """Information about the parameters in `free`, in that order (all if None), the others exactly known: (f, f).
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Knowledge, Posterior
+from jointbayes.posterior.rounding import signed
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, Table
@@ -58,7 +59,7 @@ def _measure(posterior: Posterior) -> list[Block]:
             (
                 f"{m.measured_hz:.2f}",
                 f"{m.predicted_hz:.2f}",
-                f"{round(m.error_percent, 2) + 0.0:+.2f}",
+                signed(m.error_percent),
                 number(m.damping_ratio, 2),
             )
             for m in found.modes

@@ -5,6 +5,7 @@ import numpy as np
 from jointbayes.measurement.channels import ChannelUse
 from jointbayes.measurement.measured import NotedDoubt, Provenance
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.rounding import signed
 from jointbayes.report.format import number
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
 
@@ -24,7 +25,7 @@ def mode_table(posterior: Posterior, provenance: Provenance) -> tuple[Block, ...
             f"{100 * mode.damping_ratio:.3f}",
             number(100 * mode.damping_sd, 2),
             f"{near:.2f}",
-            f"{round(100 * (near / mode.frequency_hz - 1), 2) + 0.0:+.2f}",
+            signed(100 * (near / mode.frequency_hz - 1)),
         )
         for i, (mode, near) in enumerate(zip(provenance.modes, predicted, strict=True), 1)
     )
