@@ -68,9 +68,7 @@ def problems() -> dict[str, Problem]:
         "the same and the length": problem(MODAL, both),
         "the same and an accelerometer's mass": problem(MODAL, (*both, "accelerometer_mass"), mass=0.01),
         "the same and a gain": problem(MODAL, (*both, "gain")),
-        "section size and shear coefficient as well (solved anew)": problem(
-            MODAL, (*both, "section_size", "shear_coefficient")
-        ),
+        "section size and shear coefficient as well": problem(MODAL, (*both, "section_size", "shear_coefficient")),
         "noise scale": problem(MODAL, (), ScaledNoise()),
         "Student-t residuals": problem(MODAL, (), StudentNoise()),
         "model discrepancy": problem(MODAL, (), CorrelatedNoise(2, LINES)),

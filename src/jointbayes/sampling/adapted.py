@@ -28,6 +28,7 @@ _STAGES = (500, 1000, 2000, 4000)
 _SLOW_TAU = 20.0
 _FITTED = 6000  # draws to which a mixture is fitted
 _HELD_OUT = 2000  # others than these, by which the coordinates are chosen
+_NOWHERE = -1000.0  # ln of the density at a draw that has no place in a chart
 _COMPONENTS = 12
 _CONFIRMING = 4000
 _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed
@@ -94,10 +95,11 @@ def run_adapted(
         discarded += chains.steps
         proposal = proposal_from_draws(log_density, charts, _draws(chains), rng)
         start = chains.theta[:, -1]
-    reason = f"{chains.reason}; {discarded} steps before these served to fit what is proposed" * (discarded > 0)
-    return replace(
-        chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason or chains.reason
-    ), proposal
+    reason = chains.reason
+    if discarded:
+        reason += f"; {discarded} steps before these served to fit what is proposed"
+    whole = replace(chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason)
+    return whole, proposal
 
 
 def proposal_from_draws(
@@ -128,7 +130,7 @@ def proposal_from_draws(
         weight = np.full(len(phi), 1 / len(phi))
         mixture = most_likely_mixture(first_mixture(phi, weight, _COMPONENTS, rng), phi, weight)
         likely = mixture.log_density(chart.forward(held_out)) - chart.log_volume(held_out)
-        found.append((float(likely[np.isfinite(likely)].mean()), chart, mixture))
+        found.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), chart, mixture))
     _, chart, mixture = max(found, key=lambda one: one[0])
     mixture = _reaching(mixture, chart, fitted, log_density(fitted), rng)
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, chart)
