@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from benchmarks.calibration_data import VARIANTS, case_of, draw_data
 from benchmarks.calibration_page import SUMMARY, write_figure, write_page
-from benchmarks.record import merged
+from benchmarks.record import kept_lines, merged
 from jointbayes.errors import JointBayesError
 from jointbayes.posterior.calibration import CalibrationResult, calibrate, rank_statistic
 
@@ -124,19 +124,8 @@ def _fingerprint(variant: str) -> dict[str, Any]:
 def _read(file: Path, variant: str) -> list[Outcome]:
     """Outcomes kept in a file; it is begun anew if it is of another case or other settings."""
     head = json.dumps(_fingerprint(variant))
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    if not lines or lines[0] != head:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(head + "\n", encoding="utf-8")
-        return []
-    found = []
-    for line in lines[1:]:
-        try:
-            values = json.loads(line)
-        except ValueError:
-            continue  # the line at which a run was cut off
-        found.append(Outcome(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}))
-    return found
+    found = kept_lines(file, head)
+    return [Outcome(**{k: tuple(v) if isinstance(v, list) else v for k, v in one.items()}) for one in found]
 
 
 def results(found: Iterable[Outcome]) -> tuple[CalibrationResult, ...]:

@@ -137,6 +137,7 @@ def write_page(results: Path) -> None:
 
 
 def where_measured(environment: Mapping[str, Any]) -> str:
+    """Date, machine and version of a study, as one sentence."""
     version = environment["packages"]["jointbayes"]
     return (
         f"{environment['date']}, {environment['cores']} cores, {environment['cpu']} ({environment['machine']}), "

@@ -29,7 +29,7 @@ import numpy as np
 import jointbayes as jb
 from benchmarks.exact_data import BASE, ENTROPY, NAMES, SUBJECTS, Edits, base_case, beyond, draw
 from benchmarks.exact_page import bounds_summary, coverage_summary, mode_summary, seeds_summary, write_page
-from benchmarks.record import merged
+from benchmarks.record import kept_lines, merged
 from jointbayes.errors import JointBayesError
 from jointbayes.identification import refine
 from jointbayes.posterior.summary import summarise
@@ -227,21 +227,7 @@ def _read(file: Path, part: str, subject: str, edits: Edits) -> list[dict[str, A
     text = BASE.read_text(encoding="utf-8") if part == "seeds" else base_case(subject, edits).text
     fields = [one.name for one in dataclasses.fields(StiffnessOutcome)]
     head = json.dumps({"part": part, "entropy": ENTROPY, "fields": fields, "case": text})
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    if not lines or lines[0] != head:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(head + "\n", encoding="utf-8")
-        return []
-    found = []
-    for line in lines[1:]:
-        try:
-            found.append(json.loads(line))
-        except ValueError:
-            continue  # the line at which a run was cut off
-    if lines[-1] and len(found) < len(lines) - 1:
-        with file.open("a", encoding="utf-8") as end:
-            end.write("\n")
-    return found
+    return kept_lines(file, head)
 
 
 def main() -> None:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
-from benchmarks.record import environment
+from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.studies.planning.candidates import Candidate
@@ -287,12 +287,7 @@ def kept_cases(seeds: Iterable[int], repeats: int, kept: Path | None) -> list[li
     head = json.dumps({"template": TEMPLATE, "repeats": repeats})
     done: dict[int, list[Row]] = {}
     if kept is not None:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        lines = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
-        if not lines or lines[0] != head:
-            lines = [head]
-            kept.write_text(head + "\n", encoding="utf-8")
-        for one in map(json.loads, lines[1:]):
+        for one in kept_lines(kept, head):
             done[one["seed"]] = [Row(**{**row, "found": tuple(row["found"])}) for row in one["rows"]]
     for seed in seeds:
         if seed in done:

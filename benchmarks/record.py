@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.page import page, section
 
-__all__ = ["add_options", "environment", "keep", "merged"]
+__all__ = ["add_options", "environment", "keep", "kept_lines", "merged"]
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results.json"
@@ -80,3 +80,25 @@ def keep(name: str, data: Mapping[str, Any], options: argparse.Namespace) -> Non
     if page_path is not None:
         page_path.write_text(page(results), encoding="utf-8")
         print(f"written: {page_path}")
+
+
+def kept_lines(file: Path, head: str) -> list[Any]:
+    """What an earlier run of a study kept, one line of JSON each after a head; begun anew if the file has another head.
+
+    The line at which a run was cut off is passed over.
+    """
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    if not lines or lines[0] != head:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(head + "\n", encoding="utf-8")
+        return []
+    found = []
+    for line in lines[1:]:
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            continue
+    if lines[-1] and len(found) < len(lines) - 1:
+        with file.open("a", encoding="utf-8") as end:
+            end.write("\n")
+    return found

@@ -8,7 +8,6 @@ from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import logsumexp
 
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.errors import JointBayesError, ModelError, SamplingError
@@ -36,8 +35,10 @@ from jointbayes.sampling import (
     Proposal,
     SamplerSettings,
     Start,
+    drawn_without_replacement,
     fit_proposal,
     run_adapted,
+    truncated,
 )
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
@@ -275,19 +276,13 @@ def brought_in(
     Where a posterior is thin and curved its Laplace approximation lies beside it for the most part, and a walker that
     starts there may take thousands of steps to come in. The draws are chosen in proportion to their truncated
     importance weights, none twice.
-
-    References
-    ----------
-    Ionides, E. L. (2008). Truncated importance sampling. DOI 10.1198/106186008X320456
     """
     flat = start.reshape(-1, start.shape[-1])
     outside = np.flatnonzero(log_density(flat) < least)
     if not outside.size:
         return start
     theta, log_weight = proposal.weighted_draws(log_density, rng, _REPLACEMENTS)
-    limit = logsumexp(log_weight) - 0.5 * np.log(_REPLACEMENTS)
-    # the largest of ln w plus Gumbel noise are a sample without replacement
-    order = np.argsort(-(np.minimum(log_weight, limit) + rng.gumbel(size=log_weight.size)))[: outside.size]
+    order = drawn_without_replacement(truncated(log_weight, _REPLACEMENTS), outside.size, rng)
     replaced = flat.copy()
     replaced[outside[: order.size]] = theta[order]
     return replaced.reshape(start.shape)

@@ -11,7 +11,7 @@ from jointbayes.sampling import BoxChart, StudentMixture, StudentT, fit_proposal
 from jointbayes.sampling.coordinates.chart import Identity
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture, split
 from jointbayes.sampling.proposal.pool import Pool
-from jointbayes.sampling.proposal.weights import resampled, tempered
+from jointbayes.sampling.proposal.weights import drawn_without_replacement, resampled, tempered, truncated
 
 LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
 RIGHT = StudentT(np.array([3.0, 2.0]), 0.25 * np.eye(2), 8.0)
@@ -217,3 +217,18 @@ class TestFit:
     def test_nothing_to_start_from_is_refused(self, charts, starts):
         with pytest.raises(SamplingError, match=r"^proposal: found .*; expected at least one of each"):
             fit_proposal(unequal_modes, charts, starts, np.random.default_rng(1))
+
+
+class TestTruncatedWeights:
+    def test_truncation_cuts_at_root_n_times_the_mean(self):
+        log_weight = np.log([1.0, 1.0, 100.0])
+        cut = truncated(log_weight, 4)  # a fourth draw had weight zero: mean 25.5, √4 times that 51
+        np.testing.assert_allclose(np.exp(cut), [1.0, 1.0, 51.0])
+
+    def test_draws_are_chosen_by_their_weights_and_none_twice(self):
+        rng = np.random.default_rng(1)
+        picked = [drawn_without_replacement(np.log([1.0, 2.0, 7.0]), 2, rng) for _ in range(4000)]
+        assert all(len(set(one.tolist())) == 2 for one in picked)
+        first = np.bincount([one[0] for one in picked], minlength=3) / 4000
+        np.testing.assert_allclose(first, [0.1, 0.2, 0.7], atol=0.03)
+        assert len(drawn_without_replacement(np.zeros(3), 9, rng)) == 3

@@ -16,7 +16,7 @@ from jointbayes.sampling.diagnostics import (
 from jointbayes.sampling.proposal.fit import Proposal, Start, fit_proposal
 from jointbayes.sampling.proposal.student_mixture import StudentMixture
 from jointbayes.sampling.proposal.student_t import StudentT
-from jointbayes.sampling.proposal.weights import importance_efficiency
+from jointbayes.sampling.proposal.weights import drawn_without_replacement, importance_efficiency, truncated
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
@@ -38,7 +38,9 @@ __all__ = [
     "Start",
     "StudentMixture",
     "StudentT",
+    "drawn_without_replacement",
     "fit_proposal",
+    "truncated",
     # Results
     "Chains",
     "Check",

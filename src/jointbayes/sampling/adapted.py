@@ -13,7 +13,7 @@ from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
 from jointbayes.sampling.proposal.student_mixture import StudentMixture
-from jointbayes.sampling.proposal.weights import importance_efficiency
+from jointbayes.sampling.proposal.weights import importance_efficiency, truncated
 from jointbayes.sampling.run import Slow, run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Quantities
@@ -136,9 +136,8 @@ def proposal_from_draws(
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, chart)
     _, log_weight = proposal.weighted_draws(log_density, rng, _CONFIRMING)
     # one draw far out, where a walker stays for long but hardly ever comes, must not make the fit look useless
-    limit = np.logaddexp.reduce(log_weight) - 0.5 * np.log(_CONFIRMING)
     dead = np.full(_CONFIRMING - log_weight.size, -np.inf)
-    efficiency = importance_efficiency(np.concatenate([np.minimum(log_weight, limit), dead]))
+    efficiency = importance_efficiency(np.concatenate([truncated(log_weight, _CONFIRMING), dead]))
     return replace(proposal, efficiency=efficiency)
 
 

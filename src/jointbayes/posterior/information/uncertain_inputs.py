@@ -29,8 +29,10 @@ from jointbayes.sampling import (
     ProductChart,
     Proposal,
     SamplerSettings,
+    drawn_without_replacement,
     fit_proposal,
     run_ensembles,
+    truncated,
 )
 from jointbayes.structure import is_mode_frequency
 
@@ -294,10 +296,8 @@ def _draws(
     effective = 1 / float((weighted.weight**2).sum())
     if effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
         return weighted.resample(rng, _DRAWS), "importance sampling"
-    # the largest of ln w plus Gumbel noise, w truncated, are a sample without replacement
-    truncated = np.minimum(log_weight, np.logaddexp.reduce(log_weight) - 0.5 * np.log(_DRAWS))
     count = _SHORT.ensembles * _SHORT.walkers
-    chosen = np.argsort(-(truncated + rng.gumbel(size=truncated.size)))[:count]
+    chosen = drawn_without_replacement(truncated(log_weight, _DRAWS), count, rng)
     if len(chosen) < count:
         return None, "none"
     start = theta[chosen].reshape(_SHORT.ensembles, _SHORT.walkers, -1)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["importance_efficiency", "resampled", "tempered"]
+__all__ = ["drawn_without_replacement", "importance_efficiency", "resampled", "tempered", "truncated"]
 
 Array = NDArray[np.float64]
 
@@ -82,3 +82,31 @@ def resampled(weight: Array, n: int, rng: np.random.Generator) -> NDArray[np.int
     steps = np.cumsum(weight)
     found: NDArray[np.intp] = np.searchsorted(steps / steps[-1], (np.arange(n) + rng.random()) / n)
     return found
+
+
+def truncated(log_weight: Array, n: int) -> Array:
+    """ln of importance weights cut off at √n times their mean over n draws, shape (m,): one far out counts for less.
+
+    Parameters
+    ----------
+    log_weight : ndarray, shape (m,)
+        ln of the weights of m <= n draws; those of the others are zero.
+    n : int
+        Number of draws.
+
+    References
+    ----------
+    E. L. Ionides, Truncated importance sampling (2008), DOI 10.1198/106186008X320456.
+    """
+    limit = np.logaddexp.reduce(log_weight) - 0.5 * np.log(n)
+    cut: Array = np.minimum(log_weight, limit)
+    return cut
+
+
+def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Indices of at most `count` draws in proportion to their weights, none twice.
+
+    The largest of ln w plus Gumbel noise are such a sample.
+    """
+    order: NDArray[np.intp] = np.argsort(-(log_weight + rng.gumbel(size=log_weight.size)))
+    return order[:count]

@@ -26,7 +26,7 @@ from jointbayes.posterior.arviz_bridge import pareto_k
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.fisher import fisher_information
-from jointbayes.sampling import Chart, Start, fit_proposal
+from jointbayes.sampling import Chart, Start, fit_proposal, importance_efficiency
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
@@ -241,10 +241,7 @@ def _trusted(log_weight: Array, effective: float) -> bool:
 
 def _effective(log_weight: Array) -> float:
     """Effective number of weighted draws, (Σw)²/Σw²; 0 without any."""
-    if not len(log_weight) or not np.isfinite(log_weight.max()):
-        return 0.0
-    weight = np.exp(log_weight - log_weight.max())
-    return float(weight.sum() ** 2 / (weight**2).sum())
+    return log_weight.size * importance_efficiency(log_weight) if log_weight.size else 0.0
 
 
 def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array:
