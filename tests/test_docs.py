@@ -199,6 +199,13 @@ def test_readme_and_first_page_say_the_same_about_what_is_missing():
     assert here == there.replace("](docs/", "](")
 
 
+def test_the_readme_shows_the_case_that_init_writes():
+    written = (ROOT / "src" / "jointbayes" / "cli" / "minimal.toml").read_text(encoding="utf-8")
+    assert f"```toml\n{written}```\n" in README.read_text(encoding="utf-8")
+    lines = [line for line in written.splitlines() if line and not line.startswith("#")]
+    assert 10 <= len(lines) <= 15
+
+
 def test_the_quick_start_lists_every_case_of_the_repository():
     listed = dict(_sections(DOCS / "quickstart.md"))["The cases in `configs/`"]
     named = re.findall(r"`(\w+\.toml)`", listed)

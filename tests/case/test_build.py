@@ -401,3 +401,27 @@ def test_a_factor_on_an_uncertain_quantity_is_that_value_of_its_key(name):
     nominal = uncertain.problem.natural_frequencies_hz(k, 3, [[1.0]])[0]
     np.testing.assert_allclose(found, stated.problem.natural_frequencies_hz(k, 3)[0], rtol=1e-7)
     assert np.abs(found / nominal - 1).max() > 1e-4
+
+
+def test_without_priors_and_first_guess_the_beam_sets_their_scale():
+    text = cheap_text()
+    bare = text[: text.index("[joint.initial]")] + text[text.index("[data]") :]
+    flat = SECTIONS["rectangle"]
+    case = jb.case_from_text("bare", edited(bare, (CIRCLE, flat[0]), *SPACE))
+    own = E * flat[3] / L ** np.array([3.0, 2.0, 1.0])  # bending along z
+    np.testing.assert_allclose(case.initial, [1e3 * own[0], 0.0, 0.0])
+    bounds = np.array([(m.low, m.high) for m in case.problem.prior.marginals])
+    np.testing.assert_allclose(bounds, np.log(np.stack([0.1 * own, 1e6 * own], axis=1)))
+    signed = edited(bare, ('parametrisation = "log" ', 'parametrisation = "signed" '))
+    k11, k22, rho = jb.case_from_text("signed", signed).problem.prior.marginals
+    own = E * SECTIONS["circle"][2] * (25 / 30) ** 4 / L ** np.array([3.0, 1.0])
+    np.testing.assert_allclose([k11.low, k22.high], np.log([0.1 * own[0], 1e6 * own[1]]))
+    assert (rho.low, rho.high) == (-1.0, 1.0)
+
+
+def test_a_case_without_title_is_named_after_its_file_and_a_band_without_lower_end_begins_at_its_step():
+    text = cheap_text()
+    case = jb.case_from_text("unnamed", edited(text, ("title = ", "# "), ("f_min_hz = 20.0", "")))
+    assert case.title == "unnamed"
+    frequency = case.problem.measurement.frf.frequency_hz
+    assert (frequency[0], frequency[1], frequency[-1]) == (10.0, 20.0, 2500.0)

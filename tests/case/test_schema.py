@@ -75,7 +75,7 @@ JARGON = re.compile(r"input should|valid (number|integer|string)|literal|pydanti
 # One broken file in each row: changes to the good file (old=>new && old=>new) ;; key ;; words of the message.
 # The fault must be reported on the line of the change, or, if a change holds an @, on the line of the @.
 BROKEN = r"""
-title = =># && # The clamped=>@# The clamped ;; title ;; add title =
+dofs = =># && [joint]=>@[joint] ;; joint.dofs ;; add dofs = ["1:y", "1:rz"]
 title = "C=>title = "\\nC ;; title ;; a text of one line
 "beam"  =>"beem"   ;; structure.kind ;; did you mean "beam"?
 against = []=>against = {} ;; joint.against ;; found a table
@@ -153,7 +153,7 @@ outputs = ["11:y"]=>outputs = ["11:ry"] ;; data.outputs ;; no direction ry
 inputs = ["11:y"]=>inputs = ["12:y"] ;; data.inputs ;; no node 12
 = "receptance"=>= "receptence" ;; data.quantity ;; did you mean "receptance"?
 f_min_hz = 20.0=>f_min_hz = 0 ;; data.f_min_hz ;; in Hz
-f_min_hz = 20.0=> && [data]=>@[data] ;; data.f_min_hz ;; add f_min_hz = 20.0 to [data]
+f_step_hz = 1.0=> && [data]=>@[data] ;; data.f_step_hz ;; add f_step_hz = 1.0 to [data]
 f_max_hz = 2500.0=>f_max_hz = 20.0 ;; data.f_max_hz ;; not above f_min_hz
 f_step_hz = 1.0=>f_step_hz = 2481.0 ;; data.f_step_hz ;; empty band
 f_step_hz = 1.0=>f_step_hz = 1.0e-5 ;; data.f_step_hz ;; at most 1000000 lines

@@ -214,6 +214,24 @@ def test_by_default_the_run_directory_is_named_after_the_case(tmp_path, monkeypa
     assert {p.name for p in (tmp_path / "reports").iterdir()} == {"clamp"}
 
 
+def test_what_init_writes_runs_as_it_stands(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "next: jointbayes run my_case.toml" in cli("init").output
+    assert cli("run", "my_case.toml").exit_code == 0
+    summary = json.loads((tmp_path / "reports" / "my_case" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["parameters"]["k22"]["verdict"] == "identified"
+
+
+def test_init_overwrites_nothing_and_needs_a_directory(tmp_path):
+    assert cli("init", tmp_path).exit_code == 0
+    (tmp_path / "my_case.toml").write_text("mine", encoding="utf-8")
+    for target in (tmp_path, tmp_path / "my_case.toml", tmp_path / "none" / "a.toml"):
+        result = cli("init", target)
+        assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
+        assert "; expected " in result.stderr
+    assert listing(tmp_path) == {"my_case.toml": b"mine"}
+
+
 def test_a_byte_order_mark_and_windows_line_ends_survive_a_whole_run(tmp_path):
     config = tmp_path / "windows.toml"
     text = edited(cheap_frequencies_text(), SHORT)

@@ -21,7 +21,7 @@ from jointbayes.inference import (
     StudentNoise,
     Uniform,
 )
-from jointbayes.joint import RIGID, Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
+from jointbayes.joint import RIGID, STIFFNESS_NAMES, Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
 from jointbayes.measurement import (
     CoherenceNoise,
     FrequencyMeasurement,
@@ -46,6 +46,7 @@ from jointbayes.structure import (
 __all__ = [
     "beam_recipe",
     "family_of",
+    "first_guess",
     "measurement_of",
     "noise_law",
     "noise_model",
@@ -57,6 +58,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _MM, _G = 1e-3, 1e-3
+#: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
+DEFAULT_PRIOR_FACTORS = 0.1, 1e6
+DEFAULT_GUESS_FACTOR = 1e3
 _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
@@ -108,11 +112,33 @@ def _damping(spec: schema.DampingSpec) -> DampingLaw:
 def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
     """Priors on the joint's coordinates and on all else that the case calls uncertain."""
     parametrisation: Parametrisation = LogStiffness() if spec.joint.parametrisation == "log" else SignedCoupling()
-    by_name = {name: getattr(spec.prior, name) for name in parametrisation.names}
-    marginals = tuple(_marginal(by_name[name]) for name in parametrisation.names)
+    if spec.prior is None:
+        marginals = _default_marginals(parametrisation, own_stiffness(recipe, spec.joint))
+    else:
+        marginals = tuple(_marginal(getattr(spec.prior, name)) for name in parametrisation.names)
     return JointPrior(
         parametrisation, marginals, (*_quantities(spec, recipe, measurement), *_noise_parameters(spec.noise))
     )
+
+
+def _default_marginals(parametrisation: Parametrisation, own: Array) -> tuple[Marginal, ...]:
+    """Priors of a case that states none: from far softer than the beam to far stiffer, any coupling."""
+    low, high = DEFAULT_PRIOR_FACTORS
+    stiffness = {name: Uniform(*np.log([low * k, high * k])) for name, k in zip(STIFFNESS_NAMES, own, strict=True)}
+    return tuple(stiffness.get(name, Uniform(-1.0, 1.0)) for name in parametrisation.names)
+
+
+def own_stiffness(recipe: BeamRecipe, joint: schema.JointSpec) -> Array:
+    """The beam's own stiffnesses EI/L³ (N/m), EI/L² (N), EI/L (N·m/rad) in bending along the joint's translation."""
+    inertia = recipe.section.inertia_y if joint.dofs[0].endswith("z") else recipe.section.inertia_z
+    return recipe.material.youngs_modulus * inertia / recipe.length ** np.array([3.0, 2.0, 1.0])
+
+
+def first_guess(spec: schema.CaseSpec, recipe: BeamRecipe) -> Array:
+    """First guess (k11, k12, k22) of the paper's iteration, shape (3,): as stated, or a translational spring alone."""
+    if spec.joint.initial is not None:
+        return stiffness_of(spec.joint.initial)
+    return own_stiffness(recipe, spec.joint) * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
 
 
 def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.case.build import (
     beam_recipe,
     family_of,
+    first_guess,
     measurement_of,
     noise_model,
     prior_of,
@@ -69,13 +70,13 @@ class Case:
 
     @property
     def title(self) -> str:
-        """Title for people."""
-        return self.spec.title
+        """Title for people; without one in the file, the case's name."""
+        return self.spec.title or self.name
 
     @property
     def initial(self) -> Array:
         """First guess of (k11, k12, k22), shape (3,)."""
-        return stiffness_of(self.spec.joint.initial)
+        return first_guess(self.spec, beam_recipe(self.spec.structure, self.spec.data))
 
     @property
     def reference(self) -> Array | None:

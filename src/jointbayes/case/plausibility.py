@@ -181,6 +181,8 @@ def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...
         return ("data", key), getattr(data, key)
     if isinstance(data, MeasuredSpec):
         return ("data", "file"), value
+    if isinstance(data, SyntheticFrfSpec) and data.f_step_hz is not None:
+        return ("data", "f_step_hz"), value  # the lowest line, where no f_min_hz is stated
     return ("data", "frequencies_hz"), value
 
 

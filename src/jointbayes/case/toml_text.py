@@ -16,7 +16,7 @@ from jointbayes.errors import CaseError
 __all__ = ["KeyPath", "fault_line", "key_lines", "parse_toml", "read_text", "similar"]
 
 _MOST_BYTES = 1_000_000
-_START = "start from configs/clamped_beam.toml"
+_START = "start from what `jointbayes init my_case.toml` writes"
 _SYNTAX = {  # what tomllib says: what was found, what to do
     "Cannot overwrite a value": ("this key is given twice", "remove one of the two"),
     "Duplicate inline table key": ("a key is given twice in one inline table", "remove one of the two"),

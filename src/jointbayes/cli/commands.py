@@ -84,6 +84,22 @@ def main() -> None:
 
 
 @main.command()
+@click.argument("file", default="my_case.toml", type=click.Path(path_type=Path))
+def init(file: Path) -> None:
+    """Write a small case to start from, by default my_case.toml; FILE may be a directory."""
+    from importlib.resources import files
+
+    from jointbayes.errors import CaseError
+    from jointbayes.whole_file import write_whole_file
+
+    target = file / "my_case.toml" if file.is_dir() else file
+    if target.exists():
+        raise CaseError(f"{target}: found a file of this name; expected a new one; choose another name")
+    write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
+    click.echo(f"Case: {target}; next: jointbayes run {target}")
+
+
+@main.command()
 @_config
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 @_seed

@@ -130,10 +130,12 @@ _TITLE = Field(
 class CaseSpec(Spec):
     """A whole case file."""
 
-    title: Annotated[str, _TITLE]
+    title: Annotated[str, _TITLE] = ""
     structure: Annotated[StructureSpec, Field(description="the structure without its joint")]
     joint: Annotated[JointSpec, Field(description="the joint: dofs, initial")]
-    prior: Annotated[PriorsSpec, Field(description="a table for the prior of each parameter, as [prior.k11]")]
+    prior: Annotated[
+        PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
+    ] = None
     uncertain: Annotated[
         UncertainSpec, Field(description="a table for each uncertain quantity, as [uncertain.length]")
     ] = UncertainSpec()
@@ -162,7 +164,8 @@ class CaseSpec(Spec):
 
     def _findings(self) -> Iterator[Finding]:
         yield from dof_findings(self.structure, self.joint, self.data, self.plan)
-        yield from prior_findings(self.joint, self.prior)
+        if self.prior is not None:
+            yield from prior_findings(self.joint, self.prior)
         yield from uncertain_findings(self.uncertain, self.structure, self.data)
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.data)

@@ -96,7 +96,7 @@ class SyntheticFrfSpec(Spec):
     kind: Annotated[Literal["synthetic_frf"], _KIND]
     outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
     inputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one excited DOF", ["11:y"])]
-    quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY]
+    quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY] = "receptance"
     f_min_hz: Annotated[Positive | None, _band("the lowest frequency", 20.0)] = None
     f_max_hz: Annotated[Positive | None, _band("the highest frequency", 2500.0)] = None
     f_step_hz: Annotated[Positive | None, _band("the distance of the lines", 1.0)] = None
@@ -106,11 +106,12 @@ class SyntheticFrfSpec(Spec):
 
     def lines_hz(self) -> tuple[float, ...]:
         """Return the frequency lines in Hz; the last one is at ``f_max_hz`` or less than a step below."""
-        if self.f_min_hz is None or self.f_max_hz is None or self.f_step_hz is None:
+        if self.f_max_hz is None or self.f_step_hz is None:
             return self.frequencies_hz or ()
+        lowest = self.f_min_hz or self.f_step_hz
         # The allowance keeps f_max itself when the division falls just short of a whole number.
-        steps = math.floor((self.f_max_hz - self.f_min_hz) / self.f_step_hz + 1e-9)
-        return tuple(self.f_min_hz + i * self.f_step_hz for i in range(steps + 1))
+        steps = math.floor((self.f_max_hz - lowest) / self.f_step_hz + 1e-9)
+        return tuple(lowest + i * self.f_step_hz for i in range(steps + 1))
 
     def _findings(self) -> Iterator[Finding]:
         band = {"f_min_hz": self.f_min_hz, "f_max_hz": self.f_max_hz, "f_step_hz": self.f_step_hz}
@@ -122,15 +123,16 @@ class SyntheticFrfSpec(Spec):
             if len(self.frequencies_hz) < 2:
                 yield Finding(("frequencies_hz",), "", "at least two frequencies in Hz", "add frequencies")
         elif not given:
-            remedy = "add f_min_hz = 20.0, f_max_hz = 2500.0 and f_step_hz = 1.0 to [data]"
-            yield Finding((), "no frequencies", "f_min_hz, f_max_hz, f_step_hz, or frequencies_hz", remedy)
-        elif self.f_min_hz is None or self.f_max_hz is None or self.f_step_hz is None:
-            yield from (Finding((key,), missing=True) for key in band if key not in given)
+            remedy = "add f_max_hz = 2500.0 and f_step_hz = 1.0 to [data]"
+            yield Finding((), "no frequencies", "f_max_hz and f_step_hz, or frequencies_hz", remedy)
+        elif self.f_max_hz is None or self.f_step_hz is None:
+            yield from (Finding((key,), missing=True) for key in ("f_max_hz", "f_step_hz") if key not in given)
         else:
-            yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
-            steps = (self.f_max_hz - self.f_min_hz) / self.f_step_hz
+            low_key, lowest = ("f_min_hz", self.f_min_hz) if self.f_min_hz else ("f_step_hz", self.f_step_hz)
+            yield from not_above(lowest, self.f_max_hz, low_key, "f_max_hz", "in Hz")
+            steps = (self.f_max_hz - lowest) / self.f_step_hz
             if 0 < steps < 1 - 1e-9:
-                found = f"empty band: {self.f_step_hz!r} Hz leaves only the line at f_min_hz = {self.f_min_hz!r}"
+                found = f"empty band: {self.f_step_hz!r} Hz leaves only the line at {low_key} = {lowest!r}"
                 yield Finding(("f_step_hz",), found, "at least two lines up to f_max_hz", "lower f_step_hz")
             elif steps >= _MOST_LINES:
                 found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines"

@@ -40,7 +40,7 @@ class JointSpec(Spec):
     dofs: Annotated[Labels, Field(min_length=2, max_length=2), _DOFS]
     against: Annotated[Labels, _AGAINST] = ()
     parametrisation: Annotated[Literal["log", "signed"], _PARAMETRISATION] = "log"
-    initial: Annotated[StiffnessSpec, Field(description="the first guess: k11, k12, k22")]
+    initial: Annotated[StiffnessSpec | None, Field(description="the first guess: k11, k12, k22")] = None
 
     @property
     def parameters(self) -> tuple[str, str, str]:

@@ -132,13 +132,13 @@ _MASS = not_negative("the mass in g added at each measured translation", 2.0)
 class StructureSpec(Spec):
     """The structure without its joint: a uniform Timoshenko beam along x, nodes counted from 1 at x = 0."""
 
-    kind: Annotated[Literal["beam"], key_field('the kind of structure, "beam"', "beam")]
+    kind: Annotated[Literal["beam"], key_field('the kind of structure, "beam"', "beam")] = "beam"
     length_mm: Annotated[float, positive("the length of the beam in mm", 383.0)]
-    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)]
+    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)] = 10
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     dofs_per_node: Annotated[Literal[2, 5], key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
     youngs_modulus_gpa: Annotated[float, positive("Young's modulus in GPa", 210.0)]
-    poissons_ratio: Annotated[float, _POISSON]
+    poissons_ratio: Annotated[float, _POISSON] = 0.3
     density_kg_m3: Annotated[float, positive("the density in kg/m³", 7800.0)]
     shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
     supports: Annotated[Labels, key_field("a list of the DOFs held fixed", ["1:y"])] = ()
