@@ -1,11 +1,15 @@
 """The paper's beam and joint, and the cases of the repository."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from jointbayes.case.case import Case, case_from_text
+from jointbayes.identification import MapEstimate, ModeSearch
+from jointbayes.inference import LogPosterior
 from jointbayes.joint import Joint
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
@@ -40,6 +44,16 @@ def rod(
 @pytest.fixture(scope="session")
 def configs() -> Path:
     return CONFIGS
+
+
+def best_of(
+    log_posterior: LogPosterior, starts: Mapping[str, ArrayLike], screened: Sequence[ArrayLike] = ()
+) -> MapEstimate:
+    """The mode that climbs from these joints (k11, k12, k22), and then from further points θ, lead to."""
+    search = ModeSearch(log_posterior)
+    search.climb_stiffnesses(starts)
+    search.climb({f"screened draw {i}": np.asarray(theta) for i, theta in enumerate(screened, 1)})
+    return search.estimate()
 
 
 def edited(text: str, *changes: tuple[str, str]) -> str:

@@ -13,7 +13,6 @@ from jointbayes.case.case import Case
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
-from jointbayes.identification import maximise_posterior
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise
@@ -22,7 +21,7 @@ from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 from jointbayes.measurement.virtual.virtual_frf import noisy_frf
 from jointbayes.posterior.storage import stored_test
 from jointbayes.sampling import SamplerSettings
-from tests.conftest import TABLE_3, cheap_text, edited
+from tests.conftest import TABLE_3, best_of, cheap_text, edited
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
@@ -299,7 +298,7 @@ def test_accelerometers_are_taken_out_of_the_data_or_put_into_the_model_with_the
         "neither": loaded(tmp_path, frf_data(channels=plain)),
     }
     start = {"published": TABLE_3}
-    k22 = {name: maximise_posterior(case.problem.log_posterior, start).stiffness[2] for name, case in found.items()}
+    k22 = {name: best_of(case.problem.log_posterior, start).stiffness[2] for name, case in found.items()}
     assert k22["model"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert k22["data"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert abs(k22["neither"] / TABLE_3[2] - 1) > 0.03
@@ -390,9 +389,9 @@ def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(c
     assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
     assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
     assert stations.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
-    found = maximise_posterior(stations.problem.log_posterior, start).stiffness
+    found = best_of(stations.problem.log_posterior, start).stiffness
     np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
-    biased = maximise_posterior(rotation.problem.log_posterior, start).stiffness
+    biased = best_of(rotation.problem.log_posterior, start).stiffness
     assert np.abs(biased / TABLE_3 - 1).max() > 0.1
 
 

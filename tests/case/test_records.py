@@ -9,9 +9,8 @@ import jointbayes as jb
 from jointbayes.case.case import Case
 from jointbayes.case.simulation import simulate
 from jointbayes.errors import CaseError
-from jointbayes.identification import maximise_posterior
 from jointbayes.measurement.formats import write_records
-from tests.conftest import TABLE_3, cheap_text, edited
+from tests.conftest import TABLE_3, best_of, cheap_text, edited
 
 VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'
 
@@ -38,7 +37,7 @@ def loaded(folder: Path, records: str) -> Case:
 
 def k22_of(case: Case) -> tuple[float, float]:
     """Mode of ln k22 relative to the truth, and its Laplace standard deviation."""
-    estimate = maximise_posterior(case.problem.log_posterior, {"published": TABLE_3})
+    estimate = best_of(case.problem.log_posterior, {"published": TABLE_3})
     return float(np.log(estimate.stiffness[2] / TABLE_3[2])), float(np.sqrt(estimate.covariance[2, 2]))
 
 

@@ -19,9 +19,8 @@ from jointbayes.identification import (
     resonances_hz,
     search_further,
 )
-from jointbayes.identification.climb_all import climb_all
-from jointbayes.identification.frequency_starts import FrequencyMatch
-from jointbayes.identification.squares import PosteriorSquares
+from jointbayes.identification.least_squares import PosteriorSquares, climb_all
+from jointbayes.identification.starts import FrequencyMatch
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.sampling import fit_proposal

@@ -7,12 +7,11 @@ from hypothesis import strategies as st
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies
-from jointbayes.identification import maximise_posterior
 from jointbayes.inference import JointPrior, LogPosterior, Uniform
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.joint import RIGID, ComplianceChart, PlainSprings, is_positive_semidefinite, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
-from tests.conftest import CLAMP, rod
+from tests.conftest import CLAMP, best_of, rod
 
 NAMES = [(), ("k11",), ("k22",), ("k11", "k22")]
 ALL = pytest.mark.parametrize("springs", [PlainSprings(names) for names in NAMES], ids=["0", "k11", "k22", "both"])
@@ -118,7 +117,7 @@ def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
     assert prior.sample(np.random.default_rng(1), 5).shape == (5, theta.size)
     assert [end.shape for end in prior.support] == [(theta.size,)] * 2
     posterior = LogPosterior(prior, likelihood_of(rod(elements=4), CLAMP, measurement))
-    found = maximise_posterior(posterior, {"paper": [1e8, 0.0, 0.0], "stiff": [1e10, 1e6, 1e6]})
+    found = best_of(posterior, {"paper": [1e8, 0.0, 0.0], "stiff": [1e10, 1e6, 1e6]})
     np.testing.assert_allclose(found.theta, theta, atol=1e-6)
     assert found.covariance.shape == (theta.size, theta.size)
     assert not found.failed_starts

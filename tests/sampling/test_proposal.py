@@ -9,9 +9,9 @@ from scipy import stats
 from jointbayes.errors import SamplingError
 from jointbayes.joint import ComplianceChart, LogStiffness, SignedCoupling
 from jointbayes.sampling import Proposal, StudentMixture, fit_proposal
-from jointbayes.sampling.moves.mixture import independence_share, mixture
-from jointbayes.sampling.proposal.fit import importance_efficiency
-from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.ensemble import independence_share, mixture
+from jointbayes.sampling.proposal.student import StudentT
+from jointbayes.sampling.proposal.weights import importance_efficiency
 from tests.sampling.worker_densities import GaussianInCompliance
 
 MEAN, SCALE = np.array([1.0, -2.0, 0.5]), np.array([[2.0, 0.9, 0.0], [0.9, 1.0, -0.3], [0.0, -0.3, 0.5]])

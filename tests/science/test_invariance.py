@@ -12,12 +12,9 @@ from emcee.moves import DESnookerMove
 from scipy import stats
 
 from jointbayes.sampling.coordinates.chart import Identity
-from jointbayes.sampling.ensemble import EnsembleState, advance
-from jointbayes.sampling.moves.differential_evolution import ChartedDEMove
-from jointbayes.sampling.moves.independence import IndependenceMove
-from jointbayes.sampling.moves.mixture import WeightedMove
-from jointbayes.sampling.moves.stretch import HalvesStretchMove
-from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.ensemble import EnsembleState, WeightedMove, advance
+from jointbayes.sampling.moves import ChartedDEMove, HalvesStretchMove, IndependenceMove
+from jointbayes.sampling.proposal.student import StudentT
 from tests.science.known_densities import TARGETS
 
 pytestmark = pytest.mark.science

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from jointbayes.sampling import Proposal, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
-from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.proposal.student import StudentT
 from tests.science.known_densities import TARGETS
 
 pytestmark = pytest.mark.science

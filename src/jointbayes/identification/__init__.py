@@ -2,13 +2,12 @@
 
 from jointbayes.identification.compliance_fit import compliance_start
 from jointbayes.identification.effort import search_further
-from jointbayes.identification.frequency_starts import frequency_starts
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
-from jointbayes.identification.mode_search import ModeSearch, maximise_posterior
+from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.paper_iteration import IterationHistory, SensitivityKind, sensitivity_iteration
 from jointbayes.identification.refine import refine
 from jointbayes.identification.resonances import resonances_hz
-from jointbayes.identification.screening import screened_draws
+from jointbayes.identification.starts import frequency_starts, screened_draws
 
 __all__ = [
     "IterationHistory",
@@ -20,7 +19,6 @@ __all__ = [
     "StartOutcome",
     "compliance_start",
     "frequency_starts",
-    "maximise_posterior",
     "refine",
     "resonances_hz",
     "screened_draws",

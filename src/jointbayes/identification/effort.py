@@ -5,11 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.identification.frequency_starts import frequency_starts
+from jointbayes.identification.least_squares import white_residuals
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
-from jointbayes.identification.screening import screened_draws
-from jointbayes.identification.squares import white_residuals
+from jointbayes.identification.starts import frequency_starts, screened_draws
 from jointbayes.inference import IntegratedScale, LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
 

@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.identification.climb_all import climb_all
+from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
-from jointbayes.identification.mode_scan import with_modes_on_data
 from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
-from jointbayes.identification.squares import PosteriorSquares
+from jointbayes.identification.starts import with_modes_on_data
 from jointbayes.inference import LogPosterior
 
-__all__ = ["ModeSearch", "into_support", "local_modes", "maximise_posterior"]
+__all__ = ["ModeSearch", "into_support", "local_modes"]
 
 Array = NDArray[np.float64]
 
@@ -35,36 +34,6 @@ _NEAR, _NEARLY = 0.01, 0.05
 _FALL = 0.01
 #: Rough ends that are lower than the best by `_LOWEST` and this are not refined, and no more than so many in one go.
 _UNREFINED, _REFINED = 20.0, 8
-
-
-def maximise_posterior(
-    log_posterior: LogPosterior, starts: Mapping[str, ArrayLike], screened: Sequence[Array] = ()
-) -> MapEstimate:
-    """Best mode over several starts.
-
-    Parameters
-    ----------
-    log_posterior
-        Density to climb.
-    starts
-        (k11, k12, k22), shape (3,), by name. A start outside the prior's support is moved to its nearest edge.
-    screened
-        Further starts θ, each shape (d,), inside the support. An end that is as good as the best of the named starts'
-        is that one.
-
-    Returns
-    -------
-    MapEstimate
-
-    Raises
-    ------
-    ModelError
-        If no start leads anywhere.
-    """
-    search = ModeSearch(log_posterior)
-    search.climb_stiffnesses(starts)
-    search.climb({f"screened draw {i}": theta for i, theta in enumerate(screened, 1)})
-    return search.estimate()
 
 
 class ModeSearch:

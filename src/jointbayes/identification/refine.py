@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from jointbayes.errors import ModelError
-from jointbayes.identification.climb import newton_climb
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedChart, LogStiffness
+from jointbayes.sampling.density import newton_climb
 
 __all__ = ["inside_the_edges", "laplace_covariance", "refine"]
 

@@ -14,8 +14,7 @@ from jointbayes.sampling.diagnostics import (
     split_r_hat,
 )
 from jointbayes.sampling.proposal.fit import Proposal, Start, fit_proposal
-from jointbayes.sampling.proposal.student_mixture import StudentMixture
-from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.weights import drawn_without_replacement, importance_efficiency, truncated
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings

@@ -12,7 +12,7 @@ from jointbayes.sampling.coordinates.straight import straightened
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
-from jointbayes.sampling.proposal.student_mixture import StudentMixture
+from jointbayes.sampling.proposal.student import StudentMixture
 from jointbayes.sampling.proposal.weights import importance_efficiency, truncated
 from jointbayes.sampling.run import Slow, run_ensembles
 from jointbayes.sampling.settings import SamplerSettings

@@ -1,4 +1,4 @@
-"""The one thing that this room knows of a posterior: its log-density."""
+"""The one thing that this room knows of a posterior, its log-density: checked values, derivatives, the way uphill."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,10 +8,17 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 
-__all__ = ["Checked", "LogDensity"]
+__all__ = ["Checked", "LogDensity", "covariance_roots", "derivatives_along", "newton_climb"]
 
-LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Array = NDArray[np.float64]
+
+LogDensity = Callable[[Array], Array]
 """Log of an unnormalised density: (n, d) points to (n,) values, −inf where the density is zero."""
+
+_LEAST = 1e-12  # of the width of a direction that has none at all
+_FLATTEST = 1 / 16  # least curvature: no step of a climb makes a direction more than four times wider
+_FARTHEST = 50.0  # of one step in any coordinate, most of them logarithms: what lies beyond has no finite stiffness
+_LENGTHS = 2.0 ** -np.arange(10)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +27,7 @@ class Checked:
 
     log_density: LogDensity
 
-    def __call__(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, theta: Array) -> Array:
         """Values, shape (n,), at θ, shape (n, d), or a `SamplingError`."""
         values = np.asarray(self.log_density(theta), dtype=np.float64)
         if values.shape != theta.shape[:1]:
@@ -36,3 +43,101 @@ class Checked:
                 "expected a finite number, or −inf where the density is zero"
             )
         return values
+
+
+def newton_climb(
+    log_density: LogDensity,
+    start: Array,
+    covariance: Array,
+    *,
+    step: float = 0.1,
+    steps: int = 30,
+    gain: float = 1e-7,
+    settled: float = 2.0,
+) -> tuple[Array, float, Array]:
+    """Climb to the nearest mode by Newton's method with differences and a whole line of trial steps at once.
+
+    Differences are taken along axes that follow the curvature, so that a first covariance of another size is no harm.
+    Where the density is cut off within their reach, the climb ends with what it has.
+
+    Parameters
+    ----------
+    log_density
+        (n, d) points to (n,) values, −inf outside the support.
+    start
+        Where to begin, inside the support, shape (d,).
+    covariance
+        Rough covariance there, shape (d, d), for the size of steps and differences.
+    step
+        Of the differences, in standard deviations.
+    steps
+        No more steps than these.
+    gain
+        In log density: a step that gains no more is not made.
+    settled
+        A climb has arrived if it gains no more and the curvature along every axis is 1 to within this factor.
+
+    Returns
+    -------
+    theta, log_density, covariance : ndarray (d,), float, ndarray (d, d)
+        Mode, density there, and the inverse of the curvature, no flatter than sixteen times the last scale.
+    """
+    place, axes = np.array(start, dtype=float), covariance_roots(covariance, _LEAST)
+    for _ in range(steps):
+        value, gradient, hessian = derivatives_along(log_density, place, axes, step)
+        if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
+            break  # the support ends within reach
+        curvature, vectors = np.linalg.eigh(-hessian)
+        turned = axes @ vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
+        move = turned @ (turned.T @ np.linalg.solve(axes.T, gradient))
+        move *= min(1.0, _FARTHEST / np.abs(move).max(initial=_FARTHEST))
+        trials = place + _LENGTHS[:, None] * move
+        found = log_density(trials)
+        best = int(np.argmax(found))
+        axes = turned
+        if found[best] > value + gain:
+            place, value = trials[best], float(found[best])
+        elif (curvature > 1 / settled).all() and (curvature < settled).all():
+            break
+    return place, value, axes @ axes.T
+
+
+def derivatives_along(log_density: LogDensity, place: Array, axes: Array, step: float) -> tuple[float, Array, Array]:
+    """Value, gradient and Hessian along axes, by central differences from one call.
+
+    Parameters
+    ----------
+    log_density
+        (n, d) points to (n,) values, −inf where the density is zero.
+    place
+        Where, shape (d,).
+    axes
+        Columns of (d, d).
+    step
+        Of the differences, as a fraction of the axes.
+
+    Returns
+    -------
+    value, gradient, hessian : float, ndarray (d,), ndarray (d, d)
+        NaN throughout gradient and Hessian where a difference leaves the support.
+    """
+    d = place.size
+    rows, columns = np.triu_indices(d, 1)
+    offsets = np.concatenate([axes.T, axes.T[rows] + axes.T[columns]]) * step
+    values = log_density(np.concatenate([place[None], place + offsets, place - offsets]))
+    centre, up, down = values[0], *np.split(values[1:], 2)
+    if not np.isfinite(values).all():
+        return float(centre), np.full(d, np.nan), np.full((d, d), np.nan)
+    even = up + down - 2 * centre
+    hessian = np.diag(even[:d])
+    hessian[rows, columns] = hessian[columns, rows] = (even[d:] - even[rows] - even[columns]) / 2
+    return float(centre), (up - down)[:d] / (2 * step), hessian / step**2
+
+
+def covariance_roots(covariance: Array, least: float) -> Array:
+    """R, shape (d, d), with R Rᵀ the covariance, its eigenvalues as a correlation matrix raised to the least."""
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sd[sd == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
+    roots: Array = sd[:, None] * vectors * np.sqrt(np.maximum(values, least))
+    return roots

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.coordinates.chart import Chart
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import Block, EnsembleState, initial_states
-from jointbayes.sampling.moves.mixture import mixture
+from jointbayes.sampling.ensemble import Block, EnsembleState, initial_states, mixture
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import (
@@ -96,7 +95,7 @@ def run_ensembles(
     >>> run_ensembles(lambda x: -0.5 * x[:, 0] ** 2, rng.normal(size=(4, 8, 1)), rng, settings).converged
     True
     """
-    import jointbayes.sampling.moves.driver  # noqa: F401  (emcee's import is no part of the sampling that is timed)
+    import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
 
     began = time.perf_counter()
     states = initial_states(log_density, start, rng, settings)

@@ -11,8 +11,7 @@ from multiprocessing import get_context
 
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import Block, EnsembleState, advance
-from jointbayes.sampling.moves.mixture import WeightedMove
+from jointbayes.sampling.ensemble import Block, EnsembleState, WeightedMove, advance
 
 __all__ = ["MoveOn", "mover"]
 

@@ -8,17 +8,21 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinates.chart import Chart, Identity
-from jointbayes.sampling.density import Checked, LogDensity
-from jointbayes.sampling.differences import covariance_roots
-from jointbayes.sampling.proposal.bell_fit import DOF, Round, good_efficiency, refined_bell
-from jointbayes.sampling.proposal.laplace import Whitened, laplace, whitened
+from jointbayes.sampling.density import Checked, LogDensity, covariance_roots
 from jointbayes.sampling.proposal.mixture_search import Fit, search
-from jointbayes.sampling.proposal.pool import Pool, theta_draws
-from jointbayes.sampling.proposal.student_mixture import StudentMixture
-from jointbayes.sampling.proposal.student_t import StudentT
-from jointbayes.sampling.proposal.weights import importance_efficiency
+from jointbayes.sampling.proposal.student import StudentMixture, StudentT
+from jointbayes.sampling.proposal.student_fit import (
+    DOF,
+    Round,
+    Whitened,
+    good_efficiency,
+    laplace,
+    refined_bell,
+    whitened,
+)
+from jointbayes.sampling.proposal.weights import Pool, theta_draws
 
-__all__ = ["Proposal", "Start", "fit_proposal", "importance_efficiency"]
+__all__ = ["Proposal", "Start", "fit_proposal"]
 
 Array = NDArray[np.float64]
 

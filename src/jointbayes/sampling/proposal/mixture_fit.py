@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.sampling.proposal.bell_fit import DOF
-from jointbayes.sampling.proposal.student_mixture import StudentMixture
-from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.sampling.proposal.student import StudentMixture, StudentT
+from jointbayes.sampling.proposal.student_fit import DOF
 
 __all__ = ["first_mixture", "most_likely_mixture", "split"]
 

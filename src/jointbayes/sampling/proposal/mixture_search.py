@@ -7,12 +7,10 @@ from itertools import product
 import numpy as np
 
 from jointbayes.sampling.coordinates.chart import Chart
-from jointbayes.sampling.proposal.bell_fit import good_efficiency
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture, split
-from jointbayes.sampling.proposal.pool import Pool
-from jointbayes.sampling.proposal.student_mixture import StudentMixture
-from jointbayes.sampling.proposal.student_t import StudentT
-from jointbayes.sampling.proposal.weights import resampled, tempered
+from jointbayes.sampling.proposal.student import StudentMixture, StudentT
+from jointbayes.sampling.proposal.student_fit import good_efficiency
+from jointbayes.sampling.proposal.weights import Pool, resampled, tempered
 
 __all__ = ["Fit", "search"]
 

@@ -1,18 +1,22 @@
-"""Climb from many starts at once: Levenberg-Marquardt on batches of residuals."""
+"""Climb from many starts at once: Levenberg-Marquardt on batches of residuals, those of a posterior among them."""
 
+import math
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.inference import JointPrior
+from jointbayes.inference import IntegratedScale, JointPrior, LogPosterior
+from jointbayes.inference.likelihood import FrequencyLikelihood
+from jointbayes.joint import joint_matrix
 
-__all__ = ["Squares", "climb_all"]
+__all__ = ["PosteriorSquares", "Squares", "climb_all", "white_residuals"]
 
 Array = NDArray[np.float64]
 
 _STEP = 1e-6  # of differences, in prior standard deviations
 _AT_ONCE = 4_000_000  # residuals held in memory together
+_POINTS_AT_ONCE = 16  # points whose residuals over all lines are held in memory
 _FARTHEST = 0.7  # of one step in any coordinate, in prior standard deviations
 _FACTORS = np.array([1e-2, 0.1, 1.0, 10.0, 100.0, 1e4])  # on the damping: all are tried at once, the best is kept
 _LEAST, _MOST = 1e-10, 1e10  # damping relative to the curvature; beyond, no step is left that gains
@@ -145,3 +149,51 @@ def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
     finite = np.isfinite(gradient).all(axis=1) & np.isfinite(normal).all(axis=(1, 2))
     gradient[~finite], normal[~finite] = 0.0, np.eye(c)
     return gradient, normal
+
+
+class PosteriorSquares:
+    """Residuals that are Gaussian and white if the noise model holds, its parameters held as they are.
+
+    Parameters
+    ----------
+    log_posterior
+        The posterior.
+    weight
+        Factor on each residual, shape (lines, pairs), for a climb on a density that is flattened; by default 1.
+    """
+
+    def __init__(self, log_posterior: LogPosterior, weight: Array | None = None) -> None:
+        self.prior = log_posterior.prior
+        self._posterior, self._weight = log_posterior, weight
+        self.columns = np.arange(self.prior.mean.size - log_posterior.likelihood.hyper_count)
+
+    def residuals(self, theta: Array) -> Array:
+        """Residuals e, shape (n, m), of points inside the support, shape (n, d)."""
+        z = white_residuals(self._posterior, theta)
+        return z if self._weight is None else z * np.repeat(self._weight.ravel(), z.shape[1] // self._weight.size)
+
+    def value(self, theta: Array) -> Array:
+        """Log density, shape (n,), up to a constant; −inf outside the support."""
+        if self._weight is None:
+            return self._posterior(theta)
+        out = self.prior.log_density(theta)
+        inside = np.flatnonzero(np.isfinite(out))
+        for few in np.array_split(inside, max(1, inside.size // _POINTS_AT_ONCE)):
+            out[few] -= 0.5 * (self.residuals(theta[few]) ** 2).sum(axis=1)
+        out[~np.isfinite(out)] = -np.inf
+        return out
+
+
+def white_residuals(log_posterior: LogPosterior, theta: Array) -> Array:
+    """Residuals of points inside the support, shape (n, d), of unit variance each if model and noise hold, (n, m)."""
+    likelihood = log_posterior.likelihood
+    matrices, factors = joint_matrix(log_posterior.prior.stiffness(theta)), log_posterior.prior.factors(theta)
+    z = likelihood.standardised(matrices, factors)
+    noise, hyper = likelihood.noise, factors[:, factors.shape[1] - likelihood.hyper_count :]
+    if isinstance(likelihood, FrequencyLikelihood):
+        return z / hyper if likelihood.hyper_count else z
+    # E|z|² = 1 of a complex residual, half of it in each part
+    white = math.sqrt(2) * (noise.whiten(z, hyper) if isinstance(noise, IntegratedScale) else noise.scores(z, hyper))
+    flat = np.ascontiguousarray(white).reshape(len(theta), -1)
+    real: Array = flat.view(np.float64) if np.iscomplexobj(flat) else flat
+    return real

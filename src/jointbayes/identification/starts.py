@@ -1,4 +1,4 @@
-"""Starts for a climb by natural frequencies first.
+"""Starts for a climb: by natural frequencies first, and from draws of the prior that explain the most lines.
 
 FRFs with lines coarser than a resonance is wide have a density full of false summits; natural frequencies have not.
 Joints whose predicted frequencies agree with the resonances of the data lie within reach of the mode.
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from jointbayes.frf import NaturalFrequencies
-from jointbayes.identification.climb_all import climb_all
+from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
-from jointbayes.inference import JointPrior, Problem
+from jointbayes.inference import JointPrior, LogPosterior, Problem
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.uncertain_quantities import is_damping_ratio
 
-__all__ = ["FrequencyMatch", "frequency_starts", "natural_frequency_model"]
+__all__ = ["FrequencyMatch", "frequency_starts", "natural_frequency_model", "screened_draws", "with_modes_on_data"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,8 +34,12 @@ _EDGE = 0.03
 _MOST_MODES = 24  # predicted
 _SPARE = 1.2  # on the end of the band: the structure itself may be uncertain
 _POINTS, _CLIMBED, _STEPS = 256, 12, 25
-_APART = 0.5  # prior standard deviations between points that are climbed
+_APART = 0.5  # prior standard deviations of the joint's coordinates between points that are climbed
 _SAME = 0.02  # prior standard deviations between ends that are one
+_SCREENED_AT_ONCE = 256  # draws: their residuals over all lines are held in memory
+_SCAN_STEP = 0.005  # in ln f: a fraction of a resonance's width at the damping ratios of steel assemblies
+_WIDEST = 3.0  # prior standard deviations to either side
+_SWEEPS = 2  # each mode is looked for with the others where they were last found
 
 
 def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
@@ -79,7 +83,8 @@ class FrequencyMatch:
         names, joint = problem.names, len(problem.parametrisation.names)
         quantities = problem.structures.names
         self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
-        shift = [joint + i for i, name in enumerate(quantities) if not _moves_nothing(name)]
+        fixed = (name == "loss_factor" or is_damping_ratio(name) or is_mode_frequency(name) for name in quantities)
+        shift = [joint + i for i, moves_nothing in enumerate(fixed) if not moves_nothing]
         self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)
         off = max((float(problem.prior.sd[i]) for i in self._errors), default=0.0)
         self._tolerance = float(np.hypot(TOLERANCE, off))
@@ -225,9 +230,71 @@ def apart(places: Array, value: Array, distance: float, most: int) -> list[int]:
     return picked
 
 
-def _moves_nothing(name: str) -> bool:
-    """Whether a quantity of the structure leaves the natural frequencies of the model where they are."""
-    return is_damping_ratio(name) or name == "loss_factor" or is_mode_frequency(name)
+def screened_draws(log_posterior: LogPosterior, rng: np.random.Generator, draws: int, keep: int) -> Array:
+    """Points from which to climb, shape (≤ keep, d): of so many draws of the prior those that fit the most lines.
+
+    A joint whose resonances are all off by more than their width has no slope that leads to the mode: climbs end
+    where one wrong resonance stands on the slope of a measured one. Draws are ranked by Σ ln(1 + |z|²) of the
+    standardised residuals z, the Cauchy loss, which counts lines that fit instead of adding up how badly the others
+    do not.
+
+    Parameters
+    ----------
+    log_posterior
+        Density to be climbed.
+    rng
+        Source of the draws.
+    draws, keep
+        Numbers of draws, and of points to return: apart from one another by half a prior standard deviation.
+    """
+    prior, likelihood = log_posterior.prior, log_posterior.likelihood
+    theta = prior.sample(rng, draws)
+    loss = np.empty(draws)
+    for begin in range(0, draws, _SCREENED_AT_ONCE):
+        part = theta[begin : begin + _SCREENED_AT_ONCE]
+        z = likelihood.standardised(joint_matrix(prior.stiffness(part)), prior.factors(part))
+        loss[begin : begin + _SCREENED_AT_ONCE] = np.log1p(np.abs(z) ** 2).reshape(len(part), -1).sum(axis=1)
+    joint = prior.joint(theta) / prior.sd[: len(prior.marginals)]
+    return theta[apart(joint, np.where(np.isfinite(loss), -loss, -np.inf), _APART, keep)]
+
+
+def with_modes_on_data(log_posterior: LogPosterior, theta: Array) -> Array:
+    """Move each error of a natural frequency, ``mode_frequency_1`` and so on, to its best place on a grid.
+
+    A climb finds a resonance only from within its width, and an error of ten per cent is many widths.
+
+    Parameters
+    ----------
+    log_posterior
+        The density.
+    theta
+        A point inside the support, shape (d,).
+
+    Returns
+    -------
+    ndarray, shape (d,)
+        The same point where no such error is uncertain. The size of a model discrepancy is the largest possible
+        during the scan, so that one resonance is found while the others are still off.
+    """
+    prior = log_posterior.prior
+    columns = [i for i, name in enumerate(prior.names) if is_mode_frequency(name)]
+    if not columns:
+        return theta
+    low, high = prior.support
+    tolerant = np.array(theta)
+    for i, name in enumerate(prior.names):
+        if name == "discrepancy_scale":
+            tolerant[i] = high[i] - 1e-6 * (high[i] - low[i])
+    for _ in range(_SWEEPS):
+        for i in columns:
+            reach = min(_WIDEST * prior.sd[i], high[i], -low[i])
+            grid = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _SCAN_STEP)) + 1)
+            points = np.tile(tolerant, (grid.size, 1))
+            points[:, i] = grid
+            tolerant[i] = grid[np.argmax(log_posterior(points))]
+    found = np.array(theta)
+    found[columns] = tolerant[columns]
+    return found
 
 
 def _soft(residual: Array | float) -> Array:

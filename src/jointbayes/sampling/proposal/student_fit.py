@@ -1,15 +1,17 @@
-"""Fit one Student-t distribution to weighted draws, and refine it by its own draws."""
+"""Fit one Student-t distribution in the coordinates of a chart: from the Laplace approximation on, by its own draws."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.sampling.proposal.laplace import Whitened
-from jointbayes.sampling.proposal.student_t import StudentT
+from jointbayes.errors import SamplingError
+from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.density import Checked, LogDensity, covariance_roots, newton_climb
+from jointbayes.sampling.proposal.student import StudentT
 from jointbayes.sampling.proposal.weights import importance_efficiency, tempered
 
-__all__ = ["DOF", "Round", "good_efficiency", "refined_bell"]
+__all__ = ["DOF", "Round", "Whitened", "good_efficiency", "laplace", "refined_bell", "whitened"]
 
 Array = NDArray[np.float64]
 
@@ -19,6 +21,65 @@ _ROUNDS = 4
 _GOOD = 0.8  # a further round would cost more than it gains
 _EM_STEPS = 10  # each brings the fit four times nearer
 _FLOOR = 1e-3  # of the scale before that is added to a new one, so that few draws still span the space
+
+
+@dataclass(slots=True)
+class Whitened:
+    """The density over z, where φ = origin + factor · z and z is of order one."""
+
+    log_density: Checked
+    chart: Chart
+    origin: Array
+    factor: Array
+    evaluations: int = 0
+
+    def __call__(self, z: Array) -> Array:
+        """Log-density over z up to a constant, shape (n,), at z, shape (n, d)."""
+        theta, inside = self.chart.inverse(self.origin + z @ self.factor.T)
+        values = np.full(len(z), -np.inf)
+        if inside.any():
+            theta = theta[inside]
+            self.evaluations += len(theta)
+            found = self.log_density(theta)
+            possible = np.isfinite(found)
+            found[possible] += self.chart.log_volume(theta[possible])
+            # rounding at the very edge of the region may leave a volume that is no number
+            values[inside] = np.where(np.isfinite(found), found, -np.inf)
+        return values
+
+
+def whitened(log_density: LogDensity, chart: Chart, theta: ArrayLike, covariance: ArrayLike) -> Whitened:
+    """Carry a covariance of θ over into φ by the chart's derivative, and whiten with it."""
+    mean, spread = np.asarray(theta, dtype=float), np.asarray(covariance, dtype=float)
+    if mean.ndim != 1 or spread.shape != (mean.size, mean.size):
+        raise SamplingError(
+            f"proposal: found θ of shape {mean.shape} and a covariance of shape {spread.shape}; "
+            "expected (d,) and (d, d); correct the arrays"
+        )
+    origin = chart.forward(mean[None])[0]
+    if not (np.isfinite(origin).all() and np.isfinite(spread).all()):
+        raise SamplingError(
+            f"proposal: found θ = {mean.tolist()} with covariance {spread.tolist()}; "
+            "expected finite numbers inside the chart's region; correct them"
+        )
+    roots = covariance_roots(spread, 1e-10)
+    step = 1e-4 * roots.T
+    factor = (chart.forward(mean + step) - chart.forward(mean - step)).T / 2e-4
+    size = np.linalg.norm(factor, axis=1, keepdims=True)
+    if not (np.isfinite(size).all() and size.all() and np.linalg.cond(factor / size) < 1e7):
+        # at the edge of the chart its derivative says nothing: each coordinate is taken at its own size
+        factor = np.diag(np.where(origin == 0.0, 1.0, np.abs(origin)))
+    return Whitened(Checked(log_density), chart, origin, factor)
+
+
+def laplace(target: Whitened) -> tuple[Array, Array]:
+    """Mode and covariance from the curvature there, in z."""
+    dimension = len(target.origin)
+    # a gain below a thousandth in log-density no longer matters beside a refinement
+    mode, _, covariance = newton_climb(
+        target, np.zeros(dimension), np.eye(dimension), step=0.2, steps=20, gain=1e-3, settled=4.0
+    )
+    return mode, covariance
 
 
 def good_efficiency(dimension: int) -> float:

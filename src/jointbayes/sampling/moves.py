@@ -1,0 +1,188 @@
+"""How walkers move, and emcee's loop that moves them; importing this imports emcee."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import emcee
+import numpy as np
+from emcee.moves import Move, RedBlueMove, StretchMove
+from numpy.typing import NDArray
+
+from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.proposal.student import StudentMixture, StudentT
+
+if TYPE_CHECKING:
+    from emcee import State
+    from emcee.model import Model
+
+__all__ = ["ChartedDEMove", "Driver", "HalvesMove", "HalvesStretchMove", "IndependenceMove", "settle"]
+
+Array = NDArray[np.float64]
+Walkers = NDArray[np.intp] | slice
+
+_JITTER = 1e-5  # of the factor, as in emcee: no step is exactly the way back of another
+
+
+class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
+    """emcee's sampler, whose state of random numbers is read at the end only.
+
+    emcee copies the 624 words of the generator's state at every step. With vectorised moves that would be a fourth of
+    the time of a step.
+    """
+
+    @property
+    def random_state(self) -> None:
+        """Nothing between the steps; see `final_random_state`."""
+        return
+
+    @random_state.setter
+    def random_state(self, state: tuple[Any, ...]) -> None:
+        self._random.set_state(state)
+
+    @property
+    def final_random_state(self) -> tuple[Any, ...]:
+        """State of the Mersenne twister, as `RandomState.get_state` gives it."""
+        return tuple(self._random.get_state())
+
+
+def settle(model: "Model", state: "State", walkers: Walkers, proposed: Array, log_factor: Array) -> NDArray[np.bool_]:
+    """Accept or refuse proposals by the rule of Metropolis and Hastings, in place.
+
+    emcee's own moves do this walker by walker in Python, which costs more than a fast log-density.
+
+    Parameters
+    ----------
+    model, state
+        As emcee hands them to a move; the log-density is asked directly, which the sampler has wrapped in its check.
+    walkers : ndarray of int, shape (n,), or slice
+        Those that move.
+    proposed : ndarray, shape (n, d)
+        Where to.
+    log_factor : ndarray, shape (n,)
+        ln of the ratio q(back)/q(forth) of the proposal's densities.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Which proposals were accepted.
+
+    References
+    ----------
+    W. K. Hastings, Monte Carlo sampling methods using Markov chains (1970), DOI 10.1093/biomet/57.1.97.
+    """
+    log_density = np.asarray(model.log_prob_fn(proposed))
+    # minus an exponential variate is the log of a uniform one
+    gain = log_factor + log_density - state.log_prob[walkers]
+    accepted: NDArray[np.bool_] = gain > -model.random.standard_exponential(len(proposed))
+    state.coords[walkers] = np.where(accepted[:, None], proposed, state.coords[walkers])
+    state.log_prob[walkers] = np.where(accepted, log_density, state.log_prob[walkers])
+    return accepted
+
+
+class HalvesMove(RedBlueMove):  # type: ignore[misc]  # emcee is not typed
+    """Move each random half of the walkers by the positions of the other half, all of a half at once.
+
+    Subclasses give `get_proposal`, as those of emcee's own move of two halves do.
+
+    References
+    ----------
+    D. Foreman-Mackey et al., emcee: the MCMC hammer (2013), section 3, DOI 10.1086/670067.
+    """
+
+    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
+        """Move both halves in turn; return the state and who accepted, shape (walkers,)."""
+        walkers = len(state.coords)
+        order = model.random.permutation(walkers)
+        halves = order[: walkers // 2], order[walkers // 2 :]
+        accepted = np.zeros(walkers, dtype=bool)
+        for moving, resting in (halves, halves[::-1]):
+            proposed, log_factor = self.get_proposal(state.coords[moving], [state.coords[resting]], model.random)
+            accepted[moving] = settle(model, state, moving, proposed, log_factor)
+        return state, accepted
+
+
+class HalvesStretchMove(HalvesMove, StretchMove):  # type: ignore[misc]  # emcee is not typed
+    """emcee's stretch move, accepted or refused for half of the walkers at once.
+
+    References
+    ----------
+    J. Goodman, J. Weare, Ensemble samplers with affine invariance (2010), DOI 10.2140/camcos.2010.5.65.
+    """
+
+
+class ChartedDEMove(HalvesMove):
+    """ter Braak's move along the difference of two other walkers, taken in the coordinates φ of a chart.
+
+    The proposal is symmetric in φ; in θ it carries the ratio of volumes |∂θ/∂φ| into the acceptance.
+
+    Parameters
+    ----------
+    chart
+        Coordinates in which to move.
+    gamma0
+        Factor of the difference; 2.38/√2d by default.
+
+    References
+    ----------
+    C. J. F. ter Braak, Differential evolution MCMC (2006), DOI 10.1007/s11222-006-8769-1.
+    B. Nelson et al., RUN DMC (2014), section 2.1.2 on the jitter, DOI 10.1088/0067-0049/210/1/11.
+    """
+
+    def __init__(self, chart: Chart, gamma0: float | None = None) -> None:
+        super().__init__()
+        self._chart, self._gamma0 = chart, gamma0
+
+    def get_proposal(self, s: Array, c: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
+        """Propose θ for the walkers `s` from the other half `c`, with the log of the volume ratio."""
+        n, dimension = s.shape
+        resting = self._chart.forward(c[0])
+        first = random.randint(len(resting), size=n)
+        second = random.randint(len(resting) - 1, size=n)
+        second += second >= first  # any but the first
+        gamma = 2.38 / math.sqrt(2 * dimension) if self._gamma0 is None else self._gamma0
+        factor = gamma * (1 + _JITTER * random.standard_normal((n, 1)))
+        proposed, inside = self._chart.inverse(self._chart.forward(s) + factor * (resting[first] - resting[second]))
+        # a walker sent out of the region is proposed where it is, and refused
+        proposed = np.where(inside[:, None], proposed, s)
+        ratio = self._chart.log_volume(proposed) - self._chart.log_volume(s)
+        return proposed, np.where(inside, ratio, -np.inf)
+
+
+class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
+    """Propose all walkers at once from one fixed distribution in the coordinates φ of a chart.
+
+    Each walker is a chain of its own here. Its acceptance compares the importance weights p/q of the two places,
+    with q the proposal's density over θ: that over φ divided by |∂θ/∂φ|. The nearer q is to p, the nearer the draws
+    are to independent ones; where q is too narrow a walker waits long, so other moves belong beside this one.
+
+    Parameters
+    ----------
+    chart
+        Coordinates in which to propose.
+    density
+        Distribution of the proposals in these coordinates.
+
+    References
+    ----------
+    L. Tierney, Markov chains for exploring posterior distributions (1994), section 2.3.3,
+    DOI 10.1214/aos/1176325750.
+    """
+
+    def __init__(self, chart: Chart, density: StudentT | StudentMixture) -> None:
+        self._chart, self._density = chart, density
+
+    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
+        chart, density = self._chart, self._density
+        phi = density.draw(random, len(theta))
+        proposed, inside = chart.inverse(phi)
+        # a walker sent out of the region is proposed where it is, and refused
+        proposed = np.where(inside[:, None], proposed, theta)
+        here = density.log_density(chart.forward(theta)) - chart.log_volume(theta)
+        there = density.log_density(phi) - chart.log_volume(proposed)
+        return proposed, np.where(inside, here - there, -np.inf)
+
+    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
+        """Move all walkers; return the state and who accepted, shape (walkers,)."""
+        proposed, log_factor = self.get_proposal(state.coords, model.random)
+        return state, settle(model, state, slice(None), proposed, log_factor)

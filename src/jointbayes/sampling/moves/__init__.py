@@ -1,1 +1,0 @@
-"""How walkers move."""
