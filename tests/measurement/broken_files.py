@@ -215,7 +215,7 @@ def broken_npz(directory):
         "npz with a pickle": (npz_bytes(frf=traps, frequency_hz=LINES), "variable 'frf'.*without objects"),
         "npz of a huge shape": (npz_member(huge), "variable 'frf': found an array that"),
         "npz with code for a header": (npz_member(evil), "variable 'frf': found an array that cannot be read"),
-        "npz bomb": (npz_bytes(frf=np.zeros(4_000_000), frequency_hz=LINES), r"found arrays of 32 MB or more"),
+        "npz bomb": (npz_bytes(frf=np.zeros(4_000_000), frequency_hz=LINES), "found arrays of 32 MB; expected"),
         "npz of other arrays": (npz_bytes(a=LINES), "found neither FRFs nor time histories"),
         "npz of text": (npz_bytes(frf=np.array(["a"] * 12), frequency_hz=LINES), "variable 'frf': found text"),
         "npz NaN": (npz_bytes(frf=np.full(12, np.nan), frequency_hz=LINES, unit="m/N"), "NaN or infinity at 1 Hz"),
@@ -243,14 +243,14 @@ def broken_mat(directory):
     function = mat[:128] + struct.pack("<II", 14, len(body)) + body
     at = mat.index(struct.pack("<iiii", 5, 12, 12, 2))
     return {
-        "mat header cut": (mat[:100], "MAT file: found a damaged header"),
-        "mat cut": (mat[:-500], r"variable \d+: found an element that goes beyond its \d+ bytes"),
-        "mat damaged compression": (bytes(damaged), "variable 1: found compressed data that cannot be unpacked"),
-        "mat function handle": (function, "variable 1: found a function handle or an object"),
-        "mat object": (mat_bytes(frf=thing), "variable 1: found a function handle or an object"),
+        "mat header cut": (mat[:100], "part that cannot be read"),
+        "mat cut": (mat[:-500], "part that cannot be read"),
+        "mat damaged compression": (bytes(damaged), "content: found a part that cannot be read .*decompressing"),
+        "mat function handle": (function, "variable 'f': found a function handle or an object"),
+        "mat object": (mat_bytes(frf=thing), "variable 'frf': found a function handle or an object"),
         "mat sparse": (mat_bytes(frf=scipy.sparse.csc_matrix(np.eye(3))), "variable 'frf': found a sparse matrix"),
-        "mat bomb": (mat_bytes(frf=np.zeros(4_000_000), compress=True), "MB or more in"),
-        "mat of a huge size": (mat[: at + 8] + struct.pack("<i", 2**30) + mat[at + 12 :], "for 2147483648 elements"),
+        "mat bomb": (mat_bytes(frf=np.zeros(4_000_000), compress=True), "found arrays of 32 MB; expected"),
+        "mat of a huge size": (mat[: at + 8] + struct.pack("<i", 2**30) + mat[at + 12 :], "part that cannot be read"),
         "mat without lines": (mat_bytes(frf=H), "variable 'frf': found no frequency lines"),
         "mat of other arrays": (mat_bytes(a=1.0), "found neither FRFs nor time histories"),
         "mat of version 4": (b"\0\0\0\0\x01\0\0\0\x01\0\0\0\0\0\0\0\x02\0\0\0a\0" + bytes(8), "unknown kind"),
@@ -287,8 +287,8 @@ def broken_hdf5(directory):
     heap = hdf5.index(b"GCOL")
     return {
         "hdf5 cut": (hdf5[:-500], "truncated file|cannot be read"),
-        "hdf5 signature alone": (hdf5[:8] + b"garbage" * 200, "content: found a part that cannot be read"),
-        "hdf5 heap damaged": (hdf5[: heap + 24] + bytes(16) + hdf5[heap + 40 :], "damaged heap of text at byte"),
+        "hdf5 signature alone": (hdf5[:8] + b"garbage" * 200, "part that cannot be read"),
+        "hdf5 heap damaged": (hdf5[: heap + 24] + bytes(16) + hdf5[heap + 40 :], "part that cannot be read"),
         "hdf5 of nothing": (hdf5_bytes(directory, lambda file: None), "found neither FRFs nor time histories"),
         "hdf5 sparse": (hdf5_bytes(directory, sparse), "found arrays of 9.6e.04 MB; expected at most"),
         "hdf5 of another file": (hdf5_bytes(directory, elsewhere), "variable 'frf': found data kept in another file"),

@@ -1,13 +1,13 @@
 """Records of a measurement file, whatever its format."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
-from jointbayes.measurement.formats.arrays.hdf5 import read_hdf5, read_mat73
+from jointbayes.measurement.formats.arrays.isolated import read_isolated
 from jointbayes.measurement.formats.arrays.layout import Arrays, records_of
-from jointbayes.measurement.formats.arrays.matlab import read_matlab
 from jointbayes.measurement.formats.arrays.npz import read_npz
 from jointbayes.measurement.formats.assemble import assemble
 from jointbayes.measurement.formats.detect import detect_format
@@ -95,8 +95,8 @@ _READERS: dict[str, Callable[[Path], Iterator[Record]]] = {
     "uff": read_uff,
     "table": read_table,
     "npz": _blocks(read_npz),
-    "mat": _blocks(read_matlab),
-    "mat73": _blocks(read_mat73),
-    "hdf5": _blocks(read_hdf5),
+    "mat": _blocks(partial(read_isolated, kind="mat")),
+    "mat73": _blocks(partial(read_isolated, kind="mat73")),
+    "hdf5": _blocks(partial(read_isolated, kind="hdf5")),
     "lvm": read_lvm,
 }

@@ -7,10 +7,9 @@ from pathlib import Path
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.formats.arrays.hdf5 import write_hdf5, write_mat73
 from jointbayes.measurement.formats.arrays.layout import arrays_of
-from jointbayes.measurement.formats.arrays.matlab import write_matlab
 from jointbayes.measurement.formats.arrays.npz import write_npz
+from jointbayes.measurement.formats.arrays.write import write_hdf5, write_mat73, write_matlab
 from jointbayes.measurement.formats.lvm import write_lvm
 from jointbayes.measurement.formats.table import write_table
 from jointbayes.measurement.formats.uff.write import write_uff

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.arrays.isolated import most_unpacked
 from jointbayes.measurement.formats.arrays.layout import Arrays
-from jointbayes.measurement.formats.arrays.limits import check_unpacked
 
 __all__ = ["read_npz", "write_npz"]
 
@@ -30,7 +30,12 @@ def read_npz(path: Path) -> Iterator[tuple[str, Arrays]]:
         raise MeasurementError(
             f"npz archive: found a damaged archive ({error}); expected a complete one; copy it again"
         ) from None
-    check_unpacked(path, sum(member.file_size for member in members))
+    unpacked, most = sum(member.file_size for member in members), most_unpacked(path)
+    if unpacked > most:
+        raise MeasurementError(
+            f"content: found arrays of {unpacked / 1e6:.3g} MB; expected at most {most / 1e6:.3g} MB in a file of this "
+            "size; save it again without compression"
+        )
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             block, _, key = name.rpartition("/")

@@ -57,6 +57,15 @@ def _bound_memory(most: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (now + 3 * most + _ROOM, resource.RLIM_INFINITY))
 
 
+def _refuse_more(found: int, most: int) -> None:
+    """Refuse arrays that are far larger than their file."""
+    if found > most:
+        raise RefusedError(
+            f"content: found arrays of {found / 1e6:.3g} MB; expected at most {most / 1e6:.3g} MB in a file of this "
+            "size; save it again without compression"
+        )
+
+
 def _save(blocks: list[tuple[str, Block]], target: str) -> None:
     arrays: dict[str, NDArray[Any]] = {}
     manifest = []
@@ -73,17 +82,19 @@ def _save(blocks: list[tuple[str, Block]], target: str) -> None:
 
 def _matlab(path: str, most: int) -> Iterator[tuple[str, Block]]:
     from scipy.io import loadmat
+    from scipy.io.matlab import MatlabObject
 
     _bound_memory(most)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of variables that occur twice: the last one counts, as in MATLAB
         found = loadmat(path, appendmat=False, chars_as_strings=True)
+    _refuse_more(sum(value.nbytes for value in found.values() if isinstance(value, np.ndarray)), most)
     top: Block = {}
     structs = []
     for name, value in found.items():
         if name.startswith("__"):
             continue
-        if isinstance(value, np.ndarray) and value.dtype.names is not None:
+        if isinstance(value, np.ndarray) and value.dtype.names is not None and not isinstance(value, MatlabObject):
             structs.append((name, value))
         else:
             top[name] = _plain(value, f"variable '{name}'")
@@ -130,12 +141,7 @@ def _hdf5(path: str, matlab: bool, most: int) -> Iterator[tuple[str, Block]]:
                 groups.setdefault(name, {})
 
         file.visititems(visit)  # passes over links to other files
-        total = sum(item.nbytes for block in groups.values() for item in block.values())
-        if total > most:
-            raise RefusedError(
-                f"content: found arrays of {total / 1e6:.3g} MB; expected at most {most / 1e6:.3g} MB in a file of "
-                "this size; save it again without compression"
-            )
+        _refuse_more(sum(item.nbytes for block in groups.values() for item in block.values()), most)
         for group in sorted(groups, key=_natural):
             prefix = f"{group}/" if group else ""
             block = {key: _array(item, f"variable '{prefix}{key}'", matlab) for key, item in groups[group].items()}
