@@ -16,7 +16,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from benchmarks import quoted
+from benchmarks import quoted, readme_figure
 from benchmarks.record import environment
 
 __all__ = ["COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped"]
@@ -194,6 +194,7 @@ def main() -> None:
         print(part, flush=True)
         record = renewed(record, part)
         RECORD.write_text(json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    readme_figure.FIGURE.write_text(readme_figure.drawn(record), encoding="utf-8")
     for page in quoted.pages():
         text = page.read_text(encoding="utf-8")
         written = quoted.written(text, record)

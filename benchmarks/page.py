@@ -1,9 +1,12 @@
-"""Results of the benchmarks as Markdown."""
+"""Results of the benchmarks as Markdown: the page, and its three lines in README (`python -m benchmarks.page`)."""
 
+import json
+import textwrap
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
-__all__ = ["page", "section"]
+__all__ = ["in_short", "page", "section"]
 
 Data = Mapping[str, Any]
 
@@ -146,3 +149,28 @@ def _sampler_row(row: Data) -> tuple[str, ...]:
 
 
 _SECTIONS = {"likelihood": ("Cost of a likelihood", _likelihood), "samplers": ("Samplers", _samplers)}
+
+
+def in_short(results: Data) -> str:
+    """What README says of the benchmarks, as three points."""
+    ours = {row["law"]: row for row in results["likelihood"]["rows"] if row["what"] == "jointbayes"}
+    us, times = ([number(ours[law][key], 2) for law in LAW] for key in ("us", "ratio"))
+    samplers = results["samplers"]
+    rows = next(case for case in samplers["cases"] if case["law"] == "modal")["rows"]
+    peers = {row["method"].removesuffix(", jointbayes likelihood"): row for row in rows}
+    seconds = {method: f"{number(row['seconds_to_wanted'], 2)} s" for method, row in peers.items()}
+    where = samplers["environment"]
+    points = (
+        f"One likelihood of one FRF with {results['likelihood']['lines']} lines takes {us[0]} µs with modal damping "
+        f"and {us[1]} µs with a loss factor. A solve at each line takes {times[0]} and {times[1]} times as long.",
+        f"{samplers['wanted']:.0f} effective draws of the main case take {seconds['jointbayes']}, the search for the "
+        f"mode included. On the same likelihood dynesty takes {seconds['dynesty']}, nautilus {seconds['nautilus']} "
+        f"and emcee {seconds['emcee']}, whose draws reach {peers['emcee']['sd_ratio']:.0%} of the posterior's spread.",
+        f"Measured on {where['date']} on one core of an {where['cpu'].replace('(R)', '')}. All figures, and how they "
+        "were made, are in [Benchmarks](docs/benchmarks.md).",
+    )
+    return "\n".join(textwrap.fill(point, 118, initial_indent="- ", subsequent_indent="  ") for point in points)
+
+
+if __name__ == "__main__":
+    print(in_short(json.loads((Path(__file__).parent / "results.json").read_text(encoding="utf-8"))))

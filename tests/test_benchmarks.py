@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks import cases, jax_model, likelihood, page, peers, readme_table, record, timing
+from benchmarks import cases, jax_model, likelihood, page, peers, record, timing
 from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
 from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 
@@ -226,8 +226,7 @@ def test_emcee_is_run_on_our_likelihood_and_extrapolated_for_slow_ones(quick):
     assert "does not apply" in rows[2]["note"]
 
 
-def test_the_readme_carries_the_tables_that_were_measured():
-    results = json.loads(readme_table.RESULTS.read_text(encoding="utf-8"))
-    readme = (readme_table.ROOT / "README.md").read_text(encoding="utf-8")
-    assert readme_table.samplers_table(results) in readme
-    assert readme_table.likelihood_table(results) in readme
+def test_readme_and_page_carry_what_was_measured():
+    results = json.loads(record.RESULTS.read_text(encoding="utf-8"))
+    assert page.in_short(results) in (record.PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert page.page(results) == record.PAGE.read_text(encoding="utf-8")

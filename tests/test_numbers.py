@@ -4,7 +4,7 @@ import json
 import re
 
 import pytest
-from benchmarks import numbers, quoted
+from benchmarks import numbers, quoted, readme_figure
 
 from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
 from jointbayes.report.paper_tables import audit
@@ -28,6 +28,13 @@ def test_every_marked_number_and_block_is_that_of_the_record(page, record):
     assert not re.search(r"^ *<!--n ", text, re.MULTILINE)
     blocks = re.findall(r"<!--(/?)numbers", text)
     assert blocks == ["", "/"] * (len(blocks) // 2)
+
+
+def test_the_figure_of_the_readme_is_that_of_the_record(record):
+    assert readme_figure.drawn(record) == readme_figure.FIGURE.read_text(encoding="utf-8"), AGAIN
+    wider = {**record["cases"]["clamped_beam"]["k11"], "high": 1e11}
+    cases = record["cases"] | {"clamped_beam": record["cases"]["clamped_beam"] | {"k11": wider}}
+    assert readme_figure.drawn({**record, "cases": cases}) != readme_figure.drawn(record)
 
 
 def test_the_pages_quote_the_record_at_all():
