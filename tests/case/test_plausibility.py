@@ -148,10 +148,10 @@ def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(t
 def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
     inputs = ReportInputs(frequency_posterior, "Clamp", (1e8, 0.0, 0.0), warnings=notes)
-    assert inputs.summary["warnings"] == list(notes)
+    assert inputs.summary.warnings == notes
     first = build_report(inputs, datetime.date(2026, 1, 5)).lead[0]
     assert first == Callout("caution", f"**Check the case file.** {notes[0]}.")
-    assert jb.summarise(frequency_posterior, (1e8, 0.0, 0.0))["warnings"] == []
+    assert jb.summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 
 def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):

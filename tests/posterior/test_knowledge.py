@@ -53,7 +53,7 @@ def of_uncertain(uncertain):
 
 def report(posterior, freed=None):
     inputs = ReportInputs(posterior, "Clamp", INITIAL, freed=freed)
-    return build_report(inputs, DATE), inputs.summary
+    return build_report(inputs, DATE), inputs.summary.to_json()
 
 
 def test_a_model_that_does_not_explain_the_data_leads_the_report(wrong):
@@ -215,7 +215,7 @@ def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
 
 
 def test_other_quantities_have_a_section_with_prior_and_posterior(of_uncertain):
-    built, summary = build_report(of_uncertain, DATE), of_uncertain.summary
+    built, summary = build_report(of_uncertain, DATE), of_uncertain.summary.to_json()
     section = next(s for s in built.sections if s.identifier == "nuisances")
     (table,) = (b for b in section.blocks if isinstance(b, Table))
     assert [row[0] for row in table.rows] == ["length", "gain"]
@@ -233,7 +233,7 @@ def test_correlations_are_those_of_the_draws(of_uncertain, uncertain):
 
 
 def test_the_summary_without_knowledge_still_holds_the_check(cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL)
+    summary = summarise(cheap_posterior, INITIAL).to_json()
     assert summary["identifiability"] is None
     assert summary["check"]["explains"] is True
 

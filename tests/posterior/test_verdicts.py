@@ -193,7 +193,7 @@ def test_a_failed_run_has_no_verdict_on_paper(cheap_posterior):
     assert set(table.row_kinds) == {"bad"}
     callouts = [block for block in lead_of(failed) if isinstance(block, Callout)]
     assert Callout("bad", "**No verdict on any stiffness**: the sampler has not converged.") in callouts
-    summary = summarise(failed, (1e8, 0.0, 0.0))
+    summary = summarise(failed, (1e8, 0.0, 0.0)).to_json()
     assert summary["no_verdict"] == ["the sampler has not converged"]
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
 

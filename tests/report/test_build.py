@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import math
 import re
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import case_from_text
-from jointbayes.posterior import summarise
+from jointbayes.posterior import Identifiability, summarise
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.format import number, rounded, rounded_interval
@@ -52,7 +53,7 @@ def section(report, identifier):
 
 
 def test_the_verdict_table_is_the_first_table_and_holds_the_summary_s_numbers(whole, cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ)
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()
     verdicts = of_kind(whole.blocks(), Table)[0]
     assert verdicts in whole.lead
     assert verdicts.head == ("Stiffness", "Published", "Median", "95 % credible interval", "Unit", "Verdict")
@@ -66,7 +67,7 @@ def test_the_verdict_table_is_the_first_table_and_holds_the_summary_s_numbers(wh
 
 
 def test_the_sentence_on_the_coupling_carries_the_summary_s_numbers(whole, cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL)
+    summary = summarise(cheap_posterior, INITIAL).to_json()
     k12, k22 = summary["parameters"]["k12"], summary["parameters"]["k22"]
     _, sentence, explains = of_kind(whole.lead, Paragraph)
     assert explains.text.replace("*", "") == summary["check"]["sentence"]
@@ -89,17 +90,16 @@ def test_the_sentence_on_the_coupling_carries_the_summary_s_numbers(whole, cheap
 
 
 def parameter(low, high, sd_log, verdict="identified"):
-    condition = {"verdict": verdict, "if_model_right": False}
-    return {"interval95": [low, high], "interval95_error": [None, None], "sd_log": sd_log, **condition}
+    return SimpleNamespace(known=Identifiability((low, high), math.nan, sd_log, 1.0, verdict, "", (low + high) / 2))
 
 
 def test_the_sentence_on_the_coupling_fits_every_outcome():
     k22 = parameter(1.5e6, 1.6e6, 0.02)
 
     def sentence(**k12):
-        return coupling_sentence({"parameters": {"k12": parameter(**k12), "k22": k22}})
+        return coupling_sentence(SimpleNamespace(parameters={"k12": parameter(**k12), "k22": k22}))
 
-    both = sentence(low=-1e7, high=2e7, sd_log=None, verdict="not identified")
+    both = sentence(low=-1e7, high=2e7, sd_log=math.nan, verdict="not identified")
     assert both.startswith("**The coupling stiffness k12 is not identified**")
     assert "holds zero, so that not even its sign is known" in both
     assert "only 0.5 times that of k22 (2 %)" in sentence(low=3e7, high=3.1e7, sd_log=0.01)
@@ -184,7 +184,7 @@ def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior
 
 def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
     (table,) = of_kind(section(whole, "frequencies").blocks, Table)
-    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ)["natural_frequencies_hz"]
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()["natural_frequencies_hz"]
     assert [row[1] for row in table.rows] == ["120.0", "762.0", "2101.0"]
     assert [row[3] for row in table.rows] == [f"{f:.2f}" for f in summary["map"]]
     alone = report_of(cheap_posterior, measured_frequencies_hz=None)
@@ -198,7 +198,7 @@ def test_the_report_holds_all_that_repeats_the_run(whole, cheap_posterior):
     (code,) = of_kind(settings.blocks, Code)
     assert code.text == cheap_text()
     mesh, fingerprint = of_kind(settings.blocks, Paragraph)
-    summary = summarise(cheap_posterior, INITIAL)
+    summary = summarise(cheap_posterior, INITIAL).to_json()
     assert mesh.text == summary["mesh"]["sentence"]
     assert summary["data_sha256"] in fingerprint.text
     versions = dict(of_kind(settings.blocks, Table)[0].rows)

@@ -1,35 +1,229 @@
-"""The numbers of a run as one JSON-ready dictionary: `summary.json`, described in docs/summary-json.md."""
+"""The numbers of a run: typed, as a table for people, and as `summary.json`, described in docs/summary-json.md."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.information.knowledge import Knowledge
+from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.mesh import MeshCheck
-from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.run_record import data_sha256
-from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
+from jointbayes.posterior.rounding import number, rounded, rounded_interval
+from jointbayes.posterior.run_record import RunRecord, data_sha256
+from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict, verdict_text
 
-__all__ = ["SCHEMA_VERSION", "summarise"]
+if TYPE_CHECKING:
+    from jointbayes.posterior.information.knowledge import Knowledge
+    from jointbayes.posterior.posterior import Posterior
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "FitSummary",
+    "MapSummary",
+    "NaturalFrequencies",
+    "NuisanceSummary",
+    "StiffnessSummary",
+    "Summary",
+    "summarise",
+]
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 2
 
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class StiffnessSummary:
+    """One stiffness: what its draws say, in `unit`, and how well they were drawn; NaN where a number does not exist."""
+
+    unit: str
+    known: Identifiability
+    map: float
+    mode: float
+    mean: float
+    prior_interval95: Interval
+    r_hat: float
+    ess_bulk: float
+    ess_tail: float
+
+
+@dataclass(frozen=True, slots=True)
+class NuisanceSummary:
+    """One quantity beside the joint, in `unit`; `sd_log` and `contraction` are those of its logarithm."""
+
+    unit: str
+    nominal: float
+    map: float
+    median: float
+    sd_log: float
+    interval95: Interval
+    prior_interval95: Interval
+    contraction: float
+    r_hat: float
+    ess_bulk: float
+    ess_tail: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapSummary:
+    """The MAP, the joint mode beside it, and the starts of the search by name: whether each reached the mode."""
+
+    log_posterior: float
+    coordinates: tuple[str, ...]
+    theta: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    mode_agrees: bool
+    mode_sentence: str
+    at_prior_edge: tuple[str, ...]
+    mode_distance_sd: float
+    starts: tuple[tuple[str, bool], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NaturalFrequencies:
+    """Natural frequencies, Hz: measured if they were, with the first guess of the joint, at the MAP, and over draws."""
+
+    measured: tuple[float, ...] | None
+    initial: tuple[float, ...]
+    map: tuple[float, ...]
+    interval95: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FitSummary:
+    """How well the MAP fits the data: squared residuals over σ² as stated, and the log likelihood."""
+
+    n_data: int
+    chi2_per_line: float
+    log_likelihood_map: float
+    synthetic_data: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """The numbers of a run; `str` makes a table of them, `to_json` what ``summary.json`` holds.
+
+    Parameters
+    ----------
+    record
+        How the draws came about.
+    warnings
+        What in the case is probably a slip.
+    no_verdict
+        Why the run gives no verdict on any stiffness; empty where it does.
+    parameters, nuisances
+        Each stiffness, and each quantity beside the joint that is uncertain, by name.
+    map, natural_frequencies_hz, fit
+        The MAP, natural frequencies there and over draws, and how well it fits.
+    check, diagnosis
+        Whether the model explains the data, and the misfit in an engineer's measure.
+    mesh
+        What the elements do to the result; None where the structure is given by matrices.
+    knowledge
+        What `gather_knowledge` found; None where it was not asked.
+    data_sha256
+        Fingerprint of the data.
+    """
+
+    record: RunRecord
+    warnings: tuple[str, ...]
+    no_verdict: tuple[str, ...]
+    parameters: Mapping[str, StiffnessSummary]
+    nuisances: Mapping[str, NuisanceSummary]
+    map: MapSummary
+    natural_frequencies_hz: NaturalFrequencies
+    fit: FitSummary
+    check: PredictiveCheck
+    diagnosis: Diagnosis
+    mesh: MeshCheck | None
+    knowledge: "Knowledge | None"
+    data_sha256: str
+
+    def __str__(self) -> str:
+        record, fit = self.record, self.fit
+        rows = [
+            (
+                f"{name}:",
+                rounded(p.known.median, p.known.median_error),
+                p.unit,
+                f"({rounded_interval(p.known.interval95, p.known.interval95_error)})",
+                verdict_text(p.known.verdict, if_model_right=p.known.if_model_right),
+            )
+            for name, p in self.parameters.items()
+        ]
+        others = [
+            (f"{name}:", number(n.median, 4), n.unit, f"({number(n.interval95[0], 4)} … {number(n.interval95[1], 4)})")
+            for name, n in self.nuisances.items()
+        ]
+        synthetic = ", synthetic" if fit.synthetic_data else ""
+        lines = [
+            f"[[Posterior of {record.case_name!r}]]",
+            f"    {record.reason}; seed {record.seed}",
+            "[[Stiffness: median (95 % credible interval), verdict]]",
+            *_in_columns(rows),
+            *(["[[Other quantities: median (95 % credible interval)]]", *_in_columns(others)] if others else []),
+            "[[Fit at the MAP]]",
+            f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
+            "per value (1 is expected)",
+            f"    {self.check.sentence}",
+            *(f"    No verdict: {reason}" for reason in self.no_verdict),
+            *(f"    Warning: {warning}" for warning in self.warnings),
+        ]
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
+        record, frequencies = self.record, self.natural_frequencies_hz
+        summary = {
+            "schema_version": SCHEMA_VERSION,
+            "case": record.case_name,
+            "seed": record.seed,
+            "converged": record.converged,
+            "reason": record.reason,
+            "warnings": self.warnings,
+            "no_verdict": self.no_verdict,
+            "parameters": {name: _parameter_json(p) for name, p in self.parameters.items()},
+            "nuisances": {name: asdict(n) for name, n in self.nuisances.items()},
+            "map": asdict(self.map) | {"starts": [{"name": n, "reached_mode": r} for n, r in self.map.starts]},
+            "natural_frequencies_hz": asdict(frequencies),
+            "fit": asdict(self.fit)
+            | {
+                "resonances": [
+                    {"measured_hz": m.measured_hz, "map_hz": m.predicted_hz, "error_percent": m.error_percent}
+                    for m in self.diagnosis.modes
+                ],
+                "frf_correlation": [
+                    {"output": p.output, "input": p.input, "correlation": p.correlation, "level": p.level}
+                    for p in self.diagnosis.pairs
+                ],
+            },
+            "check": _check_json(self.check, self.diagnosis),
+            "mesh": None if self.mesh is None else _mesh_json(self.mesh),
+            "identifiability": None if self.knowledge is None else _identifiability_json(self.knowledge),
+            "sampler": record.sampler,
+            "versions": record.versions,
+            "data_sha256": self.data_sha256,
+            "measurement": record.provenance,
+        }
+        cleaned: dict[str, Any] = _json_ready(summary)
+        return cleaned
+
 
 def summarise(
-    posterior: Posterior,
+    posterior: "Posterior",
     initial: Sequence[float],
     measured_frequencies_hz: Sequence[float] | None = None,
-    knowledge: Knowledge | None = None,
+    knowledge: "Knowledge | None" = None,
     warnings: Sequence[str] = (),
-) -> dict[str, Any]:
+) -> Summary:
     """Summarise a posterior.
 
     Parameters
@@ -44,165 +238,156 @@ def summarise(
         What `gather_knowledge` found; without it only the check of the model is made here.
     warnings
         What in the case is probably a slip, see `Case.warnings`.
-
-    Returns
-    -------
-    dict
-        JSON-ready: no NaN or infinity, ``None`` where a number does not exist.
     """
-    record = posterior.record
-    summary = {
-        "schema_version": SCHEMA_VERSION,
-        "case": record.case_name,
-        "seed": record.seed,
-        "converged": record.converged,
-        "reason": record.reason,
-        "warnings": list(warnings),
-        "no_verdict": list(reasons_for_no_verdict(posterior)),
-        "parameters": {
-            name: _parameter(posterior, i, name, unit)
-            for i, (name, unit) in enumerate(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True))
-        },
-        "nuisances": {n.name: _nuisance(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
-        "map": _map(posterior),
-        "natural_frequencies_hz": _frequencies(posterior, initial, measured_frequencies_hz),
-        "fit": _fit(posterior),
-        "check": _check(posterior.check, posterior.diagnosis),
-        "mesh": _mesh(posterior.mesh),
-        "identifiability": _identifiability(knowledge) if knowledge else None,
-        "sampler": dict(record.sampler),
-        "versions": dict(record.versions),
-        "data_sha256": data_sha256(posterior.problem.measurement),
-        "measurement": None if record.provenance is None else dict(record.provenance),
-    }
-    cleaned: dict[str, Any] = _json_ready(summary)
-    return cleaned
+    estimate = posterior.estimate
+    return Summary(
+        record=posterior.record,
+        warnings=tuple(warnings),
+        no_verdict=reasons_for_no_verdict(posterior),
+        parameters={name: _stiffness(posterior, i, name) for i, name in enumerate(STIFFNESS_NAMES)},
+        nuisances={n.name: _nuisance(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
+        map=MapSummary(
+            log_posterior=estimate.log_posterior,
+            coordinates=posterior.problem.names,
+            theta=tuple(estimate.theta.tolist()),
+            covariance=tuple(map(tuple, estimate.covariance.tolist())),
+            mode_agrees=posterior.mode_agrees,
+            mode_sentence=mode_sentence(posterior),
+            at_prior_edge=posterior.at_prior_edge,
+            mode_distance_sd=posterior.mode_distance,
+            starts=tuple((s.name, s.reached_mode) for s in estimate.starts),
+        ),
+        natural_frequencies_hz=_frequencies(posterior, initial, measured_frequencies_hz),
+        fit=_fit(posterior),
+        check=posterior.check,
+        diagnosis=posterior.diagnosis,
+        mesh=posterior.mesh,
+        knowledge=knowledge,
+        data_sha256=data_sha256(posterior.problem.measurement),
+    )
 
 
-def _parameter(posterior: Posterior, index: int, name: str, unit: str) -> dict[str, Any]:
-    values = posterior.values(name)
-    known = posterior.identifiability(name)
+def _in_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["    " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _interval95(values: NDArray[np.float64]) -> Interval:
+    low, high = np.quantile(values, [0.025, 0.975]).tolist()
+    return low, high
+
+
+def _stiffness(posterior: "Posterior", index: int, name: str) -> StiffnessSummary:
+    values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
-    r_hat = posterior.record.r_hat
+    return StiffnessSummary(
+        unit=STIFFNESS_UNITS[index],
+        known=posterior.identifiability(name),
+        map=float(posterior.estimate.stiffness[index]),
+        mode=posterior.mode[name],
+        mean=float(values.mean()),
+        prior_interval95=_interval95(posterior.prior_values(name)),
+        r_hat=r_hat[name if name in r_hat else "rho"],
+        ess_bulk=ess_bulk,
+        ess_tail=ess_tail,
+    )
+
+
+def _nuisance(posterior: "Posterior", index: int) -> NuisanceSummary:
+    prior = posterior.problem.prior
+    nuisance = prior.nuisances[index]
+    values, before = posterior.values(nuisance.name), posterior.prior_values(nuisance.name)
+    ess_bulk, ess_tail = effective_sizes(np.log(values))
+    sd, prior_sd = float(np.log(values).std()), float(np.log(before).std())
+    return NuisanceSummary(
+        unit=nuisance.unit,
+        nominal=nuisance.nominal,
+        map=float(prior.nuisance_values(posterior.estimate.theta)[index]),
+        median=float(np.median(values)),
+        sd_log=sd,
+        interval95=_interval95(values),
+        prior_interval95=_interval95(before),
+        contraction=1 - (sd / prior_sd) ** 2,
+        r_hat=posterior.record.r_hat[nuisance.name],
+        ess_bulk=ess_bulk,
+        ess_tail=ess_tail,
+    )
+
+
+def _frequencies(
+    posterior: "Posterior", initial: Sequence[float], measured: Sequence[float] | None
+) -> NaturalFrequencies:
+    count = len(measured) if measured else 3
+    problem, theta = posterior.problem, posterior.estimate.theta
+    fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
+
+    def at(stiffness: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+        return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
+
+    ends = np.quantile(posterior.predict_natural_frequencies(count), [0.025, 0.975], axis=0).T
+    return NaturalFrequencies(
+        measured=tuple(measured) if measured else None,
+        initial=at(initial),
+        map=at(problem.prior.stiffness(theta)),
+        interval95=tuple(map(tuple, ends.tolist())),
+    )
+
+
+def _fit(posterior: "Posterior") -> FitSummary:
+    problem, theta = posterior.problem, posterior.estimate.theta
+    likelihood, prior = problem.log_posterior.likelihood, problem.prior
+    z = likelihood.standardised(joint_matrix(prior.stiffness(theta))[None], prior.factors(theta)[None])
+    # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
+    whole = 2.0 if problem.residual_kind == "log_magnitude" else 1.0
+    measurement = problem.measurement
+    return FitSummary(
+        n_data=likelihood.n_data,
+        chi2_per_line=whole * float((np.abs(z) ** 2).sum()) / likelihood.n_data,
+        log_likelihood_map=float(problem.log_posterior.log_likelihood(theta)[0]),
+        synthetic_data=isinstance(measurement, FrfMeasurement) and measurement.synthetic,
+    )
+
+
+def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
+    known = p.known
     return {
-        "unit": unit,
-        "map": float(posterior.estimate.stiffness[index]),
-        "mode": posterior.mode[name],
+        "unit": p.unit,
+        "map": p.map,
+        "mode": p.mode,
         "median": known.median,
         "median_error": known.median_error,
-        "mean": float(values.mean()),
+        "mean": p.mean,
         "sd_log": known.sd_log,
-        "interval95": list(known.interval95),
-        "interval95_error": list(known.interval95_error),
-        "prior_interval95": np.quantile(posterior.prior_values(name), [0.025, 0.975]).tolist(),
+        "interval95": known.interval95,
+        "interval95_error": known.interval95_error,
+        "prior_interval95": p.prior_interval95,
         "contraction": known.contraction,
         "verdict": known.verdict,
         "verdict_reason": known.verdict_reason,
         "if_model_right": known.if_model_right,
         "limit95": known.limit95,
         "limit95_error": known.limit95_error,
-        "r_hat": r_hat[name if name in r_hat else "rho"],
-        "ess_bulk": ess_bulk,
-        "ess_tail": ess_tail,
+        "r_hat": p.r_hat,
+        "ess_bulk": p.ess_bulk,
+        "ess_tail": p.ess_tail,
     }
 
 
-def _mesh(mesh: MeshCheck | None) -> dict[str, Any] | None:
-    if mesh is None:
-        return None
+def _mesh_json(mesh: MeshCheck) -> dict[str, Any]:
     return {
         "kind": mesh.kind,
         "elements": mesh.elements,
         "order": mesh.order,
         "largest_error_sd": mesh.error_sd,
         "largest_error_of_peak": mesh.error_of_peak,
-        "shift_sd": dict(mesh.shift_sd),
+        "shift_sd": mesh.shift_sd,
         "exact_data": mesh.exact_data,
         "within_bound": mesh.within,
         "sentence": mesh.sentence,
     }
 
 
-def _nuisance(posterior: Posterior, index: int) -> dict[str, Any]:
-    """What became of a quantity beside the joint."""
-    prior = posterior.problem.prior
-    nuisance = prior.nuisances[index]
-    values, before = posterior.values(nuisance.name), posterior.prior_values(nuisance.name)
-    ess_bulk, ess_tail = effective_sizes(np.log(values))
-    sd, prior_sd = float(np.log(values).std()), float(np.log(before).std())
-    return {
-        "unit": nuisance.unit,
-        "nominal": nuisance.nominal,
-        "map": float(prior.nuisance_values(posterior.estimate.theta)[index]),
-        "median": float(np.median(values)),
-        "sd_log": sd,
-        "interval95": np.quantile(values, [0.025, 0.975]).tolist(),
-        "prior_interval95": np.quantile(before, [0.025, 0.975]).tolist(),
-        "contraction": 1 - (sd / prior_sd) ** 2,
-        "r_hat": posterior.record.r_hat[nuisance.name],
-        "ess_bulk": ess_bulk,
-        "ess_tail": ess_tail,
-    }
-
-
-def _map(posterior: Posterior) -> dict[str, Any]:
-    estimate = posterior.estimate
-    return {
-        "log_posterior": estimate.log_posterior,
-        "coordinates": list(posterior.problem.names),
-        "theta": estimate.theta.tolist(),
-        "covariance": estimate.covariance.tolist(),
-        "mode_agrees": posterior.mode_agrees,
-        "mode_sentence": mode_sentence(posterior),
-        "at_prior_edge": list(posterior.at_prior_edge),
-        "mode_distance_sd": posterior.mode_distance,
-        "starts": [{"name": s.name, "reached_mode": s.reached_mode} for s in estimate.starts],
-    }
-
-
-def _frequencies(posterior: Posterior, initial: Sequence[float], measured: Sequence[float] | None) -> dict[str, Any]:
-    count = len(measured) if measured else 3
-    problem = posterior.problem
-    draws = posterior.predict_natural_frequencies(count)
-    fitted = problem.prior.factors(posterior.estimate.theta)  # the first guess is one of the joint, not of these
-    return {
-        "measured": list(measured) if measured else None,
-        "initial": problem.natural_frequencies_hz(np.asarray(initial), count, fitted)[0].tolist(),
-        "map": _at_map(posterior, count),
-        "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T.tolist(),
-    }
-
-
-def _at_map(posterior: Posterior, count: int) -> list[float]:
-    problem, theta = posterior.problem, posterior.estimate.theta
-    frequency = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))
-    found: list[float] = frequency[0].tolist()
-    return found
-
-
-def _fit(posterior: Posterior) -> dict[str, Any]:
-    log_posterior, theta = posterior.problem.log_posterior, posterior.estimate.theta
-    likelihood = log_posterior.likelihood
-    log_likelihood = float(log_posterior.log_likelihood(theta)[0])
-    deviance = _squares(posterior)
-    measurement = posterior.problem.measurement
-    return {
-        "n_data": likelihood.n_data,
-        "chi2_per_line": deviance / likelihood.n_data,
-        "log_likelihood_map": log_likelihood,
-        "synthetic_data": bool(isinstance(measurement, FrfMeasurement) and measurement.synthetic),
-        "resonances": [
-            {"measured_hz": m.measured_hz, "map_hz": m.predicted_hz, "error_percent": m.error_percent}
-            for m in posterior.diagnosis.modes
-        ],
-        "frf_correlation": [
-            {"output": p.output, "input": p.input, "correlation": p.correlation, "level": p.level}
-            for p in posterior.diagnosis.pairs
-        ],
-    }
-
-
-def _check(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
+def _check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "explains": check.explains,
         "finding": check.finding,
@@ -218,7 +403,7 @@ def _check(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
+def _identifiability_json(knowledge: "Knowledge") -> dict[str, Any]:
     return {
         "sentence": knowledge.directions_sentence,
         "directions": [
@@ -254,18 +439,8 @@ def _identifiability(knowledge: Knowledge) -> dict[str, Any]:
     }
 
 
-def _squares(posterior: Posterior) -> float:
-    """Squared residuals over σ² as stated, at the MAP: expected 1 for each complex value, frequency or magnitude."""
-    prior, theta = posterior.problem.prior, posterior.estimate.theta
-    z = posterior.problem.log_posterior.likelihood.standardised(
-        joint_matrix(prior.stiffness(theta))[None], prior.factors(theta)[None]
-    )
-    whole = 2.0 if posterior.problem.residual_kind == "log_magnitude" else 1.0
-    return whole * float((np.abs(z) ** 2).sum())
-
-
 def _json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(k): _json_ready(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_json_ready(v) for v in value]

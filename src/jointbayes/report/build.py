@@ -3,12 +3,12 @@
 import datetime
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.measurement.measured import Provenance
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge, summarise
+from jointbayes.posterior.summary import Summary
 from jointbayes.report.model import Block, Callout, Report, Section
 from jointbayes.report.paper_tables import audit
 from jointbayes.report.sections import lead as sections
@@ -61,7 +61,7 @@ class ReportInputs:
     warnings: tuple[str, ...] = ()
 
     @cached_property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """The numbers of the run, as in ``summary.json``."""
         return summarise(self.posterior, self.initial, self.measured_frequencies_hz, self.knowledge, self.warnings)
 
@@ -98,7 +98,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         parts.append(limits)
     parts.append(sections.settings_section(posterior, summary))
     notes = tuple(Callout("caution", f"**Check the case file.** {warning}.") for warning in inputs.warnings)
-    synthetic = " — synthetic data" if summary["fit"]["synthetic_data"] else ""
+    synthetic = " — synthetic data" if summary.fit.synthetic_data else ""
     return Report(
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",

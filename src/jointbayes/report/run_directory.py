@@ -93,7 +93,7 @@ def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> P
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
-    files = {"summary.json": json_text(inputs.summary), "case.toml": posterior.record.case_text}
+    files = {"summary.json": json_text(inputs.summary.to_json()), "case.toml": posterior.record.case_text}
     write_whole(target, report, files, posterior, kept)
     return target
 

@@ -1,19 +1,16 @@
 """Whether the model explains the data: banners, the residuals by line, and the misfit in an engineer's measure."""
 
-from typing import Any
-
 import numpy as np
 
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.rounding import signed
+from jointbayes.posterior.summary import Summary
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, Table
 
 __all__ = ["bold_head", "check_banners", "check_blocks"]
-
-Summary = dict[str, Any]
 
 
 def bold_head(sentence: str) -> str:
@@ -24,10 +21,10 @@ def bold_head(sentence: str) -> str:
 
 def check_banners(summary: Summary) -> list[Block]:
     """One banner where the model does not explain the data, with what helps; another where the noise is overstated."""
-    check = summary["check"]
-    if check["finding"] == "misfit":
-        return [Callout("bad", f"{bold_head(check['sentence'])} {check['diagnosis']}")]
-    return [Callout("caution", bold_head(check["sentence"]))] if check["finding"] == "noise overstated" else []
+    check = summary.check
+    if check.finding == "misfit":
+        return [Callout("bad", f"{bold_head(check.sentence)} {summary.diagnosis.sentence}")]
+    return [Callout("caution", bold_head(check.sentence))] if check.finding == "noise overstated" else []
 
 
 def check_blocks(posterior: Posterior, knowledge: Knowledge) -> list[Block]:

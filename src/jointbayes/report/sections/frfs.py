@@ -9,6 +9,7 @@ from jointbayes.frf import Ports, Quantity
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Knowledge, Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.posterior.summary import Summary
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series
@@ -16,7 +17,6 @@ from jointbayes.report.sections.check import check_blocks
 
 __all__ = ["fit_section", "frf_unit"]
 
-Summary = dict[str, Any]
 Triple = tuple[float, float, float]
 
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
@@ -24,10 +24,10 @@ _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 def fit_section(posterior: Posterior, initial: Triple, summary: Summary, knowledge: Knowledge) -> Section:
     """Measured against predicted."""
-    fit = summary["fit"]
+    fit = summary.fit
     text = (
-        f"At the MAP the squared residual is {number(fit['chi2_per_line'], 4)} times what the stated noise predicts, "
-        f"over {fit['n_data']} values (1 is expected)."
+        f"At the MAP the squared residual is {number(fit.chi2_per_line, 4)} times what the stated noise predicts, "
+        f"over {fit.n_data} values (1 is expected)."
     )
     blocks: list[Block] = [Paragraph(text), *check_blocks(posterior, knowledge)]
     measurement = posterior.problem.measurement

@@ -1,13 +1,12 @@
 """What the data determine and what the verdicts rest on: combinations, uncertain quantities, likelihood limits."""
 
-from typing import Any
-
 import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.information.directions import NamedDirection
 from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
 from jointbayes.report.format import contraction, factor, fixed, interval, number, rounded_interval
@@ -21,7 +20,6 @@ __all__ = [
     "nuisance_section",
 ]
 
-Summary = dict[str, Any]
 _READABLE = {
     "youngs_modulus": "Young's modulus",
     "density": "density",
@@ -118,8 +116,8 @@ def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None
     for profile in knowledge.profiles:
         low, high = profile.interval if profile.name == "rho" else tuple(np.exp(profile.interval).tolist())
         ends = ("none" if profile.open_below else number(low), "none" if profile.open_above else number(high))
-        known = summary["parameters"].get(profile.name)
-        rows.append((profile.name, *ends, interval(known["interval95"]) if known else "–"))
+        known = summary.parameters.get(profile.name)
+        rows.append((profile.name, *ends, interval(known.known.interval95) if known else "–"))
     blocks: tuple[Block, ...] = (
         Paragraph(
             "These are likelihood-ratio confidence limits, not credible intervals. Each asks how well the data can "
@@ -176,20 +174,20 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
 
 def nuisance_section(summary: Summary) -> Section | None:
     """Prior and posterior of whatever else is uncertain; None where nothing is."""
-    if not summary["nuisances"]:
+    if not summary.nuisances:
         return None
     rows = tuple(
         (
             _readable(name),
-            number(n["nominal"], 4),
-            interval(n["prior_interval95"], 4),
-            number(n["median"], 4),
-            interval(n["interval95"], 4),
-            n["unit"],
-            contraction(n["contraction"], 2),
-            fixed(n["r_hat"], 3),
+            number(n.nominal, 4),
+            interval(n.prior_interval95, 4),
+            number(n.median, 4),
+            interval(n.interval95, 4),
+            n.unit,
+            contraction(n.contraction, 2),
+            fixed(n.r_hat, 3),
         )
-        for name, n in summary["nuisances"].items()
+        for name, n in summary.nuisances.items()
     )
     head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
     note = (

@@ -1,14 +1,13 @@
 """The sections of a report: words and tables from the numbers of a run."""
 
-from typing import Any
-
 import numpy as np
 
 from jointbayes.identification import IterationHistory
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import RULE
+from jointbayes.posterior.identifiability import RULE, Identifiability
+from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
 from jointbayes.report import figures
 from jointbayes.report.format import contraction, factor, fixed, interval, number, rounded, rounded_interval
@@ -27,7 +26,6 @@ __all__ = [
     "starts_section",
 ]
 
-Summary = dict[str, Any]
 Triple = tuple[float, float, float]
 
 
@@ -37,8 +35,8 @@ def lead(posterior: Posterior, reference: Triple | None, source: str, summary: S
         *_banners(posterior, summary),
         _verdict_table(reference, source, summary),
         Paragraph(verdict_sentences(summary)),
-        *([] if summary["no_verdict"] else [Paragraph(coupling_sentence(summary))]),
-        *([Paragraph(bold_head(summary["check"]["sentence"]))] if summary["check"]["finding"] == "explained" else []),
+        *([] if summary.no_verdict else [Paragraph(coupling_sentence(summary))]),
+        *([Paragraph(bold_head(summary.check.sentence))] if summary.check.finding == "explained" else []),
     )
 
 
@@ -58,15 +56,15 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
                 "standard deviations away: the MAP search missed it.",
             )
         )
-    if summary["no_verdict"]:
-        banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary['no_verdict'])}."))
-    if summary["mesh"] is not None and not summary["mesh"]["within_bound"]:
-        banners.append(Callout("caution", f"**The mesh shows.** {summary['mesh']['sentence']}"))
+    if summary.no_verdict:
+        banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary.no_verdict)}."))
+    if summary.mesh is not None and not summary.mesh.within:
+        banners.append(Callout("caution", f"**The mesh shows.** {summary.mesh.sentence}"))
     if posterior.at_prior_edge:
         names = ", ".join(posterior.at_prior_edge)
         text = f"**The mode lies on an edge of the prior: {names}.** There the prior decides, not the data; widen it."
         banners.append(Callout("caution", text))
-    if summary["fit"]["synthetic_data"]:
+    if summary.fit.synthetic_data:
         banners.append(
             Callout(
                 "caution",
@@ -79,8 +77,9 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
 def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> Table:
     head = ["Stiffness", "Median", "95 % credible interval", "Unit", "Verdict"]
     rows = []
-    for i, (name, p) in enumerate(summary["parameters"].items()):
-        row = [name, rounded(p["median"], _error(p["median_error"])), _interval(p), p["unit"], _verdict(p)]
+    for i, (name, p) in enumerate(summary.parameters.items()):
+        known = p.known
+        row = [name, rounded(known.median, known.median_error), _interval(known), p.unit, _verdict(known)]
         if reference is not None:
             row.insert(1, number(reference[i]))
         rows.append(tuple(row))
@@ -89,7 +88,7 @@ def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> T
     note = f"Equal-tailed interval; the digits shown are those that the Monte Carlo errors support. {RULE}."
     if reference is not None:
         note += f" Published: {source}."
-    marks = [badge(_verdict(p)) for p in summary["parameters"].values()]
+    marks = [badge(_verdict(p.known)) for p in summary.parameters.values()]
     return Table(
         "Stiffness of the joint",
         tuple(head),
@@ -99,37 +98,31 @@ def _verdict_table(reference: Triple | None, source: str, summary: Summary) -> T
     )
 
 
-def _error(value: float | None) -> float:
-    """A number of the summary, where ``None`` stands for one that does not exist."""
-    return float("nan") if value is None else value
+def _interval(known: Identifiability) -> str:
+    return rounded_interval(known.interval95, known.interval95_error)
 
 
-def _interval(p: Summary) -> str:
-    low, high = (_error(error) for error in p["interval95_error"])
-    return rounded_interval(p["interval95"], (low, high))
-
-
-def _verdict(p: Summary) -> str:
-    return verdict_text(p["verdict"], if_model_right=p["if_model_right"])
+def _verdict(known: Identifiability) -> str:
+    return verdict_text(known.verdict, if_model_right=known.if_model_right)
 
 
 def verdict_sentences(summary: Summary) -> str:
     """Each stiffness's verdict with its reason, a sentence each."""
     sentences = []
-    for name, p in summary["parameters"].items():
-        reason = p["verdict_reason"].removeprefix(f"{IF_MODEL_RIGHT}: ")
-        limit = ""
-        if p["limit95"] is not None:
-            side = "above" if p["verdict"] == "bounded below" else "below"
-            limit = f" {side} {rounded(p['limit95'], _error(p['limit95_error']))} {p['unit']} with 95 % probability,"
-        sentences.append(f"**{name}**:{limit} {_verdict(p)} ({reason}).")
+    for name, p in summary.parameters.items():
+        known, limit = p.known, ""
+        reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+        if np.isfinite(known.limit95):
+            side = "above" if known.verdict == "bounded below" else "below"
+            limit = f" {side} {rounded(known.limit95, known.limit95_error)} {p.unit} with 95 % probability,"
+        sentences.append(f"**{name}**:{limit} {_verdict(known)} ({reason}).")
     return " ".join(sentences)
 
 
 def coupling_sentence(summary: Summary) -> str:
     """What the data say of k12 against k22, in words with its numbers."""
-    k12, k22 = summary["parameters"]["k12"], summary["parameters"]["k22"]
-    low, high = k12["interval95"]
+    k12, k22 = summary.parameters["k12"].known, summary.parameters["k22"].known
+    low, high = k12.interval95
     if low <= 0 <= high:
         return (
             f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval, {_interval(k12)} N, holds "
@@ -139,23 +132,23 @@ def coupling_sentence(summary: Summary) -> str:
         f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval spans a factor of "
         f"{factor(max(high / low, low / high))} ({_interval(k12)} N)"
     )
-    if k12["sd_log"] and k22["sd_log"]:
-        ratio = k12["sd_log"] / k22["sd_log"]
+    if k12.sd_log > 0 and k22.sd_log > 0:
+        ratio = k12.sd_log / k22.sd_log
         compared = f"{number(ratio, 2)} times" if ratio >= 1 else f"only {number(ratio, 2)} times"
         text += (
-            f"; the relative standard deviation is {number(100 * k12['sd_log'], 2)} %, {compared} that of k22 "
-            f"({number(100 * k22['sd_log'], 2)} %)"
+            f"; the relative standard deviation is {number(100 * k12.sd_log, 2)} %, {compared} that of k22 "
+            f"({number(100 * k22.sd_log, 2)} %)"
         )
     return text + "."
 
 
 def frequency_section(posterior: Posterior, summary: Summary) -> Section:
     """Natural frequencies: measured, first guess, MAP, interval."""
-    frequencies = summary["natural_frequencies_hz"]
-    measured = frequencies["measured"]
+    frequencies = summary.natural_frequencies_hz
+    measured = frequencies.measured
     rows = []
     for i, (guess, best, ends) in enumerate(
-        zip(frequencies["initial"], frequencies["map"], frequencies["interval95"], strict=True)
+        zip(frequencies.initial, frequencies.map, frequencies.interval95, strict=True)
     ):
         row = [str(i + 1), f"{guess:.2f}", f"{best:.2f}", f"{ends[0]:.2f} … {ends[1]:.2f}"]
         if measured:
@@ -168,13 +161,13 @@ def frequency_section(posterior: Posterior, summary: Summary) -> Section:
     measurement = posterior.problem.measurement
     if measured:
         sd = measurement.sd_hz if isinstance(measurement, FrequencyMeasurement) else None
-        low, high = np.array(frequencies["interval95"]).T
-        series = {"MAP": np.array(frequencies["map"]), "95 % interval": (low, high)}
+        low, high = np.array(frequencies.interval95).T
+        series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
         svg = figures.frequency_errors(np.array(measured), sd, series)
         caption = "Predicted natural frequencies against the measured ones."
-        if summary["fit"]["synthetic_data"]:
+        if summary.fit.synthetic_data:
             caption += " The FRF data are synthetic, so that these measured frequencies were not fitted."
-        worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies["map"], measured, strict=True))
+        worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies.map, measured, strict=True))
         alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."
         blocks.append(Figure("frequencies-plot", caption, alt, svg))
     return Section("frequencies", "Natural frequencies", tuple(blocks))
@@ -197,17 +190,17 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
     rows = tuple(
         (
             name,
-            number(p["mode"], 4),
-            number(p["map"], 4),
-            number(p["mean"], 4),
-            number(p["sd_log"]),
-            interval(p["prior_interval95"], 2),
-            contraction(p["contraction"], 4),
-            fixed(p["r_hat"], 4),
-            fixed(p["ess_bulk"], 0),
-            fixed(p["ess_tail"], 0),
+            number(p.mode, 4),
+            number(p.map, 4),
+            number(p.mean, 4),
+            number(p.known.sd_log),
+            interval(p.prior_interval95, 2),
+            contraction(p.known.contraction, 4),
+            fixed(p.r_hat, 4),
+            fixed(p.ess_bulk, 0),
+            fixed(p.ess_tail, 0),
         )
-        for name, p in summary["parameters"].items()
+        for name, p in summary.parameters.items()
     )
     note = (
         "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
@@ -216,7 +209,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
     )
     blocks: list[Block] = [
         Table("Posterior in numbers", head, rows, note=note),
-        Paragraph(summary["map"]["mode_sentence"]),
+        Paragraph(summary.map.mode_sentence),
     ]
     prior_stiffness = np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1)
     if "k12" in posterior.problem.parametrisation.names:
@@ -254,7 +247,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
 
 def sampling_section(posterior: Posterior, summary: Summary) -> Section:
     """How the draws were made and how well they mixed."""
-    s = summary["sampler"]
+    s = summary.record.sampler
     rows = (
         ("Ensembles × walkers", f"{s['ensembles']} × {s['walkers']}"),
         ("Steps (limit)", f"{s['steps']} ({s['max_steps']})"),
@@ -267,7 +260,7 @@ def sampling_section(posterior: Posterior, summary: Summary) -> Section:
         ("of these without a finite value", f"{s['singular']}"),
         ("Effective draws", ", ".join(f"{n} {fixed(e, 0)}" for n, e in s["ess"].items())),
         ("Time", f"{s['seconds']:.1f} s, {fixed(s['ess_per_second'], 0)} effective draws per second"),
-        ("Seed", f"{summary['seed']}"),
+        ("Seed", f"{summary.record.seed}"),
     )
     return Section(
         "sampling",
@@ -370,13 +363,13 @@ def _iteration_blocks(history: IterationHistory, reference: Triple | None) -> li
 
 def settings_section(posterior: Posterior, summary: Summary) -> Section:
     """Everything needed to repeat the run."""
-    versions = tuple(summary["versions"].items())
+    versions = tuple(summary.record.versions.items())
     return Section(
         "settings",
         "Settings and versions",
         (
-            *([] if summary["mesh"] is None else [Paragraph(summary["mesh"]["sentence"])]),
-            Paragraph(f"Fingerprint of the data (SHA-256): `{summary['data_sha256']}`."),
+            *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
+            Paragraph(f"Fingerprint of the data (SHA-256): `{summary.data_sha256}`."),
             Table("Versions", ("Package", "Version"), versions, align="ll"),
             Code(posterior.record.case_text, "toml"),
         ),

@@ -1,14 +1,12 @@
 """The sections that only a case of Cao, Li and He has: their tables beside ours, and the audit."""
 
-from typing import Any
-
+from jointbayes.posterior.summary import NaturalFrequencies, Summary
 from jointbayes.report.format import interval, number
 from jointbayes.report.model import Block, Paragraph, Section, Table
 from jointbayes.report.paper_tables import TABLE_2, TABLE_3, TABLE_4, Finding, clamped_frequencies_hz
 
 __all__ = ["audit_section", "paper_section"]
 
-Summary = dict[str, Any]
 Triple = tuple[float, float, float]
 
 
@@ -20,8 +18,8 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
         for i, (e, s, r) in enumerate(zip(TABLE_2.experiment, TABLE_2.simulation, rigid, strict=True), 1)
     )
     table_3 = tuple(
-        (name, number(guess), number(published), number(p["mode"]), interval(p["interval95"]), p["unit"])
-        for (name, p), guess, published in zip(summary["parameters"].items(), initial, TABLE_3, strict=True)
+        (name, number(guess), number(published), number(p.mode), interval(p.known.interval95), p.unit)
+        for (name, p), guess, published in zip(summary.parameters.items(), initial, TABLE_3, strict=True)
     )
     return Section(
         "paper",
@@ -47,16 +45,16 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
             Table(
                 "Paper's Table 4: flexible clamp",
                 ("Mode", "Experiment (Hz)", "Paper (Hz)", "Error (%)", "Our MAP (Hz)", "Our 95 % interval (Hz)"),
-                _table_4(summary["natural_frequencies_hz"]),
+                _table_4(summary.natural_frequencies_hz),
                 note="Errors recomputed from the printed frequencies.",
             ),
         ),
     )
 
 
-def _table_4(ours: dict[str, Any]) -> tuple[tuple[str, ...], ...]:
+def _table_4(ours: NaturalFrequencies) -> tuple[tuple[str, ...], ...]:
     # ours are as many as the case names measured ones
-    columns = (TABLE_4.experiment, TABLE_4.simulation, TABLE_4.error, ours["map"], ours["interval95"])
+    columns = (TABLE_4.experiment, TABLE_4.simulation, TABLE_4.error, ours.map, ours.interval95)
     return tuple(
         (str(i), f"{e:.0f}", f"{s:.0f}", f"{error:+.1f}", f"{m:.1f}", f"{ends[0]:.1f} … {ends[1]:.1f}")
         for i, (e, s, error, m, ends) in enumerate(zip(*columns, strict=False), 1)
