@@ -21,7 +21,7 @@ from jointbayes.identification import (
     search_further,
     sensitivity_iteration,
 )
-from jointbayes.inference import JointPrior, LogPosterior
+from jointbayes.inference import LogPosterior
 from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
@@ -149,8 +149,8 @@ def find_map(
     rng = np.random.default_rng([seed, 1])
     drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
-    if "rho" in problem.parametrisation.names:
-        starts |= limiting_joints(problem.prior)
+    count = len(problem.prior.marginals)
+    starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
     matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
     screened = screened_draws(problem.log_posterior, rng, _FEW_SCREENED if len(matched) else _SCREENED, _KEPT)
     search = ModeSearch(problem.log_posterior)
@@ -161,23 +161,6 @@ def find_map(
     )
     effort = search_further(search, problem, seed, tell)
     return replace(search.estimate(), effort=effort, iteration=iteration)
-
-
-def limiting_joints(prior: JointPrior) -> dict[str, Array]:
-    """Joints (k11, k12, k22) near the limits of the signed coordinates, where modes of their own may be, by name.
-
-    Strong coupling of either sign between springs of middling stiffness, and a nearly rigid translation, rotation,
-    or both.
-    """
-    k11, k22 = np.exp(prior.mean[:2])
-    stiff11, stiff22 = np.exp(prior.mean[:2] + prior.sd[:2])
-    return {
-        "coupling near 1": np.array([k11, 0.95 * np.sqrt(k11 * k22), k22]),
-        "coupling near −1": np.array([k11, -0.95 * np.sqrt(k11 * k22), k22]),
-        "stiff in translation": np.array([stiff11, 0.0, k22]),
-        "stiff in rotation": np.array([k11, 0.0, stiff22]),
-        "stiff in both": np.array([stiff11, 0.0, stiff22]),
-    }
 
 
 def sample(
@@ -206,7 +189,7 @@ def sample(
     Returns
     -------
     Posterior
-        ``.draws``, ``.mode``, ``.interval("k12", 0.95)``, ``.converged``, ``.reason``.
+        ``.draws``, ``.mode``, ``.interval(name, 0.95)``, ``.converged``, ``.reason``.
 
     Raises
     ------

@@ -7,17 +7,23 @@ from hypothesis import strategies as st
 
 from jointbayes.errors import ModelError
 from jointbayes.joint import (
+    COORDINATES,
     STIFFNESS_PATTERN,
+    STIFFNESSES,
     ComplianceChart,
+    ElasticCentre,
     Joint,
     LogStiffness,
     SignedCoupling,
     check_positive_semidefinite,
     joint_matrix,
+    parametrisation_named,
 )
 from tests.conftest import CLAMP, TABLE_3, rod
 
-BOTH = pytest.mark.parametrize("parametrisation", [LogStiffness(), SignedCoupling()], ids=["log", "signed"])
+ALL = pytest.mark.parametrize(
+    "parametrisation", [parametrisation_named(key) for key in COORDINATES], ids=list(COORDINATES)
+)
 LN_K = st.floats(np.log(1e2), np.log(1e12))
 COUPLING = st.floats(-0.99, 0.99).filter(lambda rho: abs(rho) > 1e-3)
 
@@ -26,22 +32,26 @@ def theta_of(parametrisation, ln_k11, ln_k22, rho):
     """Coordinates of a positive definite joint; the log parametrisation takes |ρ|."""
     if isinstance(parametrisation, SignedCoupling):
         return np.array([ln_k11, ln_k22, rho])
+    if isinstance(parametrisation, ElasticCentre):
+        return np.array([ln_k11, rho * np.exp((ln_k22 - ln_k11) / 2), ln_k22 + np.log1p(-(rho**2))])
     return np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(abs(rho)), ln_k22])
 
 
-@BOTH
+@ALL
 @given(LN_K, LN_K, COUPLING)
 def test_coordinates_and_stiffness_are_inverse_to_each_other(parametrisation, ln_k11, ln_k22, rho):
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
     stiffness = parametrisation.stiffness(theta)
     np.testing.assert_allclose(stiffness[[0, 2]], np.exp([ln_k11, ln_k22]), rtol=1e-12)
-    coupling = rho if isinstance(parametrisation, SignedCoupling) else abs(rho)
+    coupling = abs(rho) if isinstance(parametrisation, LogStiffness) else rho
     assert stiffness[1] / np.sqrt(stiffness[0] * stiffness[2]) == pytest.approx(coupling, rel=1e-11)
     np.testing.assert_allclose(parametrisation.coordinates(stiffness), theta, rtol=1e-12)
+    assert parametrisation.describes(stiffness)
+    assert parametrisation.feasible(theta)
     np.testing.assert_allclose(parametrisation.stiffness(parametrisation.coordinates(stiffness)), stiffness, rtol=1e-11)
 
 
-@BOTH
+@ALL
 @given(LN_K, LN_K, COUPLING)
 def test_the_derivative_is_that_of_the_stiffness(parametrisation, ln_k11, ln_k22, rho):
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
@@ -51,9 +61,75 @@ def test_the_derivative_is_that_of_the_stiffness(parametrisation, ln_k11, ln_k22
         step = 1e-5 * np.eye(3)[i]
         difference = (parametrisation.stiffness(theta + step) - parametrisation.stiffness(theta - step)) / 2e-5
         np.testing.assert_allclose(exact[:, i] / size, difference / size, atol=1e-8)
+    sign, log_slope = np.linalg.slogdet(exact / size[:, None])
+    assert sign != 0
+    assert parametrisation.log_slope(theta) == pytest.approx(log_slope + np.log(size).sum(), abs=1e-9)
 
 
-@BOTH
+@ALL
+@given(LN_K, LN_K, COUPLING)
+def test_the_determinant_is_that_of_the_joint_matrix(parametrisation, ln_k11, ln_k22, rho):
+    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
+    assert parametrisation.log_determinant(theta) == pytest.approx(ln_k11 + ln_k22 + np.log1p(-(rho**2)), abs=1e-9)
+
+
+@ALL
+def test_a_parametrisation_says_what_its_coordinates_are(parametrisation):
+    axes, names = parametrisation.axes, parametrisation.names
+    assert names == tuple(axis.name for axis in axes)
+    assert {axis.quantity for axis in axes} == {quantity.name for quantity in STIFFNESSES}
+    theta = parametrisation.coordinates(TABLE_3)
+    for quantity, k in zip(STIFFNESSES, TABLE_3, strict=True):
+        column = names.index(parametrisation.standing_for(quantity.name))
+        if quantity.name in names:  # a stiffness among the coordinates is there by its logarithm
+            assert axes[column].value(theta[column]) == pytest.approx(k, rel=1e-12)
+            assert (axes[column].unit, axes[column].label) == (quantity.unit, f"ln {quantity.name}")
+        else:
+            assert quantity.name in parametrisation.derived
+    units = {axis.name: (axis.unit, axis.label, axis.axis_label, axis.bounded) for axis in axes if not axis.logarithmic}
+    assert (
+        units
+        == {
+            "log": {},
+            "signed": {"rho": ("1", "ρ", "ρ", True)},
+            "elastic_centre": {"arm": ("m", "arm", "arm", False)},
+        }[parametrisation.key]
+    )
+
+
+@ALL
+@pytest.mark.parametrize("stiffness", [[0.0, 0.0, 0.0], [1e8, 0.0, 0.0], [1e8, -2e8, 1e6], [1e9, 1e9, 1e6], TABLE_3])
+def test_any_joint_has_a_positive_definite_one_near_that_has_coordinates(parametrisation, stiffness):
+    near = parametrisation.nearest(stiffness)
+    assert parametrisation.describes(near)
+    assert is_positive_definite(near)
+    assert parametrisation.feasible(parametrisation.coordinates(near))
+    if parametrisation.describes(stiffness) and abs(stiffness[1]) < 0.9 * np.sqrt(stiffness[0] * stiffness[2]):
+        np.testing.assert_array_equal(near, stiffness)
+
+
+@given(LN_K, st.floats(-1.0, 1.0), LN_K)
+def test_a_joint_acts_at_its_elastic_centre_without_coupling(ln_k11, arm, ln_k22c):
+    """Motion of the centre y + a φ gives the force k11 (y + a φ) and no moment about it."""
+    k11, k12, k22 = ElasticCentre().stiffness([ln_k11, arm, ln_k22c])
+    to_centre = np.array([[1.0, arm], [0.0, 1.0]])
+    about_centre = to_centre.T @ np.diag(np.exp([ln_k11, ln_k22c])) @ to_centre
+    np.testing.assert_allclose([[k11, k12], [k12, k22]], about_centre, rtol=1e-12)
+
+
+def test_the_limits_of_a_parametrisation_are_joints_that_it_describes():
+    for parametrisation in (SignedCoupling(), ElasticCentre()):
+        middle = parametrisation.coordinates(TABLE_3)
+        joints = parametrisation.limiting_joints(middle, np.array([2.0, 0.5, 2.0]))
+        assert len(joints) == 5
+        for k in joints.values():
+            assert is_positive_definite(k)
+            assert parametrisation.describes(k)
+    signs = [np.sign(k[1]) for k in SignedCoupling().limiting_joints(np.array([20.0, 14.0, 0.0]), np.ones(3)).values()]
+    assert signs == [1, -1, 0, 0, 0]
+
+
+@ALL
 def test_batches_are_the_same_as_one_by_one(parametrisation):
     theta = parametrisation.coordinates(TABLE_3 * np.array([[[1.0], [2.0]], [[0.5], [3.0]], [[1.0], [9.0]]]))
     assert theta.shape == (3, 2, 3)
@@ -90,6 +166,10 @@ def test_signed_coordinates_are_feasible_exactly_where_the_joint_is_positive_def
         (LogStiffness(), [1e9, -1e7, 1e6]),
         (LogStiffness(), [-1e9, 1e7, 1e6]),
         (LogStiffness(), [np.nan, 1e7, 1e6]),
+        (ElasticCentre(), [0.0, 0.0, 1e6]),
+        (ElasticCentre(), [1e9, 1e8, 1e6]),
+        (ElasticCentre(), [1e9, -1e8, 1e7]),
+        (ElasticCentre(), [np.nan, 0.0, 1e6]),
         (SignedCoupling(), [0.0, 0.0, 1e6]),
         (SignedCoupling(), [1e9, 0.0, -1e6]),
         (SignedCoupling(), [[1e9, 0.0, 1e6], [1e9, 0.0, np.nan]]),
@@ -101,7 +181,7 @@ def test_a_joint_without_such_coordinates_is_refused_in_one_line(parametrisation
     assert "\n" not in str(caught.value)
 
 
-@BOTH
+@ALL
 @given(LN_K, LN_K, COUPLING)
 def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln_k11, ln_k22, rho):
     chart = ComplianceChart(parametrisation)
@@ -115,7 +195,7 @@ def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln
     np.testing.assert_allclose(back, theta, rtol=1e-9, atol=1e-9)
 
 
-@BOTH
+@ALL
 @settings(max_examples=60)
 @given(LN_K, LN_K, COUPLING.filter(lambda rho: abs(rho) < 0.95))
 def test_the_volume_of_the_chart_is_its_jacobian_determinant(parametrisation, ln_k11, ln_k22, rho):
@@ -142,7 +222,7 @@ def test_the_volume_of_the_chart_is_its_jacobian_determinant(parametrisation, ln
     ],
 )
 def test_the_chart_knows_which_compliances_are_joints(phi, log, signed):
-    for parametrisation, expected in ((LogStiffness(), log), (SignedCoupling(), signed)):
+    for parametrisation, expected in ((LogStiffness(), log), (SignedCoupling(), signed), (ElasticCentre(), signed)):
         theta, inside = ComplianceChart(parametrisation).inverse(np.array([phi]))
         assert inside.tolist() == [expected]
         assert np.isfinite(theta).all()  # meaningless where outside, but no warning and no NaN

@@ -15,7 +15,6 @@ from jointbayes.posterior.information.directions import (
     name_directions,
     spread_in_words,
     summary_sentence,
-    verdict_of,
 )
 
 NAMES = ("k11", "k12", "k22")
@@ -148,7 +147,7 @@ def test_a_combination_that_is_known_by_the_prior_only_is_not_named():
 
 def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8)
+    k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8, unit="N/m")
     found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k11": k11})}
     assert found["k11"].sentence == "k11 is bounded below: it is above 2.50e8 N/m with 95 % probability"
 
@@ -171,13 +170,11 @@ def test_plain_springs_have_no_coupling_to_speak_of():
 
 
 @pytest.mark.parametrize("sd", [1e-4, 0.0569, 0.057, 0.28, 0.281, 1.7])
-def test_linearised_verdicts_are_those_of_the_rule_and_a_factor_is_the_ratio_of_the_ends(sd):
+def test_a_linearised_spread_is_printed_as_the_ratio_of_the_ends_where_it_is_wide(sd):
     ratio = interval_ratio(sd)
     assert ratio == pytest.approx(np.exp(2 * 1.959964 * sd), rel=1e-5)
-    expected = "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
-    assert verdict_of(sd) == expected
     words = spread_in_words(sd)
-    assert ("factor" in words) == (expected == "not identified")
+    assert ("factor" in words) == (ratio > 3)
     if "factor" in words:
         assert float(words.removeprefix("a factor of ")) == pytest.approx(ratio, rel=0.05)
 

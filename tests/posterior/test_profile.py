@@ -48,7 +48,7 @@ class Linear:
 
     def __init__(self, matrix, marginals):
         self.prior = LinearPrior(marginals)
-        self.parametrisation = self.prior.parametrisation
+        self.parametrisation, self.names = self.prior.parametrisation, NAMES
         self.log_posterior = self
         self.matrix = np.column_stack([matrix, np.zeros(len(matrix))])
 
@@ -148,7 +148,7 @@ def test_where_the_posterior_is_nearly_gaussian_the_interval_is_that_of_the_fish
     case = case_from_text("quiet", text)
     theta = cheap_case_mode(case)
     profile = profile_likelihood(case.problem, theta, "k22", level=0.6827)
-    sd = fisher_information(case.problem, theta).sd(with_prior=False)["k22"]
+    sd = fisher_information(case.problem, theta).sd()["k22"]
     low, high = profile.interval
     assert (high - low) / 2 == pytest.approx(sd, rel=0.02)
 

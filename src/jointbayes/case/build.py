@@ -21,7 +21,7 @@ from jointbayes.inference import (
     StudentNoise,
     Uniform,
 )
-from jointbayes.joint import RIGID, STIFFNESS_NAMES, Joint, LogStiffness, Parametrisation, SignedCoupling, joint_matrix
+from jointbayes.joint import RIGID, STIFFNESS_NAMES, Coordinate, Joint, joint_matrix, parametrisation_named
 from jointbayes.measurement import (
     CoherenceNoise,
     FrequencyMeasurement,
@@ -111,9 +111,10 @@ def _damping(spec: schema.DampingSpec) -> DampingLaw:
 
 def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
     """Priors on the joint's coordinates and on all else that the case calls uncertain."""
-    parametrisation: Parametrisation = LogStiffness() if spec.joint.parametrisation == "log" else SignedCoupling()
+    parametrisation = parametrisation_named(spec.joint.parametrisation)
     if spec.prior is None:
-        marginals = _default_marginals(parametrisation, own_stiffness(recipe, spec.joint))
+        own = own_stiffness(recipe, spec.joint)
+        marginals = tuple(_default_marginal(axis, own, recipe.length) for axis in parametrisation.axes)
     else:
         marginals = tuple(_marginal(getattr(spec.prior, name)) for name in parametrisation.names)
     return JointPrior(
@@ -121,11 +122,12 @@ def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
     )
 
 
-def _default_marginals(parametrisation: Parametrisation, own: Array) -> tuple[Marginal, ...]:
-    """Priors of a case that states none: from far softer than the beam to far stiffer, any coupling."""
-    low, high = DEFAULT_PRIOR_FACTORS
-    stiffness = {name: Uniform(*np.log([low * k, high * k])) for name, k in zip(STIFFNESS_NAMES, own, strict=True)}
-    return tuple(stiffness.get(name, Uniform(-1.0, 1.0)) for name in parametrisation.names)
+def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
+    """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
+    if axis.logarithmic:
+        k = own[STIFFNESS_NAMES.index(axis.quantity)]
+        return Uniform(*np.log([factor * k for factor in DEFAULT_PRIOR_FACTORS]))
+    return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
 def own_stiffness(recipe: BeamRecipe, joint: schema.JointSpec) -> Array:
@@ -311,4 +313,4 @@ def noise_law(spec: schema.NoiseSpec) -> NoiseLaw:
 
 def stiffness_of(spec: schema.StiffnessSpec) -> Array:
     """(k11, k12, k22), shape (3,)."""
-    return np.array([spec.k11, spec.k12, spec.k22])
+    return np.array([getattr(spec, name) for name in STIFFNESS_NAMES])

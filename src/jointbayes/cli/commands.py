@@ -132,22 +132,23 @@ def identify(config: Path) -> None:
 
     if case.joint_frf is not None:
         history = iterate(case)
-        click.echo(f"{'step':>4} {'residual':>10} {'k11 (N/m)':>12} {'k12 (N)':>12} {'k22 (N·m/rad)':>14}")
+        heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
+        click.echo(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
         for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
-            click.echo(f"{step:>4} {norm:>10.3e} {k[0]:>12.4e} {k[1]:>12.4e} {k[2]:>14.4e}")
+            values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
+            click.echo(f"{step:>4} {norm:>10.3e} {values}")
         click.echo(f"The paper's iteration {history.reason}.")
     elif case.provenance is not None and case.provenance.iteration:
         click.echo(f"The paper's iteration is left out. {case.provenance.iteration}.")
     estimate = find_map(case, tell=_tell)
-    k11, k12, k22 = estimate.stiffness
-    click.echo(f"MAP: k11 = {k11:.4e} N/m, k12 = {k12:.4e} N, k22 = {k22:.4e} N·m/rad")
+    found = zip(case.problem.quantities, estimate.stiffness, strict=True)
+    click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in found))
     edges = case.problem.prior.at_edge(estimate.theta)
     if edges:
         click.echo(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
     else:
         sd = estimate.covariance.diagonal() ** 0.5
-        names = [n if n == "rho" else f"ln {n}" for n in case.problem.names]
-        words = ", ".join(f"{n} {s:.3g}" for n, s in zip(names, sd, strict=True))
+        words = ", ".join(f"{n} {s:.3g}" for n, s in zip(case.problem.prior.labels, sd, strict=True))
         click.echo(f"Linearised sd, without draws: {words}")
     if estimate.failed_starts:
         click.echo(f"Starts that ended elsewhere: {estimate.failed_text}")
@@ -374,13 +375,12 @@ def _note_written(path: Path) -> None:
 
 
 def _print_summary(posterior: "Posterior") -> None:
-    from jointbayes.joint import STIFFNESS_NAMES
     from jointbayes.posterior.verdicts import verdict_line
 
     if not posterior.converged:
         click.echo("NOT CONVERGED: do not use these numbers.")
     click.echo(posterior.reason)
-    for name in STIFFNESS_NAMES:
+    for name in posterior.stiffness_names:
         click.echo(verdict_line(posterior, name))
     if posterior.estimate.sentence:
         click.echo(posterior.estimate.sentence)

@@ -216,25 +216,18 @@ def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: f
 
 def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:
     """Coordinates of the joint nearest to (k11, k12, k22) at which the prior is above zero; None if there is none."""
-    k11, k12, k22 = np.asarray(stiffness, dtype=float)
     prior = log_posterior.prior
-    tiny = np.exp(-20.0)
-    k11, k22 = max(k11, tiny), max(k22, tiny)
-    limit = 0.9 * np.sqrt(k11 * k22)
-    names = prior.parametrisation.names
-    coupling = np.clip(k12, 0.1 * limit, limit) if "k12" in names else np.clip(k12, -limit, limit)
+    parametrisation = prior.parametrisation
     low, high = prior.support
     inner = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
-    rest = prior.mean[len(names) :]
+    rest = prior.mean[len(prior.marginals) :]
 
     def inside(joint: ArrayLike) -> Array:
-        whole = np.concatenate([prior.parametrisation.coordinates(joint), rest])
+        whole = np.concatenate([parametrisation.coordinates(parametrisation.nearest(joint)), rest])
         clipped: Array = np.clip(whole, low + inner, high - inner)
         return clipped
 
-    theta = inside([k11, coupling, k22])
-    if not prior.feasible(theta):  # moving k11 or k22 to the edge may leave k12 too large
-        k = prior.stiffness(theta)
-        k[1] = 0.9 * np.sqrt(k[0] * k[2])
-        theta = inside(k)
+    theta = inside(stiffness)
+    if not prior.feasible(theta):  # moving a stiffness to the edge may leave the coupling too large
+        theta = inside(prior.stiffness(theta))
     return theta if np.isfinite(log_posterior(theta)[0]) else None

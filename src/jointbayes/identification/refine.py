@@ -10,7 +10,7 @@ from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, LogPosterior
-from jointbayes.joint import CondensedChart, LogStiffness
+from jointbayes.joint import CondensedChart
 from jointbayes.sampling.density import newton_climb
 
 __all__ = ["inside_the_edges", "laplace_covariance", "refine"]
@@ -85,32 +85,34 @@ def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Coordinates:
-    """Coordinates φ of those that are free of θ, in which a joint with hardly known k11 and k12 has a straight ridge.
+    """Coordinates φ of those that are free of θ, in which a joint with hardly known stiffnesses has a straight ridge.
 
-    Of the paper's stiffnesses k22 is replaced by k22 − k12²/k11, see `CondensedChart`, unless an edge holds it.
+    Where the parametrisation has such coordinates, unless an edge holds the one that they replace.
     """
 
     place: Array
     free: NDArray[np.intp]
-    condensed: bool
+    ridge: CondensedChart | None
     low: Array
     high: Array
 
     @classmethod
     def at(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
         """About a point θ, shape (d,)."""
-        condensed = isinstance(prior.parametrisation, LogStiffness) and bool(free[2])
-        place = CondensedChart().forward(theta[None])[0] if condensed else np.array(theta)
+        ridge = prior.parametrisation.ridge
+        if ridge is not None and not free[ridge.column]:
+            ridge = None
+        place = np.array(theta) if ridge is None else ridge.forward(theta[None])[0]
         # a normal prior has no end, but a stiffness of e^800 is no number
         low, high = (prior.mean + sign * _FARTHEST * prior.sd for sign in (-1, 1))
         ends = np.maximum(low, prior.support[0]), np.minimum(high, prior.support[1])
-        return cls(place, np.flatnonzero(free), condensed, *ends)
+        return cls(place, np.flatnonzero(free), ridge, *ends)
 
     def theta(self, moving: Array) -> Array:
         """θ, shape (n, d), of the free coordinates, shape (n, f); beyond an edge of the support the edge."""
         whole = np.tile(self.place, (len(moving), 1))
         whole[:, self.free] = moving
-        inside: Array = np.clip(CondensedChart().inverse(whole)[0] if self.condensed else whole, self.low, self.high)
+        inside: Array = np.clip(whole if self.ridge is None else self.ridge.inverse(whole)[0], self.low, self.high)
         return inside
 
     def density(self, log_posterior: LogPosterior) -> Callable[[Array], Array]:
@@ -120,10 +122,10 @@ class _Coordinates:
     def covariance(self, covariance: Array) -> Array:
         """Covariance of the free coordinates, shape (f, f), from that of θ, shape (d, d)."""
         slope = np.eye(len(covariance))
-        if self.condensed:  # δ ln(k22 − k12²/k11) by differences
+        if self.ridge is not None:  # ∂φ/∂θ by differences
             step = 1e-6 * slope
-            theta = CondensedChart().inverse(self.place[None])[0]
-            slope = ((CondensedChart().forward(theta + step) - CondensedChart().forward(theta - step)) / 2e-6).T
+            theta = self.ridge.inverse(self.place[None])[0]
+            slope = ((self.ridge.forward(theta + step) - self.ridge.forward(theta - step)) / 2e-6).T
         turned: Array = (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
         return turned
 

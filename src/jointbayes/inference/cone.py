@@ -1,7 +1,7 @@
 """Independent priors cut off where K^J is not positive definite: the probability left, and draws by their quantiles.
 
-With log stiffnesses the cut is 2 ln k12 < ln k11 + ln k22, with the signed coupling |ρ| < 1; without a coupling there
-is none. All works on midpoints of the marginals' probability, so that it is the same in every run.
+A parametrisation says where: by bounds of a coordinate, |ρ| < 1, or by a cone, 2 ln k12 < ln k11 + ln k22. All works on
+midpoints of the marginals' probability, so that it is the same in every run.
 """
 
 import math
@@ -12,16 +12,22 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Marginal
+from jointbayes.joint import Parametrisation
 
-__all__ = ["cut_quantiles", "log_probability_inside"]
+__all__ = ["NO_JOINT", "cut_quantiles", "log_probability_inside"]
 
 Array = NDArray[np.float64]
 
-_CELLS = 1000  # of probability, in each of k11 and k22
+_CELLS = 1000  # of probability, in each of the two stiffnesses beside the coupling
 _GRAIN = 2.0**-30
+#: What is to be done about priors that contradict each other.
+NO_JOINT = (
+    "expected marginals that overlap with positive definite joints, k12² <= k11·k22; lower the prior of the coupling "
+    "or raise those of the other stiffnesses"
+)
 
 
-def log_probability_inside(names: tuple[str, ...], marginals: tuple[Marginal, ...]) -> float:
+def log_probability_inside(parametrisation: Parametrisation, marginals: tuple[Marginal, ...]) -> float:
     """ln of the probability that independent draws give a positive definite joint; 0 where all do.
 
     It is rounded to a multiple of 2⁻³⁰: subtracting it from log densities, whose last digits are larger, then shifts
@@ -29,10 +35,10 @@ def log_probability_inside(names: tuple[str, ...], marginals: tuple[Marginal, ..
 
     Parameters
     ----------
-    names
-        Of the joint's coordinates.
+    parametrisation
+        Of the joint.
     marginals
-        One prior for each.
+        One prior for each of its coordinates.
 
     Returns
     -------
@@ -44,59 +50,54 @@ def log_probability_inside(names: tuple[str, ...], marginals: tuple[Marginal, ..
     ModelError
         If the marginals leave no joint, or so few that a million places show none.
     """
-    value = _log_probability(names, marginals)
+    value = _log_probability(parametrisation, marginals)
     if value == -math.inf:
-        raise ModelError(
-            "prior: found no positive definite joint that it allows; expected marginals that overlap with "
-            "k12² <= k11·k22; lower the prior of k12 or raise those of k11 and k22"
-        )
+        raise ModelError(f"prior: found no positive definite joint that it allows; {NO_JOINT}")
     return round(value / _GRAIN) * _GRAIN
 
 
-def cut_quantiles(names: tuple[str, ...], marginals: tuple[Marginal, ...], u: Array) -> Array:
+def cut_quantiles(parametrisation: Parametrisation, marginals: tuple[Marginal, ...], u: Array) -> Array:
     """Coordinates, shape (n, j), of points u of the unit cube, shape (n, j): uniform u give draws of the cut priors.
 
-    Independent marginals give their quantiles. Of the others the coupling comes last, within what the stiffnesses
-    leave it; these follow their distributions under the cut, interpolated between 1000 quantiles.
+    Independent marginals give their quantiles, those of a bounded coordinate within its bounds. In a cone the coupling
+    comes last, within what the stiffnesses leave it; these follow their distributions under the cut, interpolated
+    between 1000 quantiles.
 
     References
     ----------
     Rosenblatt, M. (1952). Remarks on a multivariate transformation. Annals of Mathematical Statistics 23(3), 470-472.
     DOI 10.1214/aoms/1177729394
     """
-    if "rho" in names:
-        index = names.index("rho")
-        low, high = marginals[index].cdf(np.array([-1.0, 1.0]))
-        u = u.copy()
-        u[:, index] = low + u[:, index] * (high - low)
-        return _quantiles(marginals, u)
-    if "k12" not in names:
-        return _quantiles(marginals, u)
-    first, coupling, last = (marginals[names.index(name)] for name in ("k11", "k12", "k22"))
-    columns = [names.index(name) for name in ("k11", "k12", "k22")]
+    out, cone = np.empty(u.shape), parametrisation.cone
+    for i, (axis, marginal) in enumerate(zip(parametrisation.axes, marginals, strict=True)):
+        low, high = marginal.cdf(np.array(axis.bounds)) if axis.bounded else (0.0, 1.0)
+        out[:, i] = marginal.ppf(low + u[:, i] * (high - low))
+    if cone is None:
+        return out
+    columns = [cone.first, cone.coupling, cone.last]
+    first, coupling, last = (marginals[column] for column in columns)
     edges = np.arange(_CELLS + 1) / _CELLS
     middle = _middles(last)
-    k11 = first.ppf(np.interp(u[:, columns[0]], _first_steps(first, coupling, last), edges))
-    room = coupling.cdf((k11[:, None] + middle) / 2)
+    one = first.ppf(np.interp(u[:, cone.first], _first_steps(first, coupling, last), edges))
+    room = coupling.cdf((one[:, None] + middle) / 2)
     steps = np.concatenate([np.zeros((len(u), 1)), np.cumsum(room, axis=1)], axis=1)
-    asked = u[:, columns[2]] * steps[:, -1]
+    asked = u[:, cone.last] * steps[:, -1]
     share = np.array([np.interp(a, s, edges) for a, s in zip(asked, steps, strict=True)])
-    k22 = last.ppf(share)
-    k12 = coupling.ppf(u[:, columns[1]] * coupling.cdf((k11 + k22) / 2))
-    out = np.empty((len(u), 3))
-    out[:, columns] = np.stack([k11, k12, k22], axis=-1)
+    other = last.ppf(share)
+    between = coupling.ppf(u[:, cone.coupling] * coupling.cdf((one + other) / 2))
+    out[:, columns] = np.stack([one, between, other], axis=-1)
     return out
 
 
 @lru_cache(maxsize=64)
-def _log_probability(names: tuple[str, ...], marginals: tuple[Marginal, ...]) -> float:
-    if "rho" in names:
-        low, high = marginals[names.index("rho")].cdf(np.array([-1.0, 1.0]))
-        return math.log(high - low) if high > low else -math.inf
-    if "k12" not in names:
-        return 0.0
-    first, coupling, last = (marginals[names.index(name)] for name in ("k11", "k12", "k22"))
-    probability = float(_room(first, coupling, last).mean())
+def _log_probability(parametrisation: Parametrisation, marginals: tuple[Marginal, ...]) -> float:
+    probability, cone = 1.0, parametrisation.cone
+    for axis, marginal in zip(parametrisation.axes, marginals, strict=True):
+        if axis.bounded:
+            low, high = marginal.cdf(np.array(axis.bounds))
+            probability *= max(float(high - low), 0.0)
+    if cone is not None:
+        probability *= float(_room(marginals[cone.first], marginals[cone.coupling], marginals[cone.last]).mean())
     return math.log(probability) if probability > 0 else -math.inf
 
 
@@ -110,15 +111,9 @@ def _first_steps(first: Marginal, coupling: Marginal, last: Marginal) -> Array:
 
 
 def _room(first: Marginal, coupling: Marginal, last: Marginal) -> Array:
-    """Probability of a coupling below √(k11 k22) at the middles of all cells, shape (cells, cells)."""
+    """Probability of a coupling inside the cone at the middles of all cells, shape (cells, cells)."""
     return coupling.cdf((_middles(first)[:, None] + _middles(last)) / 2)
 
 
 def _middles(marginal: Marginal) -> Array:
     return marginal.ppf((np.arange(_CELLS) + 0.5) / _CELLS)
-
-
-def _quantiles(marginals: tuple[Marginal, ...], u: Array) -> Array:
-    if not marginals:
-        return np.empty((len(u), 0))
-    return np.stack([m.ppf(u[:, i]) for i, m in enumerate(marginals)], axis=-1)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.cone import cut_quantiles, log_probability_inside
-from jointbayes.inference.marginals import Marginal
+from jointbayes.inference.cone import NO_JOINT, cut_quantiles, log_probability_inside
+from jointbayes.inference.marginals import Marginal, Uniform
 from jointbayes.joint import Parametrisation
 
-__all__ = ["JointPrior", "Nuisance", "log_density_in"]
+__all__ = ["JointPrior", "Nuisance"]
 
 Array = NDArray[np.float64]
 
@@ -95,6 +95,11 @@ class JointPrior:
         return self.parametrisation.names + tuple(n.name for n in self.nuisances)
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """How the d coordinates are written: ``"ln k11"``, ``"ρ"``, ``"ln length"``."""
+        return tuple(axis.label for axis in self.parametrisation.axes) + tuple(f"ln {n.name}" for n in self.nuisances)
+
+    @property
     def all_marginals(self) -> tuple[Marginal, ...]:
         """One prior for each of the d coordinates."""
         return self.marginals + tuple(n.prior for n in self.nuisances)
@@ -120,6 +125,13 @@ class JointPrior:
         ends = [m.support for m in self.marginals] + [n.range for n in self.nuisances]
         low, high = np.array(ends).reshape(-1, 2).T
         return low, high
+
+    def bounds_of(self, name: str) -> tuple[float, float] | None:
+        """Ends of a uniform prior of the joint in the unit of its coordinate; None where it has no ends."""
+        for axis, marginal in zip(self.parametrisation.axes, self.marginals, strict=True):
+            if axis.name == name and isinstance(marginal, Uniform):
+                return axis.value(marginal.low), axis.value(marginal.high)
+        return None
 
     def joint(self, theta: ArrayLike) -> Array:
         """Coordinates of the joint, the first columns of θ, shape (..., j)."""
@@ -175,7 +187,7 @@ class JointPrior:
 
         The ranges of normal nuisances are so wide (2e-9 lies outside) that their cut does not count.
         """
-        return log_probability_inside(self.parametrisation.names, self.marginals)
+        return log_probability_inside(self.parametrisation, self.marginals)
 
     def transform(self, u: ArrayLike) -> Array:
         """θ, shape (n, d), of points of the unit cube, shape (n, d): uniform points give draws from the prior.
@@ -185,7 +197,7 @@ class JointPrior:
         """
         points = np.atleast_2d(np.asarray(u, dtype=float))
         count = len(self.marginals)
-        joint = cut_quantiles(self.parametrisation.names, self.marginals, points[:, :count])
+        joint = cut_quantiles(self.parametrisation, self.marginals, points[:, :count])
         rest = [np.clip(n.prior.ppf(points[:, count + i]), *n.range) for i, n in enumerate(self.nuisances)]
         return np.column_stack([joint, *rest])
 
@@ -204,41 +216,4 @@ class JointPrior:
             kept.append(theta[self.feasible(theta)])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]
-        raise ModelError(
-            "prior: found almost no joint with k12² <= k11·k22 among its draws; expected priors that overlap with "
-            "positive definite joints; lower the prior of k12 or raise those of k11 and k22"
-        )
-
-
-def log_density_in(prior: JointPrior, parametrisation: Parametrisation, theta: ArrayLike) -> Array:
-    """ln of the prior's density over the coordinates of another parametrisation of the joint.
-
-    p(θ') = p(θ) |∂θ/∂θ'|, by way of the stiffnesses: |∂k/∂θ'| over |∂k/∂θ|.
-
-    Parameters
-    ----------
-    prior
-        Prior over θ.
-    parametrisation
-        Gives θ' its meaning.
-    theta
-        θ', shape (n, d), the nuisances' coordinates last.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        −inf where the prior's coordinates know no such joint: ln k12 has no negative k12.
-    """
-    there = np.atleast_2d(np.asarray(theta, dtype=float))
-    count = len(parametrisation.names)
-    joint = there[:, :count]
-    inside = parametrisation.feasible(joint)
-    stiffness = parametrisation.stiffness(joint)
-    if "k12" in prior.parametrisation.names:
-        inside &= stiffness[:, 1] > 0
-    out = np.full(len(there), -np.inf)
-    if inside.any():
-        here = prior.parametrisation.coordinates(stiffness[inside])
-        slope = parametrisation.log_slope(joint[inside]) - prior.parametrisation.log_slope(here)
-        out[inside] = prior.log_density(np.column_stack([here, there[inside, count:]])) + slope
-    return out
+        raise ModelError(f"prior: found almost no positive definite joint among its draws; {NO_JOINT}")

@@ -12,7 +12,7 @@ from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.noise.models import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
-from jointbayes.joint import Joint, Parametrisation, joint_matrix
+from jointbayes.joint import Joint, Parametrisation, Quantity, joint_matrix
 from jointbayes.measurement import FrfMeasurement, Measurement
 from jointbayes.structure import Discretisation, Structure, StructureFamily, as_family, is_mode_frequency
 
@@ -99,6 +99,11 @@ class Problem:
     def parametrisation(self) -> Parametrisation:
         """How θ and (k11, k12, k22) belong together."""
         return self.prior.parametrisation
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The joint's stiffnesses: names, units and places in K^J, in the order of `JointPrior.stiffness`."""
+        return self.parametrisation.quantities
 
     def receptance_model(self, ports: Ports) -> ReceptanceModel:
         """Forward model for other lines and DOFs.

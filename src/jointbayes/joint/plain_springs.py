@@ -5,11 +5,14 @@ translation only, in rotation only, and two springs without coupling.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
+from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.quantities import STIFFNESS_NAMES, STIFFNESSES, Coordinate
 
 __all__ = ["RIGID", "PlainSprings"]
 
@@ -19,11 +22,11 @@ Array = NDArray[np.float64]
 #: is still a number.
 RIGID = 1e30
 
-_PLACE = {"k11": 0, "k22": 2}  # in (k11, k12, k22)
+_SPRINGS = tuple(q.name for q in STIFFNESSES if not q.may_be_negative)
 
 
-@dataclass(frozen=True, slots=True)
-class PlainSprings:
+@dataclass(frozen=True)
+class PlainSprings(Parametrisation):
     """Coordinates θ = ln k of the springs that are named; a spring that is not is rigid, and k12 = 0.
 
     Parameters
@@ -43,18 +46,26 @@ class PlainSprings:
     [1e+30, 0.0, 200000.0]
     """
 
-    names: tuple[str, ...] = ("k11", "k22")
+    names: tuple[str, ...] = _SPRINGS
+
+    key: ClassVar[str] = "plain springs"
+    expected: ClassVar[str] = "every spring that yields above zero; raise it"
 
     def __post_init__(self) -> None:
-        if self.names != tuple(name for name in _PLACE if name in self.names):
+        if self.names != tuple(name for name in _SPRINGS if name in self.names):
             raise ModelError(
-                f"plain springs: found names {self.names}; expected none, one or both of k11, k22, in this order; "
-                "correct them"
+                f"plain springs: found names {self.names}; expected none, one or both of {', '.join(_SPRINGS)}, in "
+                "this order; correct them"
             )
 
     @property
+    def axes(self) -> tuple[Coordinate, ...]:
+        """ln k of each spring."""
+        return tuple(Coordinate.logarithm_of(q) for q in STIFFNESSES if q.name in self.names)
+
+    @property
     def _places(self) -> list[int]:
-        return [_PLACE[name] for name in self.names]
+        return [STIFFNESS_NAMES.index(name) for name in self.names]
 
     def stiffness(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., d)."""
@@ -64,20 +75,12 @@ class PlainSprings:
         out[..., self._places] = np.exp(t)
         return out
 
-    def coordinates(self, stiffness: ArrayLike) -> Array:
-        """θ, shape (..., d), of (k11, k12, k22), shape (..., 3): of the named springs; the rest does not count.
+    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the springs that yield are above zero; the rest does not count."""
+        return np.asarray((np.asarray(stiffness, dtype=float)[..., self._places] > 0).all(axis=-1))
 
-        Raises
-        ------
-        ModelError
-            If a named spring is not positive.
-        """
-        k = np.asarray(stiffness, dtype=float)[..., self._places]
-        if not (k > 0).all():
-            raise ModelError(
-                f"plain springs: found {', '.join(self.names)} = {k.tolist()}; expected all above zero; raise them"
-            )
-        theta: Array = np.log(k)
+    def _coordinates(self, stiffness: Array) -> Array:
+        theta: Array = np.log(stiffness[..., self._places])
         return theta
 
     def derivative(self, theta: ArrayLike) -> Array:
@@ -87,10 +90,6 @@ class PlainSprings:
         for coordinate, place in enumerate(self._places):
             out[..., place, coordinate] = np.exp(t[..., coordinate])
         return out
-
-    def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
-        """Whether K^J is positive definite, shape (...): always; θ has shape (..., d)."""
-        return np.ones(np.asarray(theta, dtype=float).shape[:-1], dtype=np.bool_)
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂k/∂θ| of the named springs k, shape (...), at θ, shape (..., d)."""

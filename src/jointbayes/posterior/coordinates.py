@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.inference import JointPrior, Problem, ResonanceChart
-from jointbayes.joint import ComplianceChart, CondensedChart, LogStiffness
+from jointbayes.joint import ComplianceChart, Parametrisation
 from jointbayes.sampling import BoxChart, Chart, ComposedChart, ProductChart, Quantities
 from jointbayes.structure import is_mode_frequency
 
-__all__ = ["charts", "judged_quantities"]
+__all__ = ["charts", "compliance_and_scores", "judged_quantities"]
 
 Array = NDArray[np.float64]
 
@@ -17,21 +17,19 @@ def charts(problem: Problem) -> tuple[Chart, ...]:
     """Coordinates in which the posterior may be near a bell: the joint's compliance, and the prior's normal scores.
 
     An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends, or
-    flat but for the rotational stiffness with the translation free to follow, which then takes the place of k22.
+    flat but for a ridge, which the joint's coordinates may know how to straighten.
     Errors of natural frequencies are replaced by the frequencies themselves, which data fix whatever the joint is.
     """
-    prior, count = problem.prior, len(problem.parametrisation.names)
+    prior = problem.prior
     low, high = np.array([m.support for m in prior.all_marginals]).reshape(-1, 2).T
     errors = np.flatnonzero([is_mode_frequency(name) for name in problem.names])
     low[errors], high[errors] = -np.inf, np.inf
-    compliance: Chart = ComplianceChart(problem.parametrisation)
-    if len(problem.names) > count:
-        compliance = ProductChart(compliance, count, BoxChart(low[count:], high[count:]))
-    flat = BoxChart(low, high)
+    compliance, flat = compliance_and_scores(problem.parametrisation, low, high)
     freed: tuple[Chart, ...] = ()
-    if isinstance(problem.parametrisation, LogStiffness):
-        low[2], high[2] = -np.inf, np.inf
-        freed = CondensedChart(), BoxChart(low, high)
+    ridge = problem.parametrisation.ridge
+    if ridge is not None:
+        low[ridge.column], high[ridge.column] = -np.inf, np.inf
+        freed = ridge, BoxChart(low, high)
     if not errors.size:
         return (compliance, flat, ComposedChart(*freed)) if freed else (compliance, flat)
 
@@ -44,20 +42,37 @@ def charts(problem: Problem) -> tuple[Chart, ...]:
     return ComposedChart(resonances, compliance), ComposedChart(resonances, *(freed or (flat,)))
 
 
-def judged_quantities(prior: JointPrior) -> Quantities:
-    """What the stop rule's bound on the errors of interval ends holds for: each coordinate of the joint and k12.
+def compliance_and_scores(parametrisation: Parametrisation, low: Array, high: Array) -> tuple[Chart, Chart]:
+    """Compliance of the joint beside normal scores of the rest, and normal scores of all, between ends (d,)."""
+    compliance: Chart = ComplianceChart(parametrisation)
+    count = len(parametrisation.names)
+    if len(low) > count:
+        compliance = ProductChart(compliance, count, BoxChart(low[count:], high[count:]))
+    return compliance, BoxChart(low, high)
 
-    Stiffnesses by their logarithm, ρ as it is. A k12 that may have either sign is taken by its signed logarithm
-    arsinh(k12/s), with s the median of |k12|: its draws may spread over decades to both sides.
+
+def judged_quantities(prior: JointPrior) -> Quantities:
+    """What the stop rule's bound on the errors of interval ends holds for: the joint's coordinates, and stiffnesses.
+
+    Coordinates as they are; a stiffness that is none of them by its logarithm, or where it may have either sign by its
+    signed logarithm arsinh(k/s), with s the median of |k|: its draws may spread over decades to both sides.
     """
-    names = prior.parametrisation.names
+    parametrisation = prior.parametrisation
+    others = [(i, q) for i, q in enumerate(parametrisation.quantities) if q.name in parametrisation.derived]
 
     def values(theta: Array) -> Array:
         joint = prior.joint(theta)
-        if "rho" not in names:
+        if not others:
             return joint
-        k12 = prior.stiffness(theta)[..., 1:2]
-        scale = float(np.median(np.abs(k12))) or 1.0
-        return np.concatenate([joint, np.arcsinh(k12 / scale)], axis=-1)
+        stiffness = prior.stiffness(theta)
+        columns = [_logarithm(stiffness[..., i], signed=q.may_be_negative) for i, q in others]
+        return np.concatenate([joint, np.stack(columns, axis=-1)], axis=-1)
 
-    return Quantities(names if "rho" not in names else (*names, "k12"), values)
+    return Quantities((*parametrisation.names, *(q.name for _, q in others)), values)
+
+
+def _logarithm(stiffness: Array, *, signed: bool) -> Array:
+    if not signed:
+        return np.log(stiffness)
+    scale = float(np.median(np.abs(stiffness))) or 1.0
+    return np.arcsinh(stiffness / scale)

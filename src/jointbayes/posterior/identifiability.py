@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.posterior.rounding import factor
+from jointbayes.posterior.rounding import factor, rounded
 
 __all__ = [
     "CERTAINTY",
@@ -69,6 +69,8 @@ class Identifiability:
         For a stiffness that is bounded below (above): it is larger (smaller) with 95 % probability; else NaN.
     limit95_error
         Monte Carlo standard error of the limit.
+    unit
+        Unit of the limit.
     if_model_right
         Whether the verdict holds only if the model were right: the model does not explain the data.
     """
@@ -84,7 +86,16 @@ class Identifiability:
     interval95_error: tuple[float, float] = (math.nan, math.nan)
     limit95: float = math.nan
     limit95_error: float = math.nan
+    unit: str = ""
     if_model_right: bool = False
+
+    @property
+    def limit(self) -> str:
+        """The one-sided limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
+        if not math.isfinite(self.limit95):
+            return ""
+        side = "above" if self.verdict == "bounded below" else "below"
+        return f"{side} {rounded(self.limit95, self.limit95_error)} {self.unit}"
 
 
 def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:

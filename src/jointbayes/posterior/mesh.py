@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.identification import refine
 from jointbayes.inference import FrfLikelihood, Problem
-from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
+from jointbayes.joint import joint_matrix
 
 __all__ = ["LARGEST_ERROR_OF_PEAK", "LARGEST_ERROR_SD", "LARGEST_SHIFT_SD", "MeshCheck", "check_mesh"]
 
@@ -108,7 +108,7 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     exact_data = bool(np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)
     within = error_of_peak <= LARGEST_ERROR_OF_PEAK if exact_data else error_sd <= LARGEST_ERROR_SD
     moved = _first_order(problem, reference, theta, covariance) if within else _found_anew(problem, theta)
-    shift_sd = _over_sd(problem.prior.stiffness(theta), problem.prior.stiffness(theta - moved), draws)
+    shift_sd = _over_sd(problem, theta, theta - moved, draws)
     return MeshCheck(found.kind, found.elements, found.order, error_sd, error_of_peak, shift_sd, exact_data, within)
 
 
@@ -145,12 +145,12 @@ def _found_anew(problem: Problem, theta: Array) -> Array:
     return theta - found
 
 
-def _over_sd(here: Array, there: Array, draws: Array) -> dict[str, float]:
-    """Difference of two (k11, k12, k22) over the draws' standard deviations, of logarithms where signs allow it."""
-    shifts = {}
-    for name, one, other, values in zip(STIFFNESS_NAMES, here, there, draws.T, strict=True):
-        logarithmic = bool((values > 0).all()) and one > 0 and other > 0
+def _over_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:
+    """Change of each stiffness over the draws' standard deviations, of logarithms where signs allow it."""
+    shifts, both = {}, problem.prior.stiffness([theta, other]).T
+    for quantity, (here, there), values in zip(problem.quantities, both, draws.T, strict=True):
+        logarithmic = bool((values > 0).all()) and here > 0 and there > 0
         sd = float(np.log(values).std() if logarithmic else values.std())
         if sd > 0:
-            shifts[name] = float(np.log(one / other) if logarithmic else one - other) / sd
+            shifts[quantity.name] = float(np.log(here / there) if logarithmic else here - there) / sd
     return shifts

@@ -14,7 +14,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import FrfLikelihood, Problem
-from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
+from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
@@ -68,10 +68,8 @@ class Posterior:
         lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
         for name in map(str, self.draws.data_vars):
             low, middle, high = np.quantile(self.values(name), [0.025, 0.5, 0.975])
-            unit = self.draws[name].attrs.get("units", "")
-            lines.append(
-                f"  {name}: median {middle:.4g}, 95 % credible interval {low:.4g} to {high:.4g} {unit}".rstrip()
-            )
+            interval = f"95 % credible interval {low:.4g} to {high:.4g} {self.unit(name)}"
+            lines.append(f"  {name}: median {middle:.4g}, {interval}".rstrip())
         return "\n".join(lines)
 
     @property
@@ -93,7 +91,7 @@ class Posterior:
     def mode(self) -> dict[str, float]:
         """Joint posterior mode (of the density over θ) in physical units, by name."""
         prior = self.problem.prior
-        stiffness = dict(zip(STIFFNESS_NAMES, prior.stiffness(self.mode_theta).tolist(), strict=True))
+        stiffness = dict(zip(self.stiffness_names, prior.stiffness(self.mode_theta).tolist(), strict=True))
         names = (n.name for n in prior.nuisances)
         return stiffness | dict(zip(names, prior.nuisance_values(self.mode_theta).tolist(), strict=True))
 
@@ -116,6 +114,15 @@ class Posterior:
         """Coordinates whose mode lies on an edge of the prior's support: there the prior decides, not the data."""
         return self.problem.prior.at_edge(self.mode_theta)
 
+    @property
+    def stiffness_names(self) -> tuple[str, ...]:
+        """Names of the joint's stiffnesses, in the order of `stiffness`."""
+        return tuple(quantity.name for quantity in self.problem.quantities)
+
+    def unit(self, name: str) -> str:
+        """Unit of one stiffness or other quantity."""
+        return str(self.draws[name].attrs.get("units", ""))
+
     def values(self, name: str) -> Array:
         """All draws of one stiffness or other quantity, shape (chains, draws).
 
@@ -133,7 +140,7 @@ class Posterior:
     @cached_property
     def stiffness(self) -> Array:
         """All draws of (k11, k12, k22), shape (n, 3), chain after chain."""
-        return np.stack([self.values(name).ravel() for name in STIFFNESS_NAMES], axis=-1)
+        return np.stack([self.values(name).ravel() for name in self.stiffness_names], axis=-1)
 
     @cached_property
     def theta(self) -> Array:
@@ -219,8 +226,7 @@ class Posterior:
         is uncertain is integrated out: the density is then that of a kernel estimate.
         """
         parametrisation = self.problem.parametrisation
-        positive = [0, 1, 2] if "k12" in parametrisation.names else [0, 2]
-        if np.min(np.asarray(stiffness, dtype=float)[positive]) <= 0:
+        if not parametrisation.describes(stiffness):
             return 1.0
         point = parametrisation.coordinates(stiffness)
         if self.problem.prior.nuisances:

@@ -15,7 +15,6 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.inference import Problem
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.measurement.measured import MeasuredTest, Provenance
 from jointbayes.sampling import Draws
@@ -60,7 +59,7 @@ def _values_dataset(problem: Problem, theta: Array) -> xr.Dataset:
     """Stiffnesses, and values of whatever else is uncertain, from θ of shape (chains, draws, d)."""
     prior = problem.prior
     stiffness, values = prior.stiffness(theta), prior.nuisance_values(theta)
-    units = list(zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True)) + [(n.name, n.unit) for n in prior.nuisances]
+    units = [(q.name, q.unit) for q in problem.quantities] + [(n.name, n.unit) for n in prior.nuisances]
     columns = np.concatenate([stiffness, values], axis=-1)
     variables = {name: (("chain", "draw"), columns[..., i], {"units": unit}) for i, (name, unit) in enumerate(units)}
     chains, draws = theta.shape[:2]

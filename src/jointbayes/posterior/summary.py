@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, joint_matrix
+from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
@@ -244,7 +244,7 @@ def summarise(
         record=posterior.record,
         warnings=tuple(warnings),
         no_verdict=reasons_for_no_verdict(posterior),
-        parameters={name: _stiffness(posterior, i, name) for i, name in enumerate(STIFFNESS_NAMES)},
+        parameters={name: _stiffness(posterior, i, name) for i, name in enumerate(posterior.stiffness_names)},
         nuisances={n.name: _nuisance(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         map=MapSummary(
             log_posterior=estimate.log_posterior,
@@ -281,13 +281,13 @@ def _stiffness(posterior: "Posterior", index: int, name: str) -> StiffnessSummar
     values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
     return StiffnessSummary(
-        unit=STIFFNESS_UNITS[index],
+        unit=posterior.unit(name),
         known=posterior.identifiability(name),
         map=float(posterior.estimate.stiffness[index]),
         mode=posterior.mode[name],
         mean=float(values.mean()),
         prior_interval95=_interval95(posterior.prior_values(name)),
-        r_hat=r_hat[name if name in r_hat else "rho"],
+        r_hat=r_hat[posterior.problem.parametrisation.standing_for(name)],
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
     )

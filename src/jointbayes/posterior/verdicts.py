@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.inference import Uniform
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
@@ -88,7 +86,7 @@ def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
         reasons += tuple(f"its draws reach {bound}" for bound in at_bound)
         return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
-    if name in STIFFNESS_NAMES and posterior.widened is not None:
+    if name in posterior.stiffness_names and posterior.widened is not None:
         known = _with_wider_priors(posterior, posterior.widened, name, known)
     if not posterior.check.explains and known.verdict != "not identified":
         known = replace(known, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {known.verdict_reason}")
@@ -118,26 +116,22 @@ def verdict_text(verdict: Verdict, *, if_model_right: bool) -> str:
 def verdict_line(posterior: "Posterior", name: str) -> str:
     """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal."""
     known = posterior.identifiability(name)
-    unit = STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]
     words = verdict_text(known.verdict, if_model_right=known.if_model_right)
     reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-    if math.isfinite(known.limit95):
-        side = "above" if known.verdict == "bounded below" else "below"
-        limit = rounded(known.limit95, known.limit95_error)
-        return f"{name}: {side} {limit} {unit} with 95 % probability: {words} ({reason})"
+    if known.limit:
+        return f"{name}: {known.limit} with 95 % probability: {words} ({reason})"
     interval = rounded_interval(known.interval95, known.interval95_error, " to ")
     median = rounded(known.median, known.median_error)
-    return f"{name}: median {median} {unit}, 95 % credible interval {interval}: {words} ({reason})"
+    return f"{name}: median {median} {posterior.unit(name)}, 95 % credible interval {interval}: {words} ({reason})"
 
 
 def mode_sentence(posterior: "Posterior") -> str:
     """In which coordinates the joint mode is one, and why it lies outside a 95 % interval if it does."""
-    names = posterior.problem.parametrisation.names
-    coordinates = ", ".join("ρ" if name == "rho" else f"ln {name}" for name in names)
+    coordinates = ", ".join(axis.label for axis in posterior.problem.parametrisation.axes)
     others = ", and the logarithms of what else is uncertain" if posterior.problem.prior.nuisances else ""
     text = f"The joint mode is the point of highest posterior density over {coordinates}{others}; in other "
     text += "coordinates it is another point."
-    outside = [name for name in STIFFNESS_NAMES if not _holds(posterior.interval(name), posterior.mode[name])]
+    outside = [name for name in posterior.stiffness_names if not _holds(posterior.interval(name), posterior.mode[name])]
     if outside:
         text += (
             f" It lies outside the 95 % credible interval of {' and '.join(outside)}: the posterior is skewed, and the "
@@ -154,7 +148,7 @@ def _with_wider_priors(
     posterior: "Posterior", wide: WidenedPosterior, name: str, known: Identifiability
 ) -> Identifiability:
     """The verdict after a look at what wider priors make of it: never more certain, and never changed in silence."""
-    place = STIFFNESS_NAMES.index(name)
+    place = posterior.stiffness_names.index(name)
     values = wide.prior.stiffness(wide.theta)[:, place]
     wider = assess(values, wide.prior.stiffness(wide.prior_theta)[:, place])
     if not wide.reliable:
@@ -180,13 +174,11 @@ def _less_certain(known: Identifiability, verdict: Verdict, reason: str) -> Iden
 
 def _beyond_bounds(posterior: "Posterior", wide: WidenedPosterior, name: str) -> tuple[float, float]:
     """Mass of the wider posterior below and above the stated bounds of a stiffness; 0 where it has none."""
-    prior = posterior.problem.prior
-    names = prior.parametrisation.names
-    if name not in names or not isinstance(prior.marginals[names.index(name)], Uniform):
+    bounds = posterior.problem.prior.bounds_of(name)
+    if bounds is None:
         return 0.0, 0.0
-    column = names.index(name)
-    low, high = prior.marginals[column].support
-    return float((wide.theta[:, column] < low).mean()), float((wide.theta[:, column] > high).mean())
+    values = wide.prior.stiffness(wide.theta)[:, posterior.stiffness_names.index(name)]
+    return float((values < bounds[0]).mean()), float((values > bounds[1]).mean())
 
 
 def _bounded(
@@ -209,15 +201,15 @@ def _bounded(
         reason += f"; with {_WIDER} it would be {wider}"
     error = quantile_error(posterior.by_ensemble(name), probability)
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
-    return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit, limit95_error=error)
+    unit = posterior.unit(name)
+    return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit, limit95_error=error, unit=unit)
 
 
 def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:
     """Such as "the prior's upper bound 1e8 N·m/rad"."""
-    prior = posterior.problem.prior
-    low, high = np.exp(prior.marginals[prior.parametrisation.names.index(name)].support)
-    unit = STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]
-    return f"the prior's {side} bound {number(low if side == 'lower' else high)} {unit}"
+    bounds = posterior.problem.prior.bounds_of(name)
+    assert bounds is not None
+    return f"the prior's {side} bound {number(bounds[side == 'upper'])} {posterior.unit(name)}"
 
 
 def _joined_ratio(one: tuple[float, float], other: tuple[float, float]) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.identification import refine
 from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, Uniform
+from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import charts, judged_quantities
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
@@ -68,18 +69,24 @@ class WidenedPosterior:
 
 
 def widened_prior(prior: JointPrior) -> JointPrior:
-    """The prior with each marginal of the joint a decade wider on each side; ρ uniform over all that is possible.
+    """The prior with each marginal of the joint a decade wider on each side.
 
-    Bounds move by ln 10; a normal's standard deviation grows so that its 95 % range grows by a decade on each side.
+    Bounds of a logarithm move by ln 10; a normal's standard deviation grows so that its 95 % range grows by a decade on
+    each side. A bounded coordinate such as ρ becomes uniform over all that is possible; one that is neither reaches ten
+    times as far from its middle.
     """
-    names = prior.parametrisation.names
-    marginals = tuple(_wider(name, marginal) for name, marginal in zip(names, prior.marginals, strict=True))
-    return dataclasses.replace(prior, marginals=marginals)
+    pairs = zip(prior.parametrisation.axes, prior.marginals, strict=True)
+    return dataclasses.replace(prior, marginals=tuple(_wider(axis, marginal) for axis, marginal in pairs))
 
 
-def _wider(name: str, marginal: Marginal) -> Marginal:
-    if name == "rho":
-        return Uniform(-1.0, 1.0)
+def _wider(axis: Coordinate, marginal: Marginal) -> Marginal:
+    if axis.bounded:
+        return Uniform(*axis.bounds)
+    if not axis.logarithmic:
+        if isinstance(marginal, Uniform):
+            reach = 10 * (marginal.high - marginal.low) / 2
+            return Uniform(marginal.mean - reach, marginal.mean + reach)
+        return Normal(marginal.mean, 10 * marginal.sd)
     if isinstance(marginal, Uniform):
         return Uniform(marginal.low - DECADE, marginal.high + DECADE)
     return Normal(marginal.mean, marginal.sd + DECADE / _NORMAL_95)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Self
 
 import pydantic
@@ -23,7 +23,9 @@ __all__ = [
     "Ratio",
     "Ratios",
     "Spec",
+    "ascii_unit",
     "count_field",
+    "either",
     "key_field",
     "not_above",
     "not_negative",
@@ -34,6 +36,17 @@ __all__ = [
 def key_field(description: str, example: object) -> object:
     """Field with what is expected of it, and an example."""
     return Field(description=description, examples=[example])
+
+
+def either(words: Iterable[str]) -> str:
+    """What a key may be: ``'"k11", "k12" or "k22"'``."""
+    *first, last = words
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def ascii_unit(unit: str) -> str:
+    """A unit as messages print it: ``"N m/rad"``, ``"no unit"``."""
+    return "no unit" if unit == "1" else unit.replace("·", " ")
 
 
 FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])

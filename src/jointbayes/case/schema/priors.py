@@ -1,14 +1,13 @@
 """The tables of a case file that state a prior: `[prior]` for the joint, `[uncertain]` for all else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Positive, Spec, key_field, not_above, positive
+from jointbayes.case.schema.fields import Positive, Spec, ascii_unit, key_field, not_above, positive
+from jointbayes.joint import COORDINATES, Coordinate
 
 __all__ = [
     "DecadesPriorSpec",
@@ -22,7 +21,10 @@ __all__ = [
 ]
 
 _DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal" or "decades"', "log_uniform")
-_UNIT = "in the unit of the parameter (k11: N/m, k12: N, k22: N m/rad)"
+#: Every coordinate that a joint may have, by name.
+_COORDINATES = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
+_UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _COORDINATES.values() if axis.logarithmic)
+_UNIT = f"in the unit of the parameter ({_UNITS})"
 
 
 class LogUniformPriorSpec(Spec):
@@ -52,35 +54,50 @@ class DecadesPriorSpec(Spec):
     decades: Annotated[float, positive("the decades the guess may be off, 95 % inside", 1.0)]
 
 
-Correlation = Annotated[float, Field(ge=-1, le=1)]
-
-
-class UniformPriorSpec(Spec):
-    """Every coupling coefficient rho = k12/√(k11 k22) between two bounds is equally probable."""
-
-    distribution: Annotated[Literal["uniform"], key_field('"uniform", the only kind of prior for rho', "uniform")]
-    low: Annotated[Correlation, key_field("the lower bound, a number from -1 to 1", -1.0)]
-    high: Annotated[Correlation, key_field("the upper bound, a number from -1 to 1", 1.0)]
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from not_above(self.low, self.high, "low", "high", "(from -1 to 1)")
-
-
 _StiffnessPrior = LogUniformPriorSpec | LogNormalPriorSpec | DecadesPriorSpec
 PriorSpec = Annotated[_StiffnessPrior, Field(discriminator="distribution")]
 
 
-def _prior(parameter: str, unit: str) -> object:
-    return Field(description=f"the prior of {parameter} ({unit}): its distribution and constants")
+class UniformPriorSpec(Spec):
+    """Every value of a coordinate that is no logarithm is equally probable between two bounds."""
+
+    distribution: Annotated[Literal["uniform"], key_field('"uniform"', "uniform")]
+    low: Annotated[float, key_field("the lower bound, a number", -1.0)]
+    high: Annotated[float, key_field("the upper bound, a number", 1.0)]
 
 
-class PriorsSpec(Spec):
-    """The priors, one for each of `JointSpec.parameters`."""
+def _uniform_prior(axis: Coordinate) -> type[UniformPriorSpec]:
+    """The table of the prior of a coordinate that is no logarithm, within its bounds."""
+    least, most = axis.bounds
+    within = f"from {least:g} to {most:g}" if axis.bounded else f"in {ascii_unit(axis.unit)}"
+    kind = f'"uniform", the only kind of prior for {axis.name}'
 
-    k11: Annotated[PriorSpec | None, _prior("k11", "N/m")] = None
-    k12: Annotated[PriorSpec | None, _prior("k12", "N")] = None
-    k22: Annotated[PriorSpec | None, _prior("k22", "N m/rad")] = None
-    rho: Annotated[UniformPriorSpec | None, _prior("rho", "no unit")] = None
+    class BoundedPriorSpec(UniformPriorSpec):
+        distribution: Annotated[Literal["uniform"], key_field(kind, "uniform")]
+        low: Annotated[float, Field(ge=least, le=most), key_field(f"the lower bound, a number {within}", -1.0)]
+        high: Annotated[float, Field(ge=least, le=most), key_field(f"the upper bound, a number {within}", 1.0)]
+
+        def _findings(self) -> Iterator[Finding]:
+            yield from not_above(self.low, self.high, "low", "high", f"({within})")
+
+    return BoundedPriorSpec
+
+
+def _prior_table(axis: Coordinate) -> Any:  # noqa: ANN401 (the type is that of pydantic's fields)
+    text = f"the prior of {axis.name}, {axis.words} ({ascii_unit(axis.unit)}): its distribution and constants"
+    kinds: Any = PriorSpec if axis.logarithmic else _uniform_prior(axis)
+    return Annotated[kinds | None, Field(description=text)], None
+
+
+if TYPE_CHECKING:
+
+    class PriorsSpec(Spec):
+        """The priors, one for each of `JointSpec.parameters`."""
+
+else:
+    PriorsSpec = create_model(
+        "PriorsSpec", __base__=Spec, **{name: _prior_table(axis) for name, axis in _COORDINATES.items()}
+    )
 
 
 _SD_PERCENT = Field(

@@ -19,6 +19,7 @@ from jointbayes.case.schema.structure import (
     absent_dofs,
 )
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.joint import COORDINATES
 
 __all__ = [
     "dof_findings",
@@ -97,7 +98,7 @@ def prior_findings(joint: JointSpec, priors: PriorsSpec) -> Iterator[Finding]:
     missing = [name for name in needed if name not in given]
     for name in sorted(given.difference(needed)):
         found = f'there is no {name} with joint.parametrisation = "{parametrisation}"'
-        other = "signed" if parametrisation == "log" else "log"
+        other = next(key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes})
         swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing else ""
         yield Finding(("prior", name), found, f"priors of {', '.join(needed)}", swap or "remove it")
     yield from (Finding(("prior", name), missing=True) for name in missing)

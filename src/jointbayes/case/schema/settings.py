@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, Strict
 
@@ -14,12 +14,14 @@ from jointbayes.case.schema.fields import (
     Positive,
     Spec,
     count_field,
+    either,
     key_field,
     not_negative,
     positive,
 )
 from jointbayes.case.schema.joint import StiffnessSpec
 from jointbayes.case.schema.limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_STEPS, MOST_WALKERS
+from jointbayes.joint import HYPOTHESES, STIFFNESS_NAMES, STIFFNESSES
 
 __all__ = ["CompareSpec", "Hypothesis", "IdentificationSpec", "PlanSpec", "ReferenceSpec", "SamplingSpec"]
 
@@ -55,7 +57,12 @@ class ReferenceSpec(StiffnessSpec):
     paper_audit: Annotated[bool, key_field("true (append the audit of the paper's tables) or false", True)] = False
 
 
-Hypothesis = Literal["rigid", "translation", "rotation", "springs", "full"]
+if TYPE_CHECKING:
+    Hypothesis = str
+    StiffnessName = str
+else:
+    Hypothesis = Literal[tuple(HYPOTHESES)]
+    StiffnessName = Literal[STIFFNESS_NAMES]
 
 
 def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
@@ -68,7 +75,7 @@ def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
 
 
 _HYPOTHESES = key_field(
-    'a list of at least one of "rigid", "translation", "rotation", "springs", "full"', ["rigid", "springs", "full"]
+    "a list of at least one of " + ", ".join(f'"{name}"' for name in HYPOTHESES), ["rigid", "springs", "full"]
 )
 _Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=1), AfterValidator(_each_once)]
 
@@ -76,10 +83,11 @@ _Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=
 class CompareSpec(Spec):
     """What `jointbayes compare` sets against each other: how much of the joint is flexible."""
 
-    hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = ("rigid", "translation", "rotation", "springs", "full")
+    hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = tuple(HYPOTHESES)
 
 
-_PARAMETER = key_field('the stiffness to be known best, "k11", "k12" or "k22"', "k12")
+_COUPLING = next(quantity.name for quantity in STIFFNESSES if quantity.may_be_negative)
+_PARAMETER = key_field("the stiffness to be known best, " + either(f'"{name}"' for name in STIFFNESS_NAMES), _COUPLING)
 _AVERAGES_FACTOR = Field(gt=1, description="the factor on the averages, a number above 1", examples=[4.0])
 _F_MAX = Field(description="the highest frequency of a wider band in Hz, a number greater than 0", examples=[5000.0])
 _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])
@@ -88,7 +96,7 @@ _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater
 class PlanSpec(Spec):
     """The further measurements that `jointbayes plan` ranks; an empty list stands for the default."""
 
-    parameter: Annotated[Literal["k11", "k12", "k22"], _PARAMETER] = "k12"
+    parameter: Annotated[StiffnessName, _PARAMETER] = _COUPLING
     outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
     max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1

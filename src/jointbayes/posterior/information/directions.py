@@ -17,34 +17,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS, LogStiffness, PlainSprings, SignedCoupling
+from jointbayes.joint import Coordinate
+from jointbayes.joint.combinations import (
+    Combination,
+    condensed_stiffnesses,
+    parametrisation_of_draws,
+    powers_text,
+    products_of_powers,
+    single_value,
+)
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
-    IDENTIFIED_RATIO,
     WEAK_RATIO,
     Identifiability,
     Verdict,
     assess,
     verdict_by_rule,
 )
-from jointbayes.posterior.information.joint_quantities import (
-    JointQuantity,
-    condensed_stiffnesses,
-    powers_text,
-    products_of_powers,
-    single_value,
-)
-from jointbayes.posterior.rounding import factor, rounded
+from jointbayes.posterior.rounding import factor
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 
 __all__ = [
     "NamedDirection",
     "factor_in_words",
     "interval_ratio",
-    "limit_in_words",
     "name_directions",
     "spread_in_words",
     "summary_sentence",
-    "verdict_of",
 ]
 
 Array = NDArray[np.float64]
@@ -69,7 +68,7 @@ class NamedDirection:
     Parameters
     ----------
     quantity
-        What it is: ``"k22 − k12²/k11"``, ``"k11"``, ``"rho"`` for k12/√(k11 k22).
+        What it is: ``"k22 − k12²/k11"``, ``"k11"``; rho stands for k12/√(k11 k22).
     interval95
         Equal-tailed 95 % credible interval of the quantity over the draws, SI units.
     ratio
@@ -103,22 +102,6 @@ def interval_ratio(sd: float) -> float:
     return math.exp(exponent) if exponent < 700 else math.inf
 
 
-def verdict_of(sd: float) -> Verdict:
-    """Verdict that the 95 % interval of a logarithm of this standard deviation implies; contraction not regarded.
-
-    For linearised figures, of which there are no draws.
-
-    Examples
-    --------
-    >>> [verdict_of(sd) for sd in (0.05, 0.2, 0.3)]
-    ['identified', 'weakly identified', 'not identified']
-    """
-    ratio = interval_ratio(sd)
-    if ratio > WEAK_RATIO:
-        return "not identified"
-    return "identified" if ratio <= IDENTIFIED_RATIO else "weakly identified"
-
-
 def factor_in_words(ratio: float) -> str:
     """Upper over lower end of a 95 % interval.
 
@@ -130,14 +113,6 @@ def factor_in_words(ratio: float) -> str:
     if ratio > _LARGEST_FACTOR:
         return f"more than a factor of {_LARGEST_FACTOR:.0f}"
     return f"a factor of {factor(ratio)}"
-
-
-def limit_in_words(name: str, found: Identifiability) -> str:
-    """The one-sided 95 % limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
-    if not math.isfinite(found.limit95):
-        return ""
-    side = "above" if found.verdict == "bounded below" else "below"
-    return f"{side} {rounded(found.limit95, found.limit95_error)} {STIFFNESS_UNITS[STIFFNESS_NAMES.index(name)]}"
 
 
 def spread_in_words(sd: float) -> str:
@@ -214,14 +189,16 @@ class _Search:
         self, stiffness: Array, prior: Array, known: dict[str, Identifiability], wider: tuple[Array, Array] | None
     ) -> None:
         self._stiffness, self._prior, self._known, self._wider = stiffness, prior, known, wider
-        self._parametrisation = _coordinates_of(stiffness if wider is None else np.vstack([stiffness, wider[0]]))
+        self._parametrisation = parametrisation_of_draws(
+            stiffness if wider is None else np.vstack([stiffness, wider[0]])
+        )
         self.names = self._parametrisation.names
         self._theta = self._parametrisation.coordinates(stiffness)
         scale = np.maximum(self._theta.std(axis=0), np.finfo(float).tiny)
         off = (self._theta - np.median(self._theta, axis=0)) / scale
         #: The draw in the middle: a possible joint, which a median of each coordinate by itself need not be.
         self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
-        self.singles = [JointQuantity(name, single_value(name), True, 1.0) for name in self.names]
+        self.singles = [Combination(name, single_value(name), True, 1.0) for name in self.names]
         self._others = products_of_powers(self.names) + condensed_stiffnesses(self.names)
 
     def run(self) -> tuple[NamedDirection, ...]:
@@ -237,7 +214,7 @@ class _Search:
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
         return tuple(found)
 
-    def judged(self, quantity: JointQuantity) -> Identifiability:
+    def judged(self, quantity: Combination) -> Identifiability:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
             found = self._assessed(quantity)
@@ -245,7 +222,7 @@ class _Search:
             self._known[quantity.name] = replace(found, verdict=withheld[0]) if withheld else found
         return self._known[quantity.name]
 
-    def _assessed(self, quantity: JointQuantity) -> Identifiability:
+    def _assessed(self, quantity: Combination) -> Identifiability:
         """By the draws, and no better than by those under wider priors."""
         found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
         if self._wider is None:
@@ -256,7 +233,7 @@ class _Search:
         reason = f"rests on the prior: {wider} with wider priors of the joint"
         return replace(found, verdict=wider, verdict_reason=reason)
 
-    def _best(self, axes: Array) -> tuple[JointQuantity, Identifiability]:
+    def _best(self, axes: Array) -> tuple[Combination, Identifiability]:
         """The best known quantity that says something else than those named."""
         quantities = [*self.singles, *self._others, *self._powers(axes)]
         for i in np.argsort([self._score(quantity, axes) for quantity in quantities]):
@@ -265,18 +242,18 @@ class _Search:
                 return quantity, self.judged(quantity)
         raise AssertionError("single stiffnesses are always among the quantities")  # pragma: no cover
 
-    def _widest(self, axes: Array) -> tuple[JointQuantity, Identifiability]:
+    def _widest(self, axes: Array) -> tuple[Combination, Identifiability]:
         """The least known single stiffness among those that say something else than the quantities named."""
         inside = [quantity for quantity in self.singles if self._share(quantity, axes) > 0]
         quantity = max(inside or self.singles, key=self._width)
         return quantity, self.judged(quantity)
 
-    def _score(self, quantity: JointQuantity, axes: Array) -> float:
+    def _score(self, quantity: Combination, axes: Array) -> float:
         """How well a quantity is known for what it adds to those named; infinite where it adds nothing."""
         share = self._share(quantity, axes)
         return self._width(quantity) * quantity.penalty / share if share else math.inf
 
-    def _width(self, quantity: JointQuantity) -> float:
+    def _width(self, quantity: Combination) -> float:
         """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""
         values = quantity.of(self._stiffness)
         if (values > 0).all() or (values < 0).all():
@@ -286,7 +263,7 @@ class _Search:
         low, high = np.quantile(values, [0.025, 0.975])
         return float(high - low) / (2 * _NORMAL_95)
 
-    def _gradient(self, quantity: JointQuantity) -> Array:
+    def _gradient(self, quantity: Combination) -> Array:
         """∂ ln q/∂ coordinates at the draw in the middle, shape (p,); of q itself for a coordinate."""
         if quantity.single:
             unit: Array = np.eye(len(self.names))[self.names.index(quantity.name)]
@@ -297,13 +274,13 @@ class _Search:
         slope: Array = (up - down) / (2 * _STEP)
         return slope
 
-    def _share(self, quantity: JointQuantity, axes: Array) -> float:
+    def _share(self, quantity: Combination, axes: Array) -> float:
         """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
         gradient = self._gradient(quantity)
         left = float(np.linalg.norm(_beside(gradient, axes)))
         return left if left >= _NEW * np.linalg.norm(gradient) else 0.0
 
-    def _powers(self, axes: Array) -> list[JointQuantity]:
+    def _powers(self, axes: Array) -> list[Combination]:
         """The product of powers that varies least over the draws, beside what is named."""
         count = len(self.names)
         basis = np.linalg.svd(np.vstack([axes, np.zeros((1, count))]))[2][len(axes) :]
@@ -316,33 +293,25 @@ class _Search:
             if float((self._theta @ rounded).std()) <= _ROUNDING_COST * exact:
                 break
         rounded = rounded * (1.0 if rounded.sum() >= 0 else -1.0)
-        each = [quantity.of for quantity in self.singles]
+        each, axes_of = [quantity.of for quantity in self.singles], self._parametrisation.axes
         kept = [i for i in range(count) if rounded[i]]
 
         def product(k: Array) -> Array:
-            columns = [each[i](k) if self.names[i] == "rho" else np.log(np.abs(each[i](k))) for i in kept]
+            columns = [np.log(np.abs(each[i](k))) if axes_of[i].logarithmic else each[i](k) for i in kept]
             return np.asarray(np.exp(np.stack(columns, axis=-1) @ rounded[kept]))
 
-        return [JointQuantity(powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
+        return [Combination(powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
 
-    def _moving_with(self, quantity: JointQuantity) -> str:
+    def _moving_with(self, quantity: Combination) -> str:
         """How the other coordinates move with one that is not known."""
-        main = self.names.index(quantity.name)
+        main, coordinates = self.names.index(quantity.name), self._parametrisation.axes
         parts = []
-        for i, name in enumerate(self.names):
+        for i, coordinate in enumerate(coordinates):
             x, y = self._theta[:, main], self._theta[:, i]
             if i == main or not x.std() or not y.std() or abs(np.corrcoef(x, y)[0, 1]) < _MOVES_WITH:
                 continue
-            parts.append(_moves_with(name, quantity.name, float(np.cov(x, y)[0, 1] / x.var(ddof=1))))
+            parts.append(_moves_with(coordinate, coordinates[main], float(np.cov(x, y)[0, 1] / x.var(ddof=1))))
         return f" ({'; '.join(parts)})" if parts else ""
-
-
-def _coordinates_of(stiffness: Array) -> LogStiffness | SignedCoupling | PlainSprings:
-    """Coordinates of the draws: ρ takes the place of ln k12 where the coupling has both signs."""
-    if not stiffness[:, 1].any():
-        moving = tuple(n for n, i in (("k11", 0), ("k22", 2)) if np.ptp(stiffness[:, i]) > 0)
-        return PlainSprings(moving)
-    return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
 
 
 def _beside(gradient: Array, axes: Array) -> Array:
@@ -354,9 +323,8 @@ def _beside(gradient: Array, axes: Array) -> Array:
 def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:
     """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
     low, high = found.interval95
-    limit = limit_in_words(quantity, found)
-    if limit:
-        spread = f"it is {limit} with 95 % probability"
+    if found.limit:
+        spread = f"it is {found.limit} with 95 % probability"
     elif low <= 0 <= high:
         spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, holds zero"
     elif math.isinf(found.ratio):
@@ -364,19 +332,19 @@ def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDire
     else:
         spread = f"its 95 % credible interval spans {factor_in_words(found.ratio)}"
         if found.verdict not in (verdict_by_rule(found.ratio, 1.0)[0], "no verdict"):
-            spread += f", and {found.verdict_reason.removeprefix('if the model were right: ')}"
+            spread += f", and {found.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
     verb = "has" if found.verdict == "no verdict" else "is"  # a failed run
     sentence = f"{quantity} {verb} {found.verdict}: {spread}{moving}"
     return NamedDirection(
-        quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence, found.interval95_error, limit
+        quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence, found.interval95_error, found.limit
     )
 
 
-def _moves_with(name: str, main: str, slope: float) -> str:
+def _moves_with(one: Coordinate, main: Coordinate, slope: float) -> str:
     """How one coordinate follows another over the draws."""
-    if name == "rho":
-        return f"rho moves with it, {slope * math.log(2):+.2g} as {main} doubles"
-    if main == "rho":
-        return f"{name} moves with it, times {math.exp(0.1 * slope):.3g} as rho grows by 0.1"
+    if not one.logarithmic:
+        return f"{one.name} moves with it, {slope * math.log(2):+.2g} as {main.name} doubles"
+    if not main.logarithmic:
+        return f"{one.name} moves with it, times {math.exp(0.1 * slope):.3g} as {main.name} grows by 0.1"
     power = f"{slope:.2g}".replace("-", "−")
-    return f"{name} moves with it: {name} ∝ {main}" + ("" if power == "1" else f"^{power}")
+    return f"{one.name} moves with it: {one.name} ∝ {main.name}" + ("" if power == "1" else f"^{power}")

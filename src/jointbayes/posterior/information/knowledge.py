@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
-from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
@@ -19,6 +18,7 @@ from jointbayes.posterior.information.uncertain_inputs import (
     uncertain_quantities,
 )
 from jointbayes.posterior.posterior import Posterior
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 
 __all__ = ["Knowledge", "assumed_words", "gather_knowledge"]
 
@@ -53,7 +53,7 @@ class Knowledge:
     def directions_sentence(self) -> str:
         """Which combinations are known, in one sentence; conditional where the model does not explain the data."""
         said = summary_sentence(self.directions)
-        return said if self.check.explains else f"If the model were right: {said}"
+        return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said}"
 
     @property
     def freed_sentence(self) -> str:
@@ -63,7 +63,7 @@ class Knowledge:
         said = effect_sentence(self.freed)
         if self.check.explains or said.startswith("Whether"):
             return said
-        return f"If the model were right, {said[0].lower()}{said[1:]}"
+        return f"{IF_MODEL_RIGHT.capitalize()}, {said[0].lower()}{said[1:]}"
 
 
 def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:
@@ -78,8 +78,8 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
         own problem takes all as exactly known.
     """
     problem = posterior.problem
-    prior = np.stack([posterior.prior_values(name).ravel() for name in STIFFNESS_NAMES], axis=-1)
-    known = {name: posterior.identifiability(name) for name in STIFFNESS_NAMES}
+    prior = np.stack([posterior.prior_values(name).ravel() for name in posterior.stiffness_names], axis=-1)
+    known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     assumed = freed is not None and not uncertain_quantities(problem)
     return Knowledge(
         posterior.check,

@@ -19,8 +19,7 @@ from scipy import optimize, stats
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior, Problem
-from jointbayes.joint import LogStiffness
-from jointbayes.posterior.information.fisher import coordinate_names, inverse_information
+from jointbayes.posterior.information.fisher import inverse_information
 
 __all__ = ["ProfileLikelihood", "profile_likelihood"]
 
@@ -30,7 +29,7 @@ Array = NDArray[np.float64]
 _UNBOUNDED = 8.0
 #: Wanted fall of the log ratio from one point to the next.
 _FALL = 0.35
-#: Distance from the edge of the positive definite joints, 2 ln k12 = ln k11 + ln k22, that the climb keeps.
+#: Distance from the edge of the cone of positive definite joints that the climb keeps.
 _EDGE = 1e-9
 
 
@@ -102,7 +101,7 @@ def profile_likelihood(
     ModelError
         If there is no such coordinate, or the residuals do not depend on it, or `theta` is impossible.
     """
-    names = coordinate_names(problem)
+    names = problem.names
     if name not in names:
         raise ModelError(f"profile: found coordinate {name!r}; expected one of {', '.join(names)}; correct the name")
     climb = _Climb(problem.log_posterior, np.asarray(theta, dtype=float), names.index(name))
@@ -169,7 +168,7 @@ class _Climb:
     def __init__(self, log_posterior: LogPosterior, theta: Array, at: int) -> None:
         self._log_posterior, self.at = log_posterior, at
         prior = log_posterior.prior
-        self._feasible = prior.parametrisation.feasible
+        self._feasible, self._cone = prior.parametrisation.feasible, prior.parametrisation.cone
         self._joint = len(prior.parametrisation.names)
         low, high = (np.array(end, dtype=float) for end in prior.support)
         unbounded = _UNBOUNDED * prior.sd
@@ -232,12 +231,11 @@ class _Climb:
         return self._solve(best, others) if others.any() else (best, float((self._both(best)[0] ** 2).sum()) / 2)
 
     def _pulled_inside(self, theta: Array) -> Array:
-        """The point with the joint's other logarithms moved until k12² < k11 k22, within the prior's support."""
-        out = theta.copy()
-        parametrisation = self._log_posterior.prior.parametrisation
-        if isinstance(parametrisation, LogStiffness) and not self._possible(out):
-            excess = 2 * out[1] - out[0] - out[2] + 0.1
-            for i, slope in ((1, 2.0), (0, -1.0), (2, -1.0)):
+        """The point with the joint's other logarithms moved into the cone, within the prior's support."""
+        out, cone = theta.copy(), self._cone
+        if cone is not None and not self._possible(out):
+            excess = 2 * out[cone.coupling] - out[cone.first] - out[cone.last] + 0.1
+            for i, slope in ((cone.coupling, 2.0), (cone.first, -1.0), (cone.last, -1.0)):
                 if i != self.at:
                     moved = float(np.clip(out[i] - excess / slope, self.low[i], self.high[i]))
                     excess += slope * (moved - out[i])
@@ -272,11 +270,9 @@ class _Climb:
 
     def _along_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
         """Climb on along the edge of positive definite joints, where least squares, which knows boxes only, stops."""
-        parametrisation = self._log_posterior.prior.parametrisation
-        if not isinstance(parametrisation, LogStiffness) or 2 * theta[1] - theta[0] - theta[2] < -0.01:
+        if self._cone is None or self._cone.normal(theta.size) @ theta < -0.01:
             return theta, cost
-        normal = np.zeros(theta.size)
-        normal[:3] = -1.0, 2.0, -1.0
+        normal = self._cone.normal(theta.size)
         full = theta.copy()
 
         def whole(u: Array) -> Array:

@@ -14,19 +14,17 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.joint import STIFFNESS_NAMES, ComplianceChart
 from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.posterior.coordinates import compliance_and_scores
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
-from jointbayes.posterior.information.directions import factor_in_words, limit_in_words
+from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
-    BoxChart,
     Chart,
-    ProductChart,
     Proposal,
     SamplerSettings,
     drawn_without_replacement,
@@ -126,7 +124,7 @@ def effect_of_uncertain_inputs(
     every = uncertain_quantities(problem)
     if not every or any(is_mode_frequency(name) for name in every):
         return ()
-    run = UncertainInputsRow(own, "this run", {n: posterior.identifiability(n) for n in STIFFNESS_NAMES})
+    run = UncertainInputsRow(own, "this run", {n: posterior.identifiability(n) for n in posterior.stiffness_names})
     if "no verdict" in map(str, run.verdict.values()):
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])
@@ -150,8 +148,8 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
         alone = [r.uncertain[0] for r in settled if len(r.uncertain) == 1 and r.verdict[name] == most.verdict[name]]
         enough = f", {' or '.join(alone)} alone suffices" if alone and len(most.uncertain) > 1 else ""
         parts.append(
-            f"{name} goes from {verdict} ({_spread(name, least.known[name])}) to {most.verdict[name]} "
-            f"({_spread(name, most.known[name])}{enough.replace('_', ' ')})"
+            f"{name} goes from {verdict} ({_spread(least.known[name])}) to {most.verdict[name]} "
+            f"({_spread(most.known[name])}{enough.replace('_', ' ')})"
         )
     names = listed(most.uncertain)
     if not parts:
@@ -159,10 +157,10 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     return f"With {names} uncertain: {'; '.join(parts)}."
 
 
-def _spread(name: str, found: Identifiability) -> str:
+def _spread(found: Identifiability) -> str:
     low, high = found.interval95
-    if limit := limit_in_words(name, found):
-        return f"{limit} with 95 % probability"
+    if found.limit:
+        return f"{found.limit} with 95 % probability"
     return "its sign is open" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
 
@@ -183,11 +181,11 @@ def _row(
     theta = part.whole(draws)
     held = _bounds_that_hold(problem.prior, theta)
     known = {}
-    for name, values in zip(STIFFNESS_NAMES, problem.prior.stiffness(theta).T, strict=True):
-        sides = [side for one, side in held if one == name]
-        found = _judged(values, posterior.prior_values(name).ravel(), sides)
+    for quantity, values in zip(problem.quantities, problem.prior.stiffness(theta).T, strict=True):
+        sides = [side for one, side in held if one == quantity.name]
+        found = _judged(values, posterior.prior_values(quantity.name).ravel(), sides)
         conditional = not posterior.check.explains and found.verdict != "not identified"
-        known[name] = replace(found, if_model_right=conditional)
+        known[quantity.name] = replace(found, unit=quantity.unit, if_model_right=conditional)
     return UncertainInputsRow(uncertain, source, known)
 
 
@@ -237,7 +235,6 @@ class _Part:
         self._problem = problem
         held = set(uncertain_quantities(problem)) - set(uncertain)
         self._free = np.array([i for i, name in enumerate(problem.names) if name not in held])
-        self._joint = len(problem.parametrisation.names)
         low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
         self._low, self._high = low[self._free], high[self._free]
 
@@ -253,11 +250,7 @@ class _Part:
 
     def charts(self) -> tuple[Chart, ...]:
         """Compliance of the joint, and normal scores of all."""
-        compliance: Chart = ComplianceChart(self._problem.parametrisation)
-        if len(self._free) > self._joint:
-            box = BoxChart(self._low[self._joint :], self._high[self._joint :])
-            compliance = ProductChart(compliance, self._joint, box)
-        return compliance, BoxChart(self._low, self._high)
+        return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
 
     def start(self, posterior: Posterior) -> Array:
         """The likeliest point, shape (f,), among draws of the run with what is held put at its stated value."""

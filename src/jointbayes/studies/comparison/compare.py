@@ -10,7 +10,7 @@ from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.joint import PlainSprings
+from jointbayes.joint import HYPOTHESES, PlainSprings
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.evidence import evidence
@@ -22,15 +22,6 @@ from jointbayes.workflow import charts, find_map, starts_of
 __all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "under"]
 
 Array = NDArray[np.float64]
-
-#: Springs that yield under each hypothesis; None is the case's own joint with coupling.
-HYPOTHESES: dict[str, tuple[str, ...] | None] = {
-    "rigid": (),
-    "translation": ("k11",),
-    "rotation": ("k22",),
-    "springs": ("k11", "k22"),
-    "full": None,
-}
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
 _EDGE = 0.05  # of a prior's interval
@@ -57,8 +48,9 @@ def under(problem: Problem, hypothesis: str) -> Problem:
     springs = HYPOTHESES[hypothesis]
     if springs is None:
         return problem
-    known = dict(zip(problem.parametrisation.names, problem.prior.marginals, strict=True))
-    marginals = tuple(known[name] for name in springs)
+    known = zip(problem.parametrisation.axes, problem.prior.marginals, strict=True)
+    by_stiffness = {axis.quantity: marginal for axis, marginal in known}
+    marginals = tuple(by_stiffness[name] for name in springs)
     return replace(problem, prior=replace(problem.prior, parametrisation=PlainSprings(springs), marginals=marginals))
 
 

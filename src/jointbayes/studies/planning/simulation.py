@@ -88,7 +88,7 @@ class Simulator:
     problem
         The problem in hand.
     quantity
-        The wanted stiffness: ``"k11"``, ``"k12"`` or ``"k22"``.
+        Name of the wanted stiffness.
     draws
         Draws of θ from the present posterior, shape (n, d), equally weighted.
     charts

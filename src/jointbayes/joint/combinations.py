@@ -8,9 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.joint.log import LogStiffness
+from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.plain_springs import PlainSprings
+from jointbayes.joint.quantities import STIFFNESS_NAMES
+from jointbayes.joint.signed import SignedCoupling
 
-__all__ = ["JointQuantity", "condensed_stiffnesses", "powers_text", "products_of_powers", "single_value"]
+__all__ = [
+    "Combination",
+    "condensed_stiffnesses",
+    "parametrisation_of_draws",
+    "powers_text",
+    "products_of_powers",
+    "single_value",
+]
 
 Array = NDArray[np.float64]
 
@@ -18,13 +29,21 @@ _SUPERSCRIPT = {1: "", 2: "²"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointQuantity:
+class Combination:
     """A quantity: name, values by stiffness (n, 3), whether it is a coordinate, and what it must be better by."""
 
     name: str
     of: Callable[[Array], Array]
     single: bool
     penalty: float
+
+
+def parametrisation_of_draws(stiffness: Array) -> Parametrisation:
+    """Coordinates that fit draws, shape (n, 3): ρ takes the place of ln k12 where the coupling has both signs."""
+    if not stiffness[:, 1].any():
+        moving = np.ptp(stiffness, axis=0) > 0
+        return PlainSprings(tuple(name for name, moves in zip(STIFFNESS_NAMES, moving, strict=True) if moves))
+    return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
 
 
 def single_value(name: str) -> Callable[[Array], Array]:
@@ -35,7 +54,7 @@ def single_value(name: str) -> Callable[[Array], Array]:
     return lambda k: k[:, index]
 
 
-def products_of_powers(names: tuple[str, ...]) -> list[JointQuantity]:
+def products_of_powers(names: tuple[str, ...]) -> list[Combination]:
     """Products of small powers of the coordinates that are logarithms."""
     logs = [name for name in names if name != "rho"]
     columns = [STIFFNESS_NAMES.index(name) for name in logs]
@@ -49,21 +68,21 @@ def products_of_powers(names: tuple[str, ...]) -> list[JointQuantity]:
         def product(k: Array, exponents: Array = exponents) -> Array:
             return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
 
-        out.append(JointQuantity(powers_text(logs, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
+        out.append(Combination(powers_text(logs, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
     return out
 
 
-def condensed_stiffnesses(names: tuple[str, ...]) -> list[JointQuantity]:
+def condensed_stiffnesses(names: tuple[str, ...]) -> list[Combination]:
     """Stiffness of one DOF with the other free (the reciprocal of its compliance), det K^J and the cross compliance."""
     if len(names) < len(STIFFNESS_NAMES):
         return []
     out = [
-        JointQuantity("k22 − k12²/k11", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
-        JointQuantity("k11 − k12²/k22", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
-        JointQuantity("k11·k22 − k12²", _determinant, False, 1.6),
+        Combination("k22 − k12²/k11", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
+        Combination("k11 − k12²/k22", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
+        Combination("k11·k22 − k12²", _determinant, False, 1.6),
     ]
     if "rho" not in names:
-        out.append(JointQuantity("k12/(k11·k22 − k12²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
+        out.append(Combination("k12/(k11·k22 − k12²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
     return out
 
 

@@ -1,0 +1,71 @@
+"""A coupling of either sign, by its coefficient ρ."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.joint.parametrisation import Parametrisation
+
+__all__ = ["PARAMETRISATION", "SignedCoupling"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SignedCoupling(Parametrisation):
+    """Coordinates θ = (ln k11, ln k22, ρ) with k12 = ρ √(k11 k22), −1 < ρ < 1, of either sign."""
+
+    key: ClassVar[str] = "signed"
+    expected: ClassVar[str] = "k11 and k22 above zero; raise them"
+
+    def stiffness(self, theta: ArrayLike) -> Array:
+        """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
+        t = np.asarray(theta, dtype=float)
+        k11, k22 = np.exp(t[..., 0]), np.exp(t[..., 1])
+        return np.stack([k11, t[..., 2] * np.sqrt(k11 * k22), k22], axis=-1)
+
+    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether k11 and k22 are above zero."""
+        return np.asarray((np.asarray(stiffness, dtype=float)[..., [0, 2]] > 0).all(axis=-1))
+
+    def _coordinates(self, stiffness: Array) -> Array:
+        log11, log22 = np.log(stiffness[..., 0]), np.log(stiffness[..., 2])
+        return np.stack([log11, log22, stiffness[..., 1] * np.exp(-(log11 + log22) / 2)], axis=-1)
+
+    def derivative(self, theta: ArrayLike) -> Array:
+        """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
+        t = np.asarray(theta, dtype=float)
+        k11, k12, k22 = np.moveaxis(self.stiffness(t), -1, 0)
+        out = np.zeros((*t.shape[:-1], 3, 3))
+        out[..., 0, 0], out[..., 2, 1] = k11, k22
+        out[..., 1, 0] = out[..., 1, 1] = k12 / 2
+        out[..., 1, 2] = np.sqrt(k11 * k22)
+        return out
+
+    def log_slope(self, theta: Array) -> Array:
+        """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3)."""
+        slope: Array = 1.5 * (theta[..., 0] + theta[..., 1])
+        return slope
+
+    def log_determinant(self, theta: Array) -> Array:
+        """ln det K^J, shape (...), at feasible θ, shape (..., 3)."""
+        determinant: Array = theta[..., 0] + theta[..., 1] + np.log1p(-(theta[..., 2] ** 2))
+        return determinant
+
+    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
+        """Strong coupling of either sign between springs of middling stiffness, and nearly rigid motions."""
+        k11, k22 = np.exp(mean[:2])
+        stiff11, stiff22 = np.exp(mean[:2] + sd[:2])
+        return {
+            "coupling near 1": np.array([k11, 0.95 * np.sqrt(k11 * k22), k22]),
+            "coupling near −1": np.array([k11, -0.95 * np.sqrt(k11 * k22), k22]),
+            "stiff in translation": np.array([stiff11, 0.0, k22]),
+            "stiff in rotation": np.array([k11, 0.0, stiff22]),
+            "stiff in both": np.array([stiff11, 0.0, stiff22]),
+        }
+
+
+PARAMETRISATION = SignedCoupling()
