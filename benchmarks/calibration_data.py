@@ -100,12 +100,12 @@ def draw_data(variant: str, rng: np.random.Generator) -> DataSet:
     """Draw a truth from the prior and data from it: dense solution of that structure, noise of the case's own model."""
     base = case_of(variant)
     problem = base.problem
-    prior, nominal, joint_frf = problem.prior, problem.measurement, base.joint_frf
+    prior, nominal, joint_frf = problem.prior, problem.measurement, problem.joint_frf
     assert isinstance(nominal, FrfMeasurement)
     assert joint_frf is not None
     theta = prior.sample(rng, 1)[0]
     factors = prior.factors(theta)
-    structure = problem.structure if problem.family is None else problem.family.structure(problem.structural(factors))
+    structure = problem.structures.structure(problem.structural(factors))
     # the paper's iteration, one of the starts, also wants FRFs at the joint; these come last
     ports = Ports(joint_frf.frequency_hz, joint_frf.outputs, joint_frf.inputs)
     values = DirectSolve(structure, problem.joint, ports).receptance(joint_matrix(prior.stiffness(theta)))[0]
@@ -118,4 +118,4 @@ def draw_data(variant: str, rng: np.random.Generator) -> DataSet:
     values[:, measured:] += 0.05 * np.abs(rest) * (rng.normal(size=rest.shape) + 1j * rng.normal(size=rest.shape))
     frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, "receptance")
     used = FrfMeasurement(frf.select(nominal.frf.outputs, nominal.frf.inputs), nominal.variance, synthetic=True)
-    return DataSet(theta, replace(base, problem=replace(problem, measurement=used), joint_frf=frf))
+    return DataSet(theta, replace(base, problem=replace(problem, measurement=used, joint_frf=frf)))

@@ -97,7 +97,7 @@ def analyse(case: jb.Case, seed: int, index: int, truth: np.ndarray | None, boun
     began = time.process_time()
     try:
         posterior = jb.sample(case, seed=seed)
-        stated = summarise(posterior, case.initial).to_json()["parameters"]
+        stated = summarise(posterior, case.problem.first_guess).to_json()["parameters"]
     except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return Outcome(index, time.process_time() - began, {}, bound=bound, error=f"{type(error).__name__}: {error}")
     seconds = time.process_time() - began

@@ -68,14 +68,14 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
     rng = np.random.default_rng([WRONGS.index(wrong), index])
     stiffness = _joint(rng)
     true = _structure(case, wrong, rng)
-    problem, old = case.problem, case.joint_frf
+    problem, old = case.problem, case.problem.joint_frf
     assert old is not None
     ports = Ports(old.frequency_hz, old.outputs, old.inputs)
     data = synthesise_frf(true, problem.joint, joint_matrix(stiffness), ports, RelativeNoise(0.03, 0.01), rng=rng)
     measured = data.frf.select(("11:y", "6:y"), ("11:y",))
     used = FrfMeasurement(measured, data.variance[:, :2], synthetic=True)
     known: FrfSet = data.frf
-    made = replace(case, problem=replace(problem, measurement=used), joint_frf=known)
+    made = replace(case, problem=replace(problem, measurement=used, joint_frf=known))
     posterior = jb.sample(made, seed=index, settings=SETTINGS)
 
     def holds(frequency: Array, *, of_model: bool) -> bool:

@@ -40,7 +40,7 @@ def test_a_peer_computes_the_same_likelihood(quick, law, peer):
     matrices, problem = some_joints(quick[law]), quick[law].problem
     setup = peers.Setup(problem)
     # every mode of the same elements, as the peers have them; to a sampler the reduced model is the same
-    whole = replace(problem, structure=setup.structure, family=FixedFamily(setup.structure).reference())
+    whole = replace(problem, structure=FixedFamily(setup.structure).reference())
     likelihood = whole.log_posterior.likelihood
     expected = likelihood.log_likelihood(matrices)
     # ln L is the difference of its constant and χ²/2: digits are lost from those, not from what is left

@@ -1,4 +1,4 @@
-"""The steps of a run: identify, find the MAP, sample, load. One function each, from a case to a result."""
+"""The steps of a run: identify, find the MAP, sample, load. One function each, from a case or a problem to a result."""
 
 import os
 import platform
@@ -15,13 +15,14 @@ from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
     ModeSearch,
+    compliance_start,
     frequency_starts,
     refine,
     screened_draws,
     search_further,
     sensitivity_iteration,
 )
-from jointbayes.inference import LogPosterior
+from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
@@ -53,15 +54,15 @@ _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensi
 _REPLACEMENTS = 4000
 
 
-def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
+def identify(case: Case | Problem, initial: ArrayLike | None = None) -> IterationHistory:
     """Identify the joint by the paper's sensitivity iteration.
 
     Parameters
     ----------
     case
-        Case with FRF data.
+        Case, or problem, with FRFs at the joint.
     initial
-        First guess of (k11, k12, k22), shape (3,); by default the case's.
+        First guess of (k11, k12, k22), shape (3,); by default the problem's.
 
     Returns
     -------
@@ -71,41 +72,40 @@ def identify(case: Case, initial: ArrayLike | None = None) -> IterationHistory:
     Raises
     ------
     ModelError
-        If the case's data are natural frequencies, or files without FRFs at the joint, or the first guess is not
-        positive semidefinite.
+        If the data are natural frequencies, or lack FRFs at the joint, or the first guess is not positive semidefinite.
 
     References
     ----------
     Cao, H., Li, B., He, Z. A joint stiffness identification method based on finite element modeling and frequency
     response functions, Eqs. (3)-(9).
     """
-    if case.joint_frf is None:
-        missing = case.provenance.iteration if case.provenance else ""
-        raise ModelError(
-            f"{case.name}: {missing}"
-            if missing
-            else f"{case.name}: found natural frequencies as data; the paper's iteration expects FRFs; use find_map "
-            "instead"
-        )
-    start = case.initial if initial is None else np.asarray(initial, dtype=float)
+    problem, whole = _problem_and_case(case)
+    measured = problem.measurement
+    if problem.joint_frf is None or not isinstance(measured, FrfMeasurement):
+        missing = "found no FRFs at the joint; the paper's iteration expects joint_frf; use find_map instead"
+        if not isinstance(measured, FrfMeasurement):
+            missing = "found natural frequencies as data; the paper's iteration expects FRFs; use find_map instead"
+        elif whole is not None and whole.provenance is not None:
+            missing = whole.provenance.iteration or missing
+        raise ModelError(f"{problem.name}: {missing}")
+    start = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     check_positive_semidefinite(start)
-    assert isinstance(case.problem.measurement, FrfMeasurement)
-    settings = case.spec.identification
     return sensitivity_iteration(
-        case.problem.structures,
-        case.problem.joint,
-        case.joint_frf,
-        case.problem.measurement.frf.outputs,
+        problem.structures,
+        problem.joint,
+        problem.joint_frf,
+        measured.frf.outputs,
         start,
-        threshold=settings.threshold,
-        max_steps=settings.max_steps,
-        sensitivity=settings.sensitivity,
-        line_weight=settings.line_weight,
+        **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
 
 
+def _problem_and_case(given: Case | Problem) -> tuple[Problem, Case | None]:
+    return (given, None) if isinstance(given, Problem) else (given.problem, given)
+
+
 def find_map(
-    case: Case,
+    case: Case | Problem,
     initial: ArrayLike | None = None,
     seed: int | None = None,
     *,
@@ -123,11 +123,11 @@ def find_map(
     Parameters
     ----------
     case
-        The case.
+        The case, or the problem.
     initial
-        First guess of (k11, k12, k22), shape (3,); by default the case's.
+        First guess of (k11, k12, k22), shape (3,); by default the problem's.
     seed
-        Seed for the starts drawn from the prior; by default the case's.
+        Seed for the starts drawn from the prior; by default the case's, 1 of a problem.
     tell
         Called with one line before each further round of the search.
 
@@ -136,14 +136,15 @@ def find_map(
     ModelError
         If no start lies inside the prior's support.
     """
-    problem = case.problem
-    seed = case.spec.sampling.seed if seed is None else seed
-    guess = case.initial if initial is None else np.asarray(initial, dtype=float)
+    problem, whole = _problem_and_case(case)
+    seed = _seed(whole, seed)
+    guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     check_positive_semidefinite(guess)
     starts: dict[str, Array] = {"first guess": guess}
-    if case.compliance_fit is not None:
-        starts["compliance fit without a guess"] = case.compliance_fit
-    iteration = identify(case, guess) if case.joint_frf is not None else None
+    if isinstance(problem.measurement, FrfMeasurement):
+        fitted = compliance_start(problem.structures, problem.joint, problem.measurement)
+        starts["compliance fit without a guess"] = fitted
+    iteration = identify(case, guess) if problem.joint_frf is not None else None
     if iteration is not None:
         starts["paper's iteration"] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
@@ -163,8 +164,14 @@ def find_map(
     return replace(search.estimate(), effort=effort, iteration=iteration)
 
 
+def _seed(case: Case | None, seed: int | None) -> int:
+    if seed is not None:
+        return seed
+    return 1 if case is None else case.spec.sampling.seed
+
+
 def sample(
-    case: Case,
+    case: Case | Problem,
     seed: int | None = None,
     *,
     settings: SamplerSettings | None = None,
@@ -176,9 +183,10 @@ def sample(
     Parameters
     ----------
     case
-        The case.
+        The case, or the problem.
     seed
-        Seed of the run's one random generator; by default the case's. The same seed gives the same draws bit for bit.
+        Seed of the run's one random generator; by default the case's, 1 of a problem. The same seed gives the same
+        draws bit for bit.
     settings
         Sampler settings; by default the case's.
     progress
@@ -196,13 +204,14 @@ def sample(
     SamplingError
         If no starting ball with finite density is found.
     """
-    seed = case.spec.sampling.seed if seed is None else seed
-    settings = settings or case.sampler
+    problem, whole = _problem_and_case(case)
+    seed = _seed(whole, seed)
+    settings = settings or (SamplerSettings() if whole is None else whole.sampler)
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed, tell=tell)
-    start = laplace_ball(case, estimate, settings, rng)
-    log_posterior = case.problem.log_posterior
-    coordinates = charts(case.problem)
+    start = laplace_ball(problem, estimate, settings, rng)
+    log_posterior = problem.log_posterior
+    coordinates = charts(problem)
     proposal = fit_proposal(log_posterior, coordinates, starts_of(estimate), rng)
     start = brought_in(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
     chains, proposal = run_adapted(
@@ -213,9 +222,9 @@ def sample(
         progress,
         charts=coordinates,
         proposal=proposal,
-        quantities=judged_quantities(case.problem.prior),
+        quantities=judged_quantities(problem.prior),
     )
-    return _posterior(case, seed, settings, estimate, proposal, chains, rng)
+    return _posterior(problem, whole, seed, settings, estimate, proposal, chains, rng)
 
 
 def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
@@ -223,13 +232,13 @@ def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
     return tuple(mode.start for mode in estimate.modes) or ((estimate.theta, estimate.covariance),)
 
 
-def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
+def laplace_ball(problem: Problem, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
     """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density.
 
     From several modes each ensemble has walkers about every one of them. Near a corner of the support, where hardly a
     draw lies inside, the approximation is narrowed until enough do.
     """
-    log_posterior = case.problem.log_posterior
+    log_posterior = problem.log_posterior
     starts = starts_of(estimate)
     balls = []
     for index, (theta, covariance) in enumerate(starts):
@@ -244,7 +253,7 @@ def laplace_ball(case: Case, estimate: MapEstimate, settings: SamplerSettings, r
                 break
         else:
             raise SamplingError(
-                f"{case.name}: found only {len(found)} of {wanted} starting points where the prior is above zero; "
+                f"{problem.name}: found only {len(found)} of {wanted} starting points where the prior is above zero; "
                 "expected a mode inside the prior's support; widen the priors"
             )
         balls.append(np.array(found[:wanted]).reshape(settings.ensembles, walkers, -1))
@@ -272,7 +281,8 @@ def brought_in(
 
 
 def _posterior(
-    case: Case,
+    problem: Problem,
+    case: Case | None,
     seed: int,
     settings: SamplerSettings,
     estimate: MapEstimate,
@@ -280,7 +290,6 @@ def _posterior(
     chains: Chains,
     rng: np.random.Generator,
 ) -> Posterior:
-    problem = case.problem
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode_theta, mode_density = _refined(problem.log_posterior, chains.theta[best])
     names = problem.names
@@ -304,19 +313,19 @@ def _posterior(
         "ess_per_second": float(ess.min() / chains.seconds),
     }
     record = RunRecord(
-        case.name,
-        case.text,
+        problem.name,
+        "" if case is None else case.text,
         seed,
         chains.converged,
         chains.reason,
         sampler,
         dict(zip(names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
-        case.provenance.as_json() if case.provenance else None,
+        case.provenance.as_json() if case is not None and case.provenance else None,
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
-    if case.provenance and case.joint_frf is not None:
-        tree = with_joint_frf(tree, case.joint_frf)
+    if record.provenance and problem.joint_frf is not None:
+        tree = with_joint_frf(tree, problem.joint_frf)
     return Posterior(problem, tree, estimate, mode_theta, mode_density, record, case)
 
 
@@ -345,7 +354,7 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
     run = record["record"]
     case = case_from_text(run["case_name"], run["case_text"], test=stored_test(tree, run.get("provenance")))
     posterior = Posterior.restored(case.problem, tree, record)
-    iteration = identify(case) if case.joint_frf is not None else None
+    iteration = identify(case) if case.problem.joint_frf is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 

@@ -409,7 +409,7 @@ def test_without_priors_and_first_guess_the_beam_sets_their_scale():
     flat = SECTIONS["rectangle"]
     case = jb.case_from_text("bare", edited(bare, (CIRCLE, flat[0]), *SPACE))
     own = E * flat[3] / L ** np.array([3.0, 2.0, 1.0])  # bending along z
-    np.testing.assert_allclose(case.initial, [1e3 * own[0], 0.0, 0.0])
+    np.testing.assert_allclose(case.problem.first_guess, [1e3 * own[0], 0.0, 0.0])
     bounds = np.array([(m.low, m.high) for m in case.problem.prior.marginals])
     np.testing.assert_allclose(bounds, np.log(np.stack([0.1 * own, 1e6 * own], axis=1)))
     signed = edited(bare, ('parametrisation = "log" ', 'parametrisation = "signed" '))

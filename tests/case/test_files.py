@@ -92,8 +92,8 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     np.testing.assert_allclose(measured.frf.values, frf.values[:, :1], rtol=1e-12)
     np.testing.assert_allclose(measured.variance, coherence_variance(frf)[:, :1], rtol=1e-9)
     assert measured.synthetic is False
-    assert case.joint_frf.outputs == ("5:y", "1:y", "1:rz")
-    np.testing.assert_allclose(case.joint_frf.values, frf.values, rtol=1e-12)
+    assert case.problem.joint_frf.outputs == ("5:y", "1:y", "1:rz")
+    np.testing.assert_allclose(case.problem.joint_frf.values, frf.values, rtol=1e-12)
 
 
 def test_file_to_posterior_finds_the_joint_of_the_virtual_test(tmp_path):
@@ -249,7 +249,7 @@ def test_a_variance_estimated_from_few_averages_makes_residuals_student_t(tmp_pa
 def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
-    assert case.joint_frf is None
+    assert case.problem.joint_frf is None
     assert "no FRF of 1:y" in case.provenance.iteration
     with pytest.raises(ModelError, match="no FRF of 1:y, a DOF of the joint"):
         jb.identify(case)
@@ -267,10 +267,10 @@ def test_stations_give_the_rotation_that_the_iteration_needs_and_stay_in_the_lik
     rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\n'
     case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
     assert case.problem.measurement.frf.outputs == ("5:y", "1:y", "2:y")
-    assert case.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
+    assert case.problem.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
     spacing = 0.383 / 4
     derived = (frf.frf("2:y", "5:y") - frf.frf("1:y", "5:y")) / spacing
-    np.testing.assert_allclose(case.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
+    np.testing.assert_allclose(case.problem.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
     assert jb.identify(case).steps > 0
 
 
@@ -319,7 +319,7 @@ def test_natural_frequencies_are_found_in_a_file_and_feed_the_frequency_likeliho
     true = truth().problem.natural_frequencies_hz(TABLE_3, 3)[0]
     assert np.abs((measured.frequency_hz - true) / measured.sd_hz).max() < 3
     assert measured.sd_hz[2] >= 0.001 * measured.frequency_hz[2]
-    assert case.joint_frf is None
+    assert case.problem.joint_frf is None
     assert jb.find_map(case).stiffness[2] == pytest.approx(TABLE_3[2], rel=0.5)
 
 
@@ -388,7 +388,7 @@ def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(c
     stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
     assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
     assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
-    assert stations.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
+    assert stations.problem.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
     found = best_of(stations.problem.log_posterior, start).stiffness
     np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
     biased = best_of(rotation.problem.log_posterior, start).stiffness

@@ -133,7 +133,7 @@ def uncertain_problem(outputs) -> Problem:
     nuisances = tuple(Nuisance(name, "1", 1.0, prior) for name, prior in zip(NUISANCES, priors, strict=True))
     known = problem_of(outputs)
     family = BeamFamily(recipe, {n.name: n.range for n in nuisances})
-    return dataclasses.replace(known, prior=dataclasses.replace(known.prior, nuisances=nuisances), family=family)
+    return dataclasses.replace(known, prior=dataclasses.replace(known.prior, nuisances=nuisances), structure=family)
 
 
 @pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)

@@ -48,9 +48,9 @@ def measured(seed=1, gain=1.0, outputs=("11:y", "6:y")):
 
 def problem(nuisances, noise=None, kind="complex", measurement=None):
     ranges = {n.name: n.range for n in nuisances if n.name in {s.name for s in STRUCTURE}}
-    family = BeamFamily(BEAM, ranges) if ranges else None
+    family = BeamFamily(BEAM, ranges) if ranges else BEAM.structure()
     prior = JointPrior(LogStiffness(), WIDE, nuisances)
-    return Problem(BEAM.structure(), JOINT, measurement or measured(), prior, family, noise, kind)
+    return Problem(family, JOINT, measurement or measured(), prior, noise, kind)
 
 
 def test_the_density_is_that_of_the_structure_with_these_quantities():

@@ -54,9 +54,7 @@ def accelerometer(case, *outputs, law=LAW):
     problem, data = case.problem, case.spec.data
     ports = Ports(np.array(data.lines_hz()), outputs, data.inputs)
     words = f"an accelerometer at {' and '.join(outputs)}"
-    return Candidate(
-        "+".join(outputs), "accelerometer", words, problem.structure, problem.family, ports, "receptance", law
-    )
+    return Candidate("+".join(outputs), "accelerometer", words, problem.structure, ports, "receptance", law)
 
 
 def planned_text(*changes):
@@ -231,7 +229,9 @@ def test_a_wider_band_adds_only_its_own_lines_with_the_floor_of_all():
     np.testing.assert_allclose(np.diff(np.concatenate([present[-1:], measured.frf.frequency_hz])), 10.0)
     assert measured.frf.frequency_hz[-1] == 3000.0
     ports = Ports(np.concatenate([present, measured.frf.frequency_hz]), ("5:y",), ("5:y",))
-    whole = DirectSolve(case.problem.structure, case.problem.joint, ports).receptance(joint_matrix(TABLE_3))[0]
+    whole = DirectSolve(case.problem.structures_of_data.nominal, case.problem.joint, ports).receptance(
+        joint_matrix(TABLE_3)
+    )[0]
     expected = RelativeNoise(0.008, 0.0016).variance(whole)[present.size :]
     np.testing.assert_allclose(measured.variance, expected, rtol=1e-6)
 
@@ -249,7 +249,7 @@ def test_an_accelerometer_with_mass_loads_the_structure_and_a_hammer_does_not():
     case = jb.case_from_text("loaded", text)
     by_name = {c.name: c for c in candidates_of(case)}
     dofs, top = ("1:y", "1:rz", "3:y", "5:y"), 2500.0
-    loaded, bare = (p.at(dofs, top).nominal for p in (by_name["3:y"].family, case.problem.family))
+    loaded, bare = (p.at(dofs, top).nominal for p in (by_name["3:y"].structure, case.problem.structure))
     added = loaded.mass - bare.mass
     at = bare.index(("3:y",))[0]
     assert added[at, at] == pytest.approx(0.020)
@@ -269,9 +269,9 @@ def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_acceleromet
             "[uncertain.density]", "[uncertain.accelerometer_mass]\nsd_percent = 10.0\n[uncertain.density]"
         )
     case = jb.case_from_text("mass", text)
-    family = next(c for c in candidates_of(case) if c.kind == "mass").family
+    family = next(c for c in candidates_of(case) if c.kind == "mass").structure
     assert isinstance(family, HeavierFamily)
-    assert family.names == case.problem.family.names
+    assert family.names == case.problem.structure.names
     names = family.names
     factors = np.array([{"density": 1.02, "length": 0.995, "accelerometer_mass": 0.9}.get(n, 1.01) for n in names])
     recipe = beam_recipe(case.spec.structure, case.spec.data)
@@ -286,7 +286,7 @@ def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_acceleromet
     np.testing.assert_allclose(found[0][2:8], modes.eigenvalues[2:8], rtol=1e-6)
     np.testing.assert_allclose(family.damping_ratios(factors[None])[0, 0], 0.0101)
     assert family.loss_factors(factors[None]).tolist() == [0.0]
-    assert isinstance(case.problem.family, BeamFamily)
+    assert isinstance(case.problem.structure, BeamFamily)
 
 
 def test_densities_of_independent_measurements_add(cheap_case):

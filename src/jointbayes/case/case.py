@@ -24,8 +24,6 @@ from jointbayes.case.schema import case as schema
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError, JointBayesError
-from jointbayes.frf import FrfSet
-from jointbayes.identification import compliance_start
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrequencyMeasurement
@@ -50,20 +48,19 @@ class Case:
     spec
         The same, checked and typed.
     problem
-        Structure, joint, data and prior.
-    joint_frf
-        FRFs at the measured DOFs and at the joint, rotation included, which the paper's iteration needs; None where
-        the data are natural frequencies, or files lack them.
+        Structure, joint, data and prior; `replace` may put another one in its place.
     provenance
         Where data from files come from; None for other data.
+    stated
+        The problem that the text states; None where it was not built.
     """
 
     name: str
     text: str
     spec: "schema.CaseSpec"
     problem: Problem
-    joint_frf: FrfSet | None
     provenance: Provenance | None = None
+    stated: Problem | None = None
 
     def __repr__(self) -> str:
         return f"Case({self.name!r}: {self.title}; {self.problem!r})"
@@ -72,11 +69,6 @@ class Case:
     def title(self) -> str:
         """Title for people; without one in the file, the case's name."""
         return self.spec.title or self.name
-
-    @property
-    def initial(self) -> Array:
-        """First guess of (k11, k12, k22), shape (3,)."""
-        return first_guess(self.spec, beam_recipe(self.spec.structure, self.spec.data))
 
     @property
     def reference(self) -> Array | None:
@@ -110,24 +102,18 @@ class Case:
         return input_warnings(self.spec, self.text, (float(lines[0]), float(lines[-1])))
 
     @cached_property
-    def compliance_fit(self) -> Array | None:
-        """Joint (k11, k12, k22) fitted without any guess, shape (3,); None where the data are natural frequencies."""
-        measured = self.problem.measurement
-        if isinstance(measured, FrequencyMeasurement):
-            return None
-        return compliance_start(self.problem.structures, self.problem.joint, measured)
-
-    @cached_property
-    def workshop_problem(self) -> Problem:
+    def workshop_problem(self) -> Problem | None:
         """The same problem, but with material, length and damping as uncertain as in a workshop.
 
         E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
-        uncertain stays as it says.
+        uncertain stays as it says. None where the problem is not the text's.
         """
+        if self.problem is not self.stated:
+            return None
         loaded = self.provenance.loaded if self.provenance else None
         recipe = beam_recipe(self.spec.structure, self.spec.data, loaded)
         prior = with_workshop_uncertainty(self.problem.prior, self.spec, recipe, self.problem.measurement)
-        return replace(self.problem, prior=prior, family=family_of(recipe, prior))
+        return replace(self.problem, prior=prior, structure=family_of(recipe, prior))
 
     @cached_property
     def sampler(self) -> SamplerSettings:
@@ -198,13 +184,15 @@ def _build(
             measurement, joint_frf = measurement_of(recipe, joint, spec.data)
         prior = prior_of(spec, recipe, measurement)
         problem = Problem(
-            recipe.structure(mesh=recipe.mesh(top_hz=measurement.top_hz)),
+            family_of(recipe, prior),
             joint,
             measurement,
             prior,
-            family_of(recipe, prior),
             noise_model(spec.noise, measurement),
             spec.noise.residuals,
+            first_guess(spec, recipe),
+            joint_frf,
+            name,
         )
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
     except CaseError:
@@ -216,4 +204,4 @@ def _build(
             f"{where}:{line}: found numbers that are too far apart to be computed with ({error}); expected those of "
             "one machine; check sizes, material and stiffnesses"
         ) from error
-    return Case(name, text, spec, problem, joint_frf, test.provenance if test else None)
+    return Case(name, text, spec, problem, test.provenance if test else None, problem)

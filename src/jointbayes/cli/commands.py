@@ -130,7 +130,7 @@ def identify(config: Path) -> None:
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
-    if case.joint_frf is not None:
+    if case.problem.joint_frf is not None:
         history = iterate(case)
         heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
         click.echo(f"{'step':>4} {'residual':>10} {' '.join(heads)}")

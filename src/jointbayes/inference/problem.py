@@ -6,49 +6,71 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, receptance_model
+from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.noise.models import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
-from jointbayes.joint import Joint, Parametrisation, Quantity, joint_matrix
+from jointbayes.joint import (
+    Joint,
+    Parametrisation,
+    Quantity,
+    check_positive_semidefinite,
+    is_positive_semidefinite,
+    joint_matrix,
+)
 from jointbayes.measurement import FrfMeasurement, Measurement
-from jointbayes.structure import Discretisation, Structure, StructureFamily, as_family, is_mode_frequency
+from jointbayes.structure import Structure, StructureFamily, as_family, is_mode_frequency
 
 __all__ = ["Problem"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A joint to be identified from a measurement.
 
     Parameters
     ----------
     structure
-        Structure without the joint.
+        Structure without the joint, or a family of them where its quantities are uncertain.
     joint
         Where the joint acts.
     measurement
         FRFs or natural frequencies with their noise.
     prior
         Prior over all that is uncertain; carries the parametrisation of the joint.
-    family
-        Structures without the joint, where its quantities are uncertain or its elements are chosen for the band; None
-        where it is given by its matrices.
     noise
         How residuals of FRFs are distributed; None is Gaussian noise of the measurement's variance.
     residual_kind
         What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
+    initial
+        First guess of (k11, k12, k22), shape (3,); by default the middle of the prior.
+    joint_frf
+        FRFs at the measured DOFs and at the joint, rotation included, which the paper's iteration needs; None where
+        they are not known.
+    name
+        Short name, by which its results are known.
+
+    Raises
+    ------
+    ModelError
+        If the first guess is not positive semidefinite.
     """
 
-    structure: Structure
+    structure: Structure | StructureFamily
     joint: Joint
     measurement: Measurement
     prior: JointPrior
-    family: StructureFamily | None = None
     noise: NoiseModel | None = None
     residual_kind: ResidualKind = "complex"
+    initial: ArrayLike | None = None
+    joint_frf: FrfSet | None = None
+    name: str = "problem"
+
+    def __post_init__(self) -> None:
+        if self.initial is not None:
+            check_positive_semidefinite(self.initial)
 
     def __repr__(self) -> str:
         other_side = ", ".join(self.joint.against) or "ground"
@@ -76,19 +98,27 @@ class Problem:
         )
         return LogPosterior(self.prior, likelihood)
 
-    @property
+    @cached_property
     def structures(self) -> StructureFamily:
         """The structures without the joint that forward models are made of."""
-        return as_family(self.structure if self.family is None else self.family)
+        return as_family(self.structure)
 
-    @property
-    def discretisation(self) -> Discretisation | None:
-        """Elements of the forward model of the data; None where the structure is given by its matrices."""
+    @cached_property
+    def structures_of_data(self) -> StructureFamily:
+        """The same, exact at the joint and the measured DOFs up to the highest frequency of the data."""
         joint, measured = self.joint.dofs + self.joint.against, self.measurement
         if isinstance(measured, FrfMeasurement):
-            dofs = (*joint, *measured.frf.outputs, *measured.frf.inputs)
-            return self.structures.at(dofs, measured.top_hz).discretisation
-        return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size)).discretisation
+            return self.structures.at((*joint, *measured.frf.outputs, *measured.frf.inputs), measured.top_hz)
+        return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size))
+
+    @property
+    def first_guess(self) -> NDArray[np.float64]:
+        """(k11, k12, k22), shape (3,), from which a search starts: `initial`, or the middle of the prior."""
+        if self.initial is not None:
+            return np.asarray(self.initial, dtype=float)
+        middle = self.prior.stiffness(self.prior.mean)
+        # independent priors may have their middle where no joint is: an uncoupled one of these springs is possible
+        return middle if is_positive_semidefinite(middle) else middle * np.array([1.0, 0.0, 1.0])
 
     @property
     def names(self) -> tuple[str, ...]:

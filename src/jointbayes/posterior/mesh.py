@@ -98,10 +98,10 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     -------
     MeshCheck, or None where the structure is given by matrices, which have no mesh
     """
-    found = problem.discretisation
+    found = problem.structures_of_data.discretisation
     if found is None:
         return None
-    reference = replace(problem, family=problem.structures.reference())
+    reference = replace(problem, structure=problem.structures.reference())
     prior = problem.prior.sample(np.random.default_rng([seed, 3]), _PRIOR_DRAWS)
     here, there = (_standardised(p, np.concatenate([theta[None], prior])) for p in (problem, reference))
     error_sd, error_of_peak = float(np.abs(here - there).max()), _error_of_peak(problem, reference, theta)
@@ -140,7 +140,7 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
 
 def _found_anew(problem: Problem, theta: Array) -> Array:
     """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
-    richer = replace(problem, family=problem.structures.reference(solved=False))
+    richer = replace(problem, structure=problem.structures.reference(solved=False))
     found, _ = refine(richer.log_posterior, theta)
     return theta - found
 

@@ -59,11 +59,6 @@ class SampledCase(Protocol):
         ...
 
     @property
-    def initial(self) -> Array:
-        """First guess of (k11, k12, k22), shape (3,)."""
-        ...
-
-    @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if any."""
         ...

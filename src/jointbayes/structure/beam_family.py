@@ -79,6 +79,10 @@ class BeamFamily:
         self._top_hz = None if top_hz is None else top_hz * self._widest
         self._dofs = None if dofs is None else tuple(dofs)
 
+    def __repr__(self) -> str:
+        law, uncertain = type(self.recipe.damping).__name__, ", ".join(self.names) or "nothing"
+        return f"BeamFamily({1e3 * self.recipe.length:g} mm, {law}, uncertain: {uncertain})"
+
     @cached_property
     def mesh(self) -> BeamMesh | None:
         """How the beam is discretised; None for the paper's element."""

@@ -120,6 +120,9 @@ class FixedFamily:
     def __init__(self, structure: Structure, top_hz: float | None = None) -> None:
         self.nominal, self._top_hz = structure, top_hz
 
+    def __repr__(self) -> str:
+        return repr(self.nominal)
+
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same structure; its matrices are what they are."""
         return type(self)(self.nominal, top_hz)

@@ -41,7 +41,7 @@ def _predicted(posterior: Posterior, provenance: Provenance) -> list[float]:
     """The model's natural frequency nearest to each measured one."""
     problem, theta = posterior.problem, posterior.estimate.theta
     measured = np.array([mode.frequency_hz for mode in provenance.modes])
-    most = problem.structure.n_dofs - len(problem.joint.dofs)
+    most = problem.structures_of_data.nominal.n_dofs - len(problem.joint.dofs)
     count = min(most, 2 * len(measured) + 4)
     found = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
     return [float(found[np.argmin(np.abs(found - f))]) for f in measured]

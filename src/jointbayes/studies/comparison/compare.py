@@ -137,7 +137,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     starts: tuple[Start, ...] = ()
     mode = np.empty(0)
     if problem.names:
-        estimate = find_map(replace(case, problem=problem), seed=seed)
+        estimate = find_map(problem, seed=seed)
         starts, mode = starts_of(estimate), estimate.theta
     found = evidence(log_posterior, charts(problem), starts, rng)
     if not np.isfinite(found.log_z):

@@ -81,7 +81,7 @@ class Candidate:
         What is changed.
     words
         For a sentence: ``"an accelerometer at mid-span (6:y)"``.
-    structure, family
+    structure
         What is measured, without the joint; as of `Problem`. They differ from the present ones by added masses.
     ports
         Lines, outputs and inputs.
@@ -99,8 +99,7 @@ class Candidate:
     name: str
     kind: CandidateKind
     words: str
-    structure: Structure
-    family: StructureFamily | None
+    structure: Structure | StructureFamily
     ports: Ports
     quantity: Quantity
     law: VarianceLaw
@@ -122,7 +121,7 @@ class Candidate:
         point = np.asarray(theta, dtype=float)
         prior = problem.prior
         factors = prior.factors(point)
-        model = receptance_model(self.structure if self.family is None else self.family, problem.joint, self.ports)
+        model = receptance_model(self.structure, problem.joint, self.ports)
         true = model.receptance(joint_matrix(prior.stiffness(point)), problem.structural(factors))[0]
         names = [n.name for n in prior.nuisances]
         gain = float(factors[names.index("gain")]) if "gain" in names else 1.0
@@ -135,7 +134,6 @@ class Candidate:
         return replace(
             problem,
             structure=self.structure,
-            family=self.family,
             measurement=FrfMeasurement(frf, variance, synthetic=True),
             noise=_on_lines(problem.noise, lines),
         )
@@ -176,7 +174,6 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
         "averages",
         f"{averages_factor:g} times the averages",
         problem.structure,
-        problem.family,
         Ports(frf.frequency_hz, frf.outputs, frf.inputs),
         frf.quantity,
         StatedVariance(measured.variance / (averages_factor - 1)),

@@ -92,13 +92,13 @@ class _Maker:
         )
         recipe = replace(self._recipe, accelerometer_dofs=loaded)
         problem = self._case.problem
-        structure, family = problem.structure, problem.family
+        structure = problem.structure
         if recipe.accelerometer_mass > 0 and kind != "hammer":
-            structure, family = recipe.structure(), family_of(recipe, problem.prior)
+            structure = family_of(recipe, problem.prior)
         ports = Ports(self._lines, outputs, inputs)
         placed = (outputs if kind != "hammer" else ()) + (inputs if kind != "accelerometer" else ())
         where = self._positions(placed)
-        return Candidate(name, kind, words, structure, family, ports, self._data.quantity, self._law, position=where)
+        return Candidate(name, kind, words, structure, ports, self._data.quantity, self._law, position=where)
 
     def _band(self) -> Iterator[Candidate]:
         top, data, problem = self._spec.plan.f_max_hz, self._data, self._case.problem
@@ -113,7 +113,6 @@ class _Maker:
             "band",
             f"a band up to {top:g} Hz",
             problem.structure,
-            problem.family,
             Ports(lines, data.outputs, data.inputs),
             data.quantity,
             self._law,
@@ -125,14 +124,13 @@ class _Maker:
         translations = tuple(dof for dof in self._data.outputs if ":r" not in dof)
         if grams is None or not translations:
             return
-        heavier, data, problem = _heavier(self._recipe, grams * _G), self._data, self._case.problem
+        data, problem = self._data, self._case.problem
         uncertain = problem.structures.names
         ranges = {n.name: n.range for n in problem.prior.nuisances if n.name in uncertain}
         yield Candidate(
             f"+{grams:g} g",
             "mass",
             f"a mass of {grams:g} g at {' and '.join(translations)}",
-            heavier.structure(),
             HeavierFamily.of(self._recipe, grams * _G, ranges),
             Ports(self._lines, data.outputs, data.inputs),
             data.quantity,
