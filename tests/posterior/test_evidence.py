@@ -13,7 +13,7 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.storage import estimate_from, estimate_record
 from jointbayes.sampling import Proposal, StudentT, fit_proposal
 from jointbayes.workflow import laplace_ball, starts_of

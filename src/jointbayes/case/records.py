@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from scipy import signal
+import scipy  # its parts load at first use
 
 from jointbayes.case.schema.measured import MeasuredSpec, RecordsSpec
 from jointbayes.errors import MeasurementError
@@ -92,7 +92,7 @@ def _shaker(tests: _Tests, data: MeasuredSpec, spec: RecordsSpec) -> FrfsOfRecor
     assert spec.block_s is not None
     settings = ShakerSettings(spec.block_s, spec.overlap, spec.window, spec.estimator, data.f_min_hz, data.f_max_hz)
     found = [shaker_frf(forces, one, settings) for forces, responses in tests for one in responses]
-    window = signal.get_window(spec.window, _SAMPLES)
+    window = scipy.signal.get_window(spec.window, _SAMPLES)
     hop = max(round(_SAMPLES * (1 - spec.overlap)), 1)
     blocks = min((result.blocks for result in found), default=1)
     correlation = line_correlation(window, random=True, blocks=blocks, hop=hop)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+import scipy  # its parts load at first use
 
 from jointbayes.case.build import beam_recipe, noise_law, stiffness_of, true_beam
 from jointbayes.case.case import Case
@@ -187,7 +187,7 @@ def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
     low, high = _band(truth)
     settings = ShakerSettings(rig.block / rig.sample_rate_hz, test.overlap, "hann", test.estimator, low, high)
     hop = max(round(rig.block * (1 - test.overlap)), 1)
-    window = np.asarray(signal.get_window("hann", rig.block), dtype=float)
+    window = np.asarray(scipy.signal.get_window("hann", rig.block), dtype=float)
     # as many blocks as it takes for them to count as the averages that are asked for
     blocks = next(n for n in range(averages, 10**9) if effective_averages(n, window, hop) >= averages)
     noise = ChannelNoise(test.force_noise, test.response_noise)

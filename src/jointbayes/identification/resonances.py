@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement.modal.peaks import prominent_peaks
 
 __all__ = ["resonances_hz"]
 
@@ -58,7 +58,7 @@ def _peaks(measurement: FrfMeasurement, output: int, input_: int) -> list[tuple[
     if not np.isfinite(log_magnitude).any():
         return []
     log_magnitude[~np.isfinite(log_magnitude)] = log_magnitude[np.isfinite(log_magnitude)].min()
-    peaks, _ = find_peaks(log_magnitude, prominence=PROMINENCE)
+    peaks = prominent_peaks(log_magnitude, PROMINENCE)
     return [(_between_lines(frequency, values, ratio, int(k)), float(ratio[k])) for k in peaks if ratio[k] > LEAST_SD]
 
 

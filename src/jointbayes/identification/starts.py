@@ -6,7 +6,7 @@ Joints whose predicted frequencies agree with the resonances of the data lie wit
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
+import scipy  # its parts load at first use
 
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.identification.least_squares import climb_all
@@ -209,7 +209,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     if not (match.resonances_hz.size and match.columns.size):
         return np.empty((0, prior.mean.size))
     unit = np.full((_POINTS * effort, prior.mean.size), 0.5)
-    unit[:, match.columns] = qmc.Sobol(match.columns.size, seed=rng).random(_POINTS * effort)
+    unit[:, match.columns] = scipy.stats.qmc.Sobol(match.columns.size, seed=rng).random(_POINTS * effort)
     points = prior.transform(unit)
     value = match.value(points)
     joint = prior.joint(points) / prior.sd[: len(prior.marginals)]

@@ -9,10 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-__all__ = ["effective_sizes", "loo_pointwise", "pareto_k", "to_arviz"]
-
-
-_FEWEST = 100  # weights, whose largest fifth is fitted
+__all__ = ["loo_pointwise", "to_arviz"]
 
 
 def _arviz() -> ModuleType:
@@ -31,51 +28,6 @@ def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTr
     if _is_new():
         return tree
     return _arviz().from_datatree(tree)
-
-
-def effective_sizes(chains: NDArray[np.float64]) -> tuple[float, float]:
-    """Effective sample sizes (bulk, tail) of one parameter's draws, shape (chains, draws).
-
-    References
-    ----------
-    Vehtari, A. et al. (2021). Bayesian Analysis 16(2), 667-718. DOI 10.1214/20-BA1221
-    """
-    arviz = _arviz()
-    sizes = []
-    for method in ("bulk", "tail"):
-        result = arviz.ess(xr.Dataset({"x": (("chain", "draw"), chains)}), method=method)
-        sizes.append(float(result["x"]))
-    return sizes[0], sizes[1]
-
-
-def pareto_k(log_weight: NDArray[np.float64]) -> float:
-    """Shape of the generalised Pareto distribution fitted to the largest importance weights.
-
-    Above 0.7 the mean of the weights cannot be trusted, however many there are.
-
-    Parameters
-    ----------
-    log_weight : ndarray, shape (n,)
-        ln of the weights above zero, up to a constant.
-
-    Returns
-    -------
-    float
-        −inf if all weights are equal; inf if there are too few of them.
-
-    References
-    ----------
-    Vehtari, A. et al. (2024). Pareto smoothed importance sampling. Journal of Machine Learning Research 25(72), 1-58.
-    """
-    if log_weight.size < _FEWEST:
-        return float("inf")
-    if np.ptp(log_weight) < 1e-9:
-        return float("-inf")
-    if _is_new():
-        from arviz_stats.base import array_stats
-
-        return float(array_stats.psislw(-log_weight)[1])  # it asks for the negative, as for leaving one out
-    return float(_arviz().psislw(log_weight)[1])
 
 
 def loo_pointwise(log_likelihood: NDArray[np.float64], efficiency: float) -> tuple[NDArray[np.float64], ...]:

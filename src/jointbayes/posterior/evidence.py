@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
-from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.sampling import Chart, LogDensity, Proposal, Start, fit_proposal
 
 __all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]

@@ -8,7 +8,6 @@ from typing import Any, Self
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
@@ -230,8 +229,10 @@ class Posterior:
             return 1.0
         point = parametrisation.coordinates(stiffness)
         if self.problem.prior.nuisances:
+            from scipy.stats import gaussian_kde  # late: a quarter of a second
+
             draws = self.problem.prior.joint(self.thinned(_KERNEL_DRAWS)).T
-            estimate = stats.gaussian_kde(draws)
+            estimate = gaussian_kde(draws)
             return float((estimate(draws) > estimate(point)).mean())
         density = self.problem.log_posterior(point)[0]
         return float((self.log_density > density).mean())

@@ -9,7 +9,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
+
+from jointbayes.measurement.modal.peaks import prominent_peaks
 
 __all__ = ["SharedResonances", "fit_resonance", "median_seen"]
 
@@ -77,7 +78,7 @@ def _peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
     """Lines of the resonances, of all FRFs together."""
     scaled = np.abs(values) / np.median(np.abs(values), axis=0)
     power = np.log((scaled**2).mean(axis=1)) / 2
-    found = find_peaks(power, prominence=_PROMINENCE)[0]
+    found = prominent_peaks(power, _PROMINENCE)
     clear = (np.abs(values[found]) > _ABOVE_NOISE * sd[found]).any(axis=1)
     lines: NDArray[np.intp] = found[clear]
     return lines

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.arviz_bridge import effective_sizes
+from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability

@@ -5,7 +5,14 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
 
-__all__ = ["autocorrelation_time", "effective_sample_size", "quantile_error", "quantile_spread", "split_r_hat"]
+__all__ = [
+    "autocorrelation_time",
+    "effective_sample_size",
+    "normal_scores",
+    "quantile_error",
+    "quantile_spread",
+    "split_r_hat",
+]
 
 # Sokal's window: the sum over lags stops at this many τ, where its noise outweighs what it still misses.
 _WINDOW = 5.0
@@ -105,7 +112,7 @@ def split_r_hat(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     for k in range(dimension):
         draws = chains[..., k]
         folded = np.abs(draws - np.median(draws))
-        worst[k] = max(_r_hat(_normal_scores(draws)), _r_hat(_normal_scores(folded)))
+        worst[k] = max(_r_hat(normal_scores(draws)), _r_hat(normal_scores(folded)))
     return worst
 
 
@@ -192,9 +199,9 @@ def quantile_spread(draws: NDArray[np.float64], probability: float, effective: f
     A. Vehtari et al., Rank-normalization, folding, and localization: an improved R̂ (2021),
     DOI 10.1214/20-BA1221, section 4.3.
     """
-    from scipy.stats import beta
+    from scipy.special import betaincinv
 
-    ends = np.asarray(beta.ppf(_ONE_SD, effective * probability + 1, effective * (1 - probability) + 1))
+    ends = betaincinv(effective * probability + 1, effective * (1 - probability) + 1, _ONE_SD)
     ranks = np.clip([np.floor(ends[0] * draws.size), np.ceil(ends[1] * draws.size)], 0, draws.size - 1).astype(int)
     down, up = np.partition(draws, ranks, axis=None)[ranks]
     return float(up - down) / 2
@@ -227,11 +234,12 @@ def _tau(draws: NDArray[np.float64]) -> float:
     return float(running[np.argmax(wide_enough)] if wide_enough.any() else running[-1])
 
 
-def _normal_scores(draws: NDArray[np.float64]) -> NDArray[np.float64]:
+def normal_scores(draws: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return draws with each value replaced by the normal quantile of its rank among all, of the same shape."""
     from scipy.special import ndtri
-    from scipy.stats import rankdata
 
-    ranks = rankdata(draws, axis=None).reshape(draws.shape)
+    _, place, count = np.unique(draws, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(count) - (count - 1) / 2)[place].reshape(draws.shape)  # equal values share their mean rank
     return np.asarray(ndtri((ranks - 0.375) / (draws.size + 0.25)))  # Vehtari et al. Eq. (14)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+import scipy  # its parts load at first use
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import TimeRecord
@@ -173,7 +173,7 @@ def _judged(
     else:
         level = settings.double_hit_level * abs(peak)
         # a second contact comes after the force was gone: most of its height is prominence
-        peaks, facts = signal.find_peaks(upright[top:], height=level, prominence=level / 2)
+        peaks, facts = scipy.signal.find_peaks(upright[top:], height=level, prominence=level / 2)
         apart = facts["prominences"] > 0.5 * facts["peak_heights"]
         second = peaks[apart & (peaks > 0)]
         if second.size:

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+import scipy  # its parts load at first use
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
@@ -179,7 +179,7 @@ def shaker_frf(
     rate = pairs[0][0].sample_rate_hz
     samples = round(settings.block_s * rate)
     hop = max(round(samples * (1 - settings.overlap)), 1)
-    window = np.asarray(signal.get_window(settings.window, samples), dtype=float)
+    window = np.asarray(scipy.signal.get_window(settings.window, samples), dtype=float)
     longest = max(one.values.size for one, _ in pairs)
     if longest < samples or samples < 2:
         raise MeasurementError(
@@ -325,5 +325,5 @@ def _block_spectra(values: Array, window: Array, hop: int) -> ComplexArray:
     if values.size < window.size:
         return np.empty((0, window.size // 2 + 1), dtype=complex)
     blocks = np.lib.stride_tricks.sliding_window_view(values, window.size)[::hop]
-    spectra: ComplexArray = np.fft.rfft(signal.detrend(blocks, type="constant") * window)
+    spectra: ComplexArray = np.fft.rfft(scipy.signal.detrend(blocks, type="constant") * window)
     return spectra

@@ -6,11 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
+import scipy  # its parts load at first use
 
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.formats.labels import parse_dof
 from jointbayes.measurement.formats.units import frf_unit
+from jointbayes.measurement.modal.peaks import prominent_peaks
 from jointbayes.measurement.records import FrfRecord
 
 __all__ = ["Doubt", "Resonance", "doubts_of_frf", "doubts_of_notes", "noise_of", "pair_of", "resonances_of", "usable"]
@@ -94,7 +95,7 @@ def noise_of(values: Complex) -> Array:
         return np.full(values.size, np.inf)
     # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
     square = np.abs(np.diff(values, 3)) ** 2 / (20 * np.log(2))
-    local = ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
+    local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
     noise: Array = np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]]))
     return noise
 
@@ -102,7 +103,7 @@ def noise_of(values: Complex) -> Array:
 def resonances_of(frequency_hz: Array, mobility: Complex) -> tuple[Resonance, ...]:
     """Peaks of |mobility| that stand out from their surroundings and from the noise."""
     magnitude = np.abs(mobility)
-    tops, _ = signal.find_peaks(np.log(magnitude), prominence=np.log(_RISE))
+    tops = prominent_peaks(np.log(magnitude), np.log(_RISE))
     noise = noise_of(mobility)
     found = []
     for top in tops:
@@ -276,7 +277,7 @@ def _of_drive_point(
         yield _turned(peaks, quantity)
         return
     wrong = mobility.real < -(4 * noise_of(mobility) + _PHASE_ERROR * np.abs(mobility))
-    run = ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
+    run = scipy.ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
     wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
     if wrong_peaks or (run.any() and wrong.mean() > 0.03):
         at = wrong_peaks[0] if wrong_peaks else float(f[np.argmax(run)])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior, Problem
@@ -112,7 +112,7 @@ def profile_likelihood(
         )
     top, top_cost = climb.maximum()
     first = step or climb.first_step(top)
-    quantile = float(stats.chi2.ppf(level, 1))
+    quantile = float(2 * special.gammaincinv(0.5, level))  # of χ² with one degree of freedom
     below, lower, open_below = _side(climb, top, top_cost, -first, quantile)
     above, upper, open_above = _side(climb, top, top_cost, first, quantile)
     points = np.array([t for t, _ in reversed(below)] + [top] + [t for t, _ in above])

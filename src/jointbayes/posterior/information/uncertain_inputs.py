@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.posterior.arviz_bridge import pareto_k
 from jointbayes.posterior.coordinates import compliance_and_scores
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.information.directions import factor_in_words

@@ -22,7 +22,7 @@ from scipy import optimize
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import STIFFNESS_NAMES
-from jointbayes.posterior.arviz_bridge import pareto_k
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.fisher import fisher_information
