@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 import scipy  # its parts load at first use
+from numpy.typing import NDArray
 
 from jointbayes.case.build import beam_recipe, noise_law, stiffness_of, true_beam
 from jointbayes.case.case import Case

@@ -5,8 +5,8 @@ Joints whose predicted frequencies agree with the resonances of the data lie wit
 """
 
 import numpy as np
-from numpy.typing import NDArray
 import scipy  # its parts load at first use
+from numpy.typing import NDArray
 
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.identification.least_squares import climb_all

@@ -35,7 +35,7 @@ def effective_sizes(chains: Array) -> tuple[float, float]:
 
 
 def _effective_size(chains: Array) -> float:
-    """Effective size of draws, shape (chains, draws): Geyer's initial monotone sequence, Vehtari et al. Eqs. (10)-(13)."""
+    """Effective size of draws, shape (chains, draws), by Geyer's initial monotone sequence; Vehtari et al. Eq. (10)."""
     m, n = chains.shape
     if np.ptp(chains) == 0:
         return float(m * n)
@@ -49,7 +49,7 @@ def _effective_size(chains: Array) -> float:
     pairs = rho[: 2 * ((n - 1) // 2)].reshape(-1, 2).sum(axis=1)
     kept = int(np.argmax(pairs < 0)) if (pairs < 0).any() else len(pairs) - 1
     tau = -1 + 2 * float(np.minimum.accumulate(pairs[:kept]).sum()) + max(float(rho[2 * kept]), 0.0)
-    return m * n / max(tau, 1 / np.log10(m * n))
+    return float(m * n / max(tau, 1 / np.log10(m * n)))
 
 
 def pareto_k(log_weight: Array) -> float:

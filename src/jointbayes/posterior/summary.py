@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.mesh import MeshCheck
+from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
 from jointbayes.posterior.run_record import RunRecord, data_sha256
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict, verdict_text

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 import scipy  # its parts load at first use
+from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import TimeRecord

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 import scipy  # its parts load at first use
+from numpy.typing import NDArray
 
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.formats.labels import parse_dof

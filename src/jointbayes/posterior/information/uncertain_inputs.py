@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.posterior.coordinates import compliance_and_scores
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach

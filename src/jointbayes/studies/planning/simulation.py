@@ -22,10 +22,10 @@ from scipy import optimize
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import STIFFNESS_NAMES
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.fisher import fisher_information
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.sampling import Chart, Start, fit_proposal, importance_efficiency
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.first_look import measurement_information
