@@ -89,6 +89,38 @@ def test_joints_of_any_number_of_dofs(law, dofs):
     assert error.max() < 1e-9
 
 
+def joints_of_many_dofs(r, seed):
+    """K^J coupled throughout, from well conditioned to singular; absent, half absent and rigid ones among them."""
+    rng = np.random.default_rng(seed)
+    scale = 10 ** rng.uniform(1, 5, size=(30, r, 1))
+    factors = scale * (np.eye(r) + 10 ** rng.uniform(-2, 2, size=(30, 1, 1)) * rng.normal(size=(30, r, r)))
+    factors[:4, :, -1:] *= np.array([0.0, 1e-7, 1e-4, 1e-3])[:, None, None]
+    matrices = factors @ factors.swapaxes(1, 2)
+    matrices[-4] = 0.0
+    matrices[-3] = 1e7  # one spring across all DOFs
+    matrices[-2] = np.diag(np.resize([1e14, 0.0, 1e-300, 1e6], r))
+    matrices[-1] *= 1e14 / matrices[-1].max()
+    return matrices
+
+
+@pytest.mark.parametrize("r", [3, 6])
+@pytest.mark.parametrize("law", LAWS)
+def test_the_misfit_of_joints_of_many_dofs_is_the_distance_of_the_direct_solve(law, r):
+    structure, joint = with_law(law), Joint(tuple(f"{n}:y" for n in range(1, r + 1)))
+    ports = Ports(np.geomspace(20.0, 2500.0, 70), ("11:y", "9:rz"), ("11:y", "8:y"))
+    model, direct = model_of(structure, joint, ports), DirectSolve(structure, joint, ports)
+    for matrix in joints_of_many_dofs(r, seed=r):
+        expected = direct.receptance(matrix)[0]
+        per_peak = np.broadcast_to(1 / np.abs(expected).max(axis=0), expected.shape)
+        assert np.sqrt(model.misfit(expected, per_peak).chi2(matrix[None])[0]) < 1e-8
+        moved = expected * 1.01
+        distance = (np.abs(expected - moved) ** 2 * per_peak**2).sum()
+        np.testing.assert_allclose(model.misfit(moved, per_peak).chi2(matrix[None]), distance, rtol=1e-6)
+    size = np.array([[1e30, 1e6, 1e4], [1e200, 1e6, 1e4], [1e200, 1e6, 1e-200], [1e200, 1e6, 0.0]])
+    stiff, rigid, loose, absent = model.misfit(moved, per_peak).chi2(np.eye(r) * size[:, np.arange(r) % 3][:, None, :])
+    np.testing.assert_allclose([rigid, loose], [stiff, absent], rtol=1e-9)
+
+
 @pytest.mark.parametrize("dofs", [("1:y", "1:rz"), ("1:y", "1:rz", "5:y")])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_gradient_is_the_slope_of_the_likelihood(law, dofs):

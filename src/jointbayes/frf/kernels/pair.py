@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
+from jointbayes.frf.kernels.springs import RIGID
 from jointbayes.frf.ports import as_batch
 
 __all__ = ["PairCoupling", "PairMisfit"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-#: A joint stiffer than this (N/m and so on) is rigid to the last bit, and its determinant squared still a number.
-_RIGID = 1e60
 
 
 @inner
@@ -137,8 +135,8 @@ class PairCoupling:
         """(k11, k12, k22, det K), shape (batch, 4), of joint matrices (batch, r, r)."""
         k = self._padded(matrices)
         largest = np.abs(k).max(axis=(1, 2))
-        if (largest > _RIGID).any():
-            k = k * np.minimum(1.0, _RIGID / largest)[:, None, None]
+        if (largest > RIGID).any():
+            k = k * np.minimum(1.0, RIGID / largest)[:, None, None]
         k11, k12, k22 = k[:, 0, 0], k[:, 0, 1], k[:, 1, 1]
         return np.stack([k11, k12, k22, k11 * k22 - k12 * k12], axis=-1)
 

@@ -7,10 +7,13 @@ from numpy.typing import NDArray
 
 from jointbayes.frf.kernels.compiled import compiled
 
-__all__ = ["springs"]
+__all__ = ["RIGID", "springs"]
 
 Array = NDArray[np.float64]
 
+#: A joint stiffer than this (N/m and so on) is rigid to the last bit, one softer than its inverse absent; and the
+#: determinant squared is still a number.
+RIGID = 1e60
 _ROUNDING = 1e-14  # what is left of a stiffness after a spring is taken out is nothing below this
 
 
@@ -32,7 +35,7 @@ def _take_springs(matrices: Array, directions: Array, stiffness: Array) -> int:
                     p = a
             taken[p] = True
             pivot = rest[p, p] if abs(rest[p, p]) > _ROUNDING * abs(matrices[i, p, p]) else 0.0
-            stiffness[i, n] = pivot
+            stiffness[i, n] = min(pivot, RIGID) if abs(pivot) > 1.0 / RIGID else 0.0
             for a in range(r):
                 directions[i, a, n] = 0.0
             directions[i, p, n] = 1.0
