@@ -4,6 +4,7 @@ Joints about the true one are evaluated in a batch of 64, as a sampler asks for 
 """
 
 import argparse
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,19 +79,18 @@ def rod(law: str, dofs_per_node: int = 2) -> Structure:
     return beam(0.383, Section.circle(0.025), STEEL, LAWS[law], elements=10, dofs_per_node=dofs_per_node)
 
 
-def six_dof_contestants(f_step_hz: float, batch: int = BATCH) -> dict[str, Contestant]:
-    """A joint of six DOFs, coupled throughout: all five of the first node, and a spring at mid-span."""
-    joint = Joint(("1:x", "1:y", "1:z", "1:ry", "1:rz", "6:y"))
-    scale = np.sqrt([1e9, 5e9, 5e9, 1.5e6, 1.5e6, 1e6])
-    rng = np.random.default_rng(2)
-    factors = np.eye(6) + 0.1 * rng.normal(size=(batch, 6, 6))
-    matrices = scale[:, None] * (factors @ factors.swapaxes(-1, -2)) * scale
+def many_dof_contestants(f_step_hz: float, batch: int = BATCH) -> dict[str, Contestant]:
+    """Joints of 6 and 12 DOFs, coupled throughout: all five of the first node, and springs further in."""
+    dofs = ("1:x", "1:y", "1:z", "1:ry", "1:rz", "6:y", "6:x", "6:z", "6:ry", "6:rz", "3:y", "3:z")
     ports = jb.Ports(np.arange(2.0, 2500.5, f_step_hz), ("11:y",), ("11:y",))
     entries = {}
-    for law in LAWS:
-        likelihood = synthetic(rod(law, 5), joint, matrices[0], ports)
-        entries[f"jointbayes, joint of 6 DOFs, {law}"] = Contestant(
-            lambda likelihood=likelihood: likelihood.log_likelihood(matrices), batch
+    for law, r in ((law, r) for law in LAWS for r in (6, 12)):
+        scale = np.sqrt(np.resize([1e9, 5e9, 5e9, 1.5e6, 1.5e6, 1e6], r))
+        factors = np.eye(r) + 0.1 * np.random.default_rng(2).normal(size=(batch, r, r))
+        matrices = scale[:, None] * (factors @ factors.swapaxes(-1, -2)) * scale
+        likelihood = synthetic(rod(law, 5), Joint(dofs[:r]), matrices[0], ports)
+        entries[f"jointbayes, joint of {r} DOFs, {law}"] = Contestant(
+            partial(likelihood.log_likelihood, matrices), batch
         )
     return entries
 
@@ -161,9 +161,9 @@ def measure(quick: bool) -> dict[str, Any]:
     for law in cases.CASES:
         entries = contestants(law, step, batch)
         rows += rows_of(law, interleaved(entries, rounds), entries)
-    entries = six_dof_contestants(step, batch)
-    six = interleaved(entries, rounds)
-    rows += [row for law in LAWS for row in rows_of(law, {n: t for n, t in six.items() if n.endswith(law)}, entries)]
+    entries = many_dof_contestants(step, batch)
+    many = interleaved(entries, rounds)
+    rows += [row for law in LAWS for row in rows_of(law, {n: t for n, t in many.items() if n.endswith(law)}, entries)]
     return {
         "lines": len(np.arange(2.0, 2500.0 + 1e-9, step)),
         "batch": batch,

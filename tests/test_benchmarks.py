@@ -213,6 +213,7 @@ def test_the_likelihood_benchmark_runs_and_writes_nothing_it_is_not_asked_to(tmp
     printed = capsys.readouterr().out
     assert "| jointbayes |" in printed
     assert "jointbayes, joint of 6 DOFs, modal" in printed
+    assert "jointbayes, joint of 12 DOFs, loss_factor" in printed
     assert not list(tmp_path.iterdir())
 
 
