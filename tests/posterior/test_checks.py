@@ -113,7 +113,7 @@ def test_a_discrepancy_that_was_needed_is_named() -> None:
     assert check.explains
     assert check.sentence.startswith("The model explains the data: ")
     assert "a model discrepancy of 4 times the stated noise, correlated over 20 Hz" in check.sentence
-    assert "slight, 0.1 times" in checked(noise, white(np.random.default_rng(8), z.shape), [0.1, 20.0]).sentence
+    assert "small, 0.1 times" in checked(noise, white(np.random.default_rng(8), z.shape), [0.1, 20.0]).sentence
 
 
 def test_overstated_noise_is_said_and_is_no_refusal() -> None:
@@ -132,7 +132,7 @@ def test_a_single_outlier_is_pointed_at() -> None:
     assert check.explains
     assert check.largest_at == (17, 1)
     assert check.largest == pytest.approx(5 * math.sqrt(2))  # σ holds both parts
-    assert "stands out by 7.1 standard deviations (line 18)" in check.sentence
+    assert "deviates by 7.1 standard deviations (line 18)" in check.sentence
     assert "stands out" not in checked(StudentNoise(2, 3.0), z, []).sentence
 
 

@@ -61,7 +61,7 @@ def test_a_right_model_has_no_cause(text, noise):
 @pytest.mark.parametrize(
     ("text", "change", "cause", "word"),
     [
-        (with_truth(TIP, "length_mm = 370.0"), None, "frequencies, all the same way", "too low: check or free length"),
+        (with_truth(TIP, "length_mm = 370.0"), None, "frequencies, all the same way", "too low: check length"),
         (with_truth(BOTH, "youngs_modulus_gpa = 200.0"), None, "frequencies, all the same way", "too high"),
         (with_truth(TIP, "damping_ratio = 0.02"), None, "damping", "free the damping"),
         (with_truth(BOTH, "damping_ratio = 0.007"), None, "damping", "free the damping"),

@@ -109,7 +109,7 @@ def test_a_coupling_of_either_sign_is_spoken_of_as_rho_and_no_power_of_k12_is_na
     open_sign = next(named for named in found if named.quantity == "rho")
     assert open_sign.verdict == "not identified"
     assert math.isinf(open_sign.ratio)
-    assert "holds zero" in open_sign.sentence
+    assert "contains zero" in open_sign.sentence
     assert not any(re.search(r"k12(?!²/k)", named.quantity) for named in found)
 
 

@@ -183,7 +183,10 @@ def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_po
     assert len(rows) == 2
     assert rows[-1].source == "none"
     assert rows[-1].known == {}
-    assert effect_sentence(rows) == "Whether other uncertain quantities matter could not be settled by draws."
+    assert (
+        effect_sentence(rows)
+        == "Whether other uncertain quantities matter is open: the draws that would show it did not converge."
+    )
     _, table = freed_blocks(replace(of_uncertain.knowledge, freed=rows))
     assert isinstance(table, Table)
     assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
@@ -198,7 +201,7 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
     said = (
         "Young's modulus to 2 %, density to 1 %, length to 0.5 %, damping ratio to between 0.1 and 10 times the stated"
     )
-    assert f"takes everything other than the joint as exactly known. Were it known less well ({said})" in text
+    assert f"assumes that everything but the joint is exactly known. The effect of usual uncertainties ({said})" in text
     assert said in (CONFIGS.parent / "docs" / "uncertain.md").read_text(encoding="utf-8").replace("\n> ", " ")
     assert ", ".join(summary["identifiability"]["freed_assumptions"]) == said
     # the assumed problem is the case's own where its quantities are at their stated values

@@ -101,7 +101,7 @@ def test_the_sentence_on_the_coupling_fits_every_outcome():
 
     both = sentence(low=-1e7, high=2e7, sd_log=math.nan, verdict="not identified")
     assert both.startswith("**The coupling stiffness k12 is not identified**")
-    assert "holds zero, so that not even its sign is known" in both
+    assert "contains zero, so that not even its sign is known" in both
     assert "only 0.5 times that of k22 (2 %)" in sentence(low=3e7, high=3.1e7, sd_log=0.01)
     assert "spans a factor of 2 (-4.00e7 … -2.00e7 N)" in sentence(low=-4e7, high=-2e7, sd_log=0.1)
 
@@ -226,7 +226,7 @@ def test_the_report_is_the_same_for_the_same_posterior(cheap_posterior):
 
 def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior):
     report = report_of(frequency_posterior)
-    assert "holds zero, so that not even its sign is known" in of_kind(report.lead, Paragraph)[1].text
+    assert "contains zero, so that not even its sign is known" in of_kind(report.lead, Paragraph)[1].text
     assert {f.identifier for f in of_kind(report.blocks(), Figure)} == {
         "frequencies-plot",
         "profiles",

@@ -198,7 +198,9 @@ class TestMixture:
         assert len({move.name for move in moves}) == len(moves)
         assert ("independence" in [move.name for move in moves]) == (efficiency > 0.1)
         # whatever the fit, some steps are made where the density is, not where it was fitted
-        assert {"differential evolution", "whole difference", "stretch"} <= {move.name for move in moves}
+        assert {"differential evolution", "differential evolution, full step", "stretch"} <= {
+            move.name for move in moves
+        }
 
     def test_moves_survive_pickling(self):
         proposal = Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), 0.9, 0)

@@ -98,7 +98,7 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
 def test_the_table_of_combinations_prints_the_same_numbers(written):
     posterior, report, _ = written
     captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
-    table = captions["Combinations of the stiffnesses that are known independently"]
+    table = captions["Combinations of the stiffnesses that are determined independently"]
     for quantity, interval, ratio, sd, _ in table.rows:
         values = values_of(quantity, posterior)
         if "…" not in interval:
@@ -125,7 +125,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
         assert first["interval95"][name] == pytest.approx(posterior.interval(name))
     captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
     on_page_one = {row[0]: row for row in captions["Stiffness of the joint"].rows}
-    cells = captions["What uncertain quantities cost"].rows[0]
+    cells = captions["Effect of uncertain inputs"].rows[0]
     for name, cell in zip(NAMES, cells[1:4], strict=True):
         assert cell in on_page_one[name]
     assert cells[4] == "; ".join(f"{name} {on_page_one[name][-1]}" for name in NAMES)

@@ -144,7 +144,7 @@ def test_the_verdict_names_the_winner_the_next_and_a_prior_that_decides():
     edge = PriorEdge("k22", "high", 0.4)
     alone = Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
     assert "nothing was compared" in alone
-    assert "piles up on an edge of the prior of k22" in alone
+    assert "accumulates at an edge of the prior of k22" in alone
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     doubt = Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
     report = build_comparison_report(doubt, DATE)
     assert report.lead[0].kind == "caution"
-    assert "no error to be trusted for: springs in short" in report.lead[1].text
+    assert "error of the evidence is unreliable for: springs in short" in report.lead[1].text
 
 
 def test_cross_validation_has_its_table_where_there_is_one():

@@ -364,7 +364,7 @@ def test_what_was_not_simulated_is_never_recommended():
     assert rows[1][3:] == ("about 0.001 (linearised)", "–", "not simulated")
     none = planned()
     assert none.recommended is None
-    assert none.sentence == "No recommendation: no measurement was simulated with success."
+    assert none.sentence == "No recommendation: every simulation failed."
 
 
 def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked():
@@ -378,7 +378,7 @@ def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked():
 def test_nothing_is_recommended_that_does_not_help():
     found = planned(a=simulated(0.95, 0.95), b=simulated(0.99, 0.99))
     assert found.recommended is None
-    assert found.sentence.startswith("None of the 2 simulated measurements makes k12 much better known")
+    assert found.sentence.startswith("None of the 2 simulated measurements would narrow k12 much")
     assert build_plan_report(found.summary(), datetime.date(2026, 1, 1)).lead[0].kind == "caution"
 
 

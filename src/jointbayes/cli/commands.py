@@ -224,7 +224,7 @@ def check(config: Path, seed: int | None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory to write; by default none.")
 @_seed
 def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
-    """Weigh joints of less and more freedom against each other, in one case file or several of the same data."""
+    """Compare hypotheses on the joint, from rigid to a full matrix, in one case file or several of the same data."""
     from jointbayes.report.run_directory import require_writable
     from jointbayes.studies.comparison.compare import compare as weigh
     from jointbayes.studies.comparison.compare import require_same_data
@@ -317,7 +317,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 @click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")
 @click.option("--mass", type=click.FloatRange(min=0, min_open=True), help="Mass of a structure that hangs free, kg.")
 def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None:
-    """Say what a measurement file holds, and what in it is doubtful."""
+    """List what a measurement file holds, and warn of what looks wrong in it."""
     from jointbayes.measurement.inspection.inspection import inspect_file
     from jointbayes.measurement.inspection.text import text_of
 

@@ -136,7 +136,7 @@ class PredictiveCheck:
         if "noise_scale" in values:
             words.append(
                 f"The noise was inferred as {values['noise_scale']:.3g} times the stated, "
-                "so that the size of the residuals says little."
+                "so the size of the residuals is no test of the model."
             )
         if "discrepancy_scale" in values:
             size, length = values["discrepancy_scale"], values["discrepancy_length"]
@@ -144,7 +144,7 @@ class PredictiveCheck:
                 f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over "
                 f"{length:.3g} Hz."
                 if size > _SLIGHT
-                else f"The model discrepancy that it includes is slight, {size:.2g} times the stated noise."
+                else f"It includes a model discrepancy that is small, {size:.2g} times the stated noise."
             )
         return words
 
@@ -152,11 +152,11 @@ class PredictiveCheck:
         """What follows from the finding."""
         words = []
         if self.finding == "misfit":
-            words.append("Intervals that rest on it are too narrow.")
+            words.append("Intervals based on it are too narrow.")
         if self.largest_p_value < OUTLIER_LEVEL and not self.misfit:
             words.append(
-                f"One value stands out by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
-                "look at it, or use Student-t noise."
+                f"One value deviates by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
+                "inspect it, or use Student-t noise."
             )
         return words
 

@@ -134,7 +134,9 @@ class Diagnosis:
     @property
     def sentence(self) -> str:
         """Measure and advice."""
-        advice = self.advice or "No single cause stands out of the residuals: a model discrepancy can be admitted."
+        advice = (
+            self.advice or "The residuals point to no single cause; [noise.discrepancy] allows for a model discrepancy."
+        )
         return f"{self.measure} {advice}".strip()
 
     def _advice_on(self, cause: Cause) -> str:
@@ -142,31 +144,34 @@ class Diagnosis:
             case "frequencies, all the same way":
                 low = self.modes[0].error_percent < 0
                 return (
-                    f"All resonances of the model are too {'low' if low else 'high'}: check or free length, Young's "
-                    "modulus and density."
+                    f"All resonances of the model are too {'low' if low else 'high'}: check length, Young's modulus "
+                    "and density, or state them as uncertain."
                 )
             case "frequencies, unevenly":
                 return (
-                    "No joint makes all resonances fit: check or free length, Young's modulus and density, of which "
-                    "the joint takes up a part; else something is missing in the model (a mass, a second joint), and "
-                    "errors of natural frequencies can be admitted ([uncertain.mode_frequencies])."
+                    "No joint makes all resonances fit. Check length, Young's modulus and density, or state them as "
+                    "uncertain: the joint compensates part of their error. Otherwise something is missing in the "
+                    "model (a mass, a second joint); [uncertain.mode_frequencies] allows for that."
                 )
             case "damping":
                 ratios = [mode.damping_ratio for mode in self.modes if math.isfinite(mode.damping_ratio)]
                 return (
-                    f"Peaks have another width at the right frequency: measured damping is {np.median(ratios):.2g} "
-                    "times that of the model; correct or free the damping."
+                    f"The peaks are at the right frequency but their width is wrong: measured damping is "
+                    f"{np.median(ratios):.2g} times that of the model; correct it or state it as uncertain."
                 )
             case "level":
                 level = float(np.median([pair.level for pair in self.pairs]))
                 return (
                     f"The level is off: measured FRFs are {level:.3g} times the predicted ones at every resonance; "
-                    "check the calibration, or free the gain."
+                    "check the calibration, or state the gain as uncertain."
                 )
             case "one sensor":
                 pair = next(p for p in self.pairs if f"{p.output}/{p.input}" == self.sensor)
                 how = "has the opposite sign" if pair.turned else f"is {pair.level:.3g} times the predicted one"
-                return f"One FRF alone is off: {self.sensor} {how}; check calibration, direction, place of its sensor."
+                return (
+                    f"One FRF alone is off: {self.sensor} {how}; check its sensor's calibration, direction and "
+                    "position."
+                )
 
 
 def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:

@@ -107,10 +107,10 @@ def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:
     ('identified', 'not identified')
     """
     if not contraction >= LEAST_CONTRACTION:
-        shrunk = f"the data shrink the prior's variance by {100 * max(contraction, 0.0):.0f} % only"
-        return "not identified", f"{shrunk}, {100 * LEAST_CONTRACTION:g} % is needed"
+        shrunk = f"the data reduce the prior's variance by only {100 * max(contraction, 0.0):.0f} %"
+        return "not identified", f"{shrunk}; {100 * LEAST_CONTRACTION:g} % is needed"
     if math.isinf(ratio):
-        return "not identified", "its 95 % credible interval holds zero"
+        return "not identified", "its 95 % credible interval contains zero"
     spread = f"the upper end is {factor(ratio)} times the lower end"
     if ratio <= IDENTIFIED_RATIO:
         return "identified", f"{spread}, at most {IDENTIFIED_RATIO:g}"

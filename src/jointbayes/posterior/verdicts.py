@@ -152,7 +152,9 @@ def _with_wider_priors(
     values = wide.prior.stiffness(wide.theta)[:, place]
     wider = assess(values, wide.prior.stiffness(wide.prior_theta)[:, place])
     if not wide.reliable:
-        return _less_certain(known, "not identified", f"rests on the prior: the posterior with {_WIDER} was not found")
+        return _less_certain(
+            known, "not identified", f"rests on the prior: the posterior with {_WIDER} could not be computed"
+        )
     below, above = _beyond_bounds(posterior, wide, name)
     if below > BEYOND or above > BEYOND:
         return _bounded(posterior, name, known, wider.verdict, below, above)
@@ -187,15 +189,15 @@ def _bounded(
     """What the draws say of a stiffness that a bound of its prior holds: a limit to the other side."""
     if below > BEYOND and above > BEYOND:
         both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return replace(known, verdict="not identified", verdict_reason=f"{both} hold it on both sides")
+        return replace(known, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
     side: Side = "upper" if above > BEYOND else "lower"
     probability = 0.05 if side == "upper" else 0.95
-    reason = f"{_bound_in_words(posterior, name, side)} holds it"
+    reason = f"{_bound_in_words(posterior, name, side)} limits it"
     limit = float(np.quantile(posterior.values(name), probability))
     drawn = posterior.prior_values(name)
     excluded = float(((drawn < limit) if side == "upper" else (drawn > limit)).mean())
     if excluded < LEAST_EXCLUDED:
-        reason += f", and the data exclude {100 * excluded:.0f} % of the prior only"
+        reason += f", and the data exclude only {100 * excluded:.0f} % of the prior"
         return replace(known, verdict="not identified", verdict_reason=reason)
     if wider in CERTAINTY:
         reason += f"; with {_WIDER} it would be {wider}"

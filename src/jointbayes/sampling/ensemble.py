@@ -73,7 +73,7 @@ def mixture(chart: Chart | None = None, proposal: Proposal | None = None) -> tup
     With a proposal that is close to the posterior most steps are independence moves. The rest are local.
 
     Of these, steps along a difference of two walkers had the shortest τ on Gaussian, curved and skewed densities (a
-    sixth to a half of that of stretch moves alone). The whole difference (gamma0 = 1) carries walkers from one mode to
+    sixth to a half of that of stretch moves alone). The full step (gamma0 = 1) carries walkers from one mode to
     another. A tenth of stretch moves varies the step length, which is fixed in the other two, for densities whose
     width changes from place to place, and costs little. With a chart most of these moves are made in it, and
     the others remain for densities that are no closer to a Gaussian there.
@@ -96,13 +96,15 @@ def mixture(chart: Chart | None = None, proposal: Proposal | None = None) -> tup
     flat = Identity()
     local = [
         WeightedMove("differential evolution", ChartedDEMove(flat), 0.8),
-        WeightedMove("whole difference", ChartedDEMove(flat, gamma0=1.0), 0.1),
+        WeightedMove("differential evolution, full step", ChartedDEMove(flat, gamma0=1.0), 0.1),
         WeightedMove("stretch", HalvesStretchMove(), 0.1),
     ]
     if chart is not None:
         charted = [
-            WeightedMove("differential evolution in the chart", ChartedDEMove(chart), 0.9),
-            WeightedMove("whole difference in the chart", ChartedDEMove(chart, gamma0=1.0), 0.1),
+            WeightedMove("differential evolution, adapted coordinates", ChartedDEMove(chart), 0.9),
+            WeightedMove(
+                "differential evolution, full step, adapted coordinates", ChartedDEMove(chart, gamma0=1.0), 0.1
+            ),
         ]
         local = _share(charted, CHARTED_SHARE) + _share(local, 1 - CHARTED_SHARE)
     share = 0.0 if proposal is None else independence_share(proposal.efficiency)

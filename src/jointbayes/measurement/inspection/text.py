@@ -15,7 +15,7 @@ _LISTED = 40
 
 
 def text_of(found: Inspection) -> Iterator[str]:
-    """Lines to print: contents, channels, resonances, hits, notes, doubts."""
+    """Lines to print: contents, channels, resonances, hits, notes, warnings."""
     yield f"{found.source} ({found.form})" if found.form else found.source or "records"
     for kind, count in _first(found.kinds):
         yield f"  {count} × {kind}"
@@ -40,9 +40,9 @@ def text_of(found: Inspection) -> Iterator[str]:
         yield from _more(len(found.notes))
     yield ""
     if not found.doubts:
-        yield "No doubts."
+        yield "No warnings."
         return
-    yield f"Doubts ({len(found.doubts)})"
+    yield f"Warnings ({len(found.doubts)})"
     for number, doubt in enumerate(found.doubts, 1):
         yield f"  {number}. {doubt.where}: {doubt.sentence}. What to do: {doubt.remedy}. [{doubt.key}]"
 

@@ -216,7 +216,7 @@ def _of_coherence(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
         once = ", as it always is with one average" if record.averages == 1 else ""
         yield (
             "coherence_one",
-            f"coherence is 1 on all lines{once}: it tells nothing of the noise",
+            f"coherence is 1 on all lines{once}: it says nothing about the noise",
             "export it again, or state the noise, or give repeated measurements",
         )
     if known.size and ((known < -1e-6) | (known > 1 + 1e-6)).any():
@@ -244,7 +244,7 @@ def _of_unit(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
     if not record.unit.strip():
         yield (
             "unit_missing",
-            "no unit stands with the numbers, taken as SI: one FRF alone cannot tell m/s² from g or m from mm",
+            "the numbers have no unit and were taken as SI: a single FRF cannot tell m/s² from g or m from mm",
             "find out the unit of the sensor, and scale the channel by its gain if it is another",
         )
         return
@@ -283,8 +283,8 @@ def _of_drive_point(
         at = wrong_peaks[0] if wrong_peaks else float(f[np.argmax(run)])
         yield (
             "not_passive",
-            f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would give off "
-            "more energy than it takes",
+            f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would release "
+            "more energy than it receives",
             "look whether force and response are really at one point and in one direction, and at phase and delay of "
             "the channels",
         )

@@ -131,7 +131,7 @@ def _in_words(found: tuple[str, str, str], reciprocal: bool) -> tuple[str, str, 
     # the ratio of two quantities of one sensor, g and rad/s have doubts of their own
     keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
     key = keys.get(kind, "reciprocity" if reciprocal else "repeats_differ")
-    what = "response and force changed over, the FRFs should be equal" if reciprocal else "the same FRF is there twice"
+    what = "with response and force exchanged the FRFs should be equal" if reciprocal else "the same FRF is there twice"
     return key, f"{what}, but {sentence}", remedy
 
 
@@ -158,7 +158,7 @@ def _mass_line(record: FrfRecord, mass_kg: float) -> Iterable[tuple[str, str, st
         yield (
             "g_against_ms2" if in_g else "mass_line",
             f"below its first resonance the drive point moves like {1 / level:.4g} kg, {heavy:.3g} times the "
-            f"structure's {mass_kg:g} kg; a free structure cannot move like more than its mass"
+            f"structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
             + (": the response is probably in g" if in_g else ""),
             "find out the unit of the accelerometer" + (" and give the channel the gain 9.80665" if in_g else ""),
         )

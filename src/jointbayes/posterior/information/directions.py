@@ -175,10 +175,10 @@ def summary_sentence(named: Sequence[NamedDirection]) -> str:
     Examples
     --------
     >>> summary_sentence([])
-    'The joint has no stiffness to be known.'
+    'The joint has no unknown stiffness.'
     """
     if not named:
-        return "The joint has no stiffness to be known."
+        return "The joint has no unknown stiffness."
     return "; ".join(n.sentence for n in named) + "."
 
 
@@ -326,7 +326,7 @@ def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDire
     if found.limit:
         spread = f"it is {found.limit} with 95 % probability"
     elif low <= 0 <= high:
-        spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, holds zero"
+        spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, contains zero"
     elif math.isinf(found.ratio):
         spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:

@@ -140,7 +140,7 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     settled = [row for row in rows if row.known]
     least, most = (pick(settled, key=lambda row: len(row.uncertain)) for pick in (min, max))
     if not most.uncertain or least.uncertain or len(settled) < 2:
-        return "Whether other uncertain quantities matter could not be settled by draws."
+        return "Whether other uncertain quantities matter is open: the draws that would show it did not converge."
     parts = []
     for name, verdict in least.verdict.items():
         if _RANK[most.verdict[name]] <= _RANK[verdict]:
@@ -161,7 +161,7 @@ def _spread(found: Identifiability) -> str:
     low, high = found.interval95
     if found.limit:
         return f"{found.limit} with 95 % probability"
-    return "its sign is open" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
+    return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
 
 def _row(
@@ -218,10 +218,10 @@ def _judged(values: Array, prior: Array, held: Sequence[Side]) -> Identifiabilit
     if not held:
         return found
     if len(held) > 1:
-        return replace(found, verdict="not identified", verdict_reason="both bounds of its prior hold it")
+        return replace(found, verdict="not identified", verdict_reason="both bounds of its prior limit it")
     above = held[0] == "upper"
     limit = float(np.quantile(values, 0.05 if above else 0.95))
-    reason = f"the prior's {held[0]} bound holds it"
+    reason = f"the prior's {held[0]} bound limits it"
     if float(((prior < limit) if above else (prior > limit)).mean()) < LEAST_EXCLUDED:
         return replace(found, verdict="not identified", verdict_reason=reason)
     verdict: Verdict = "bounded below" if above else "bounded above"

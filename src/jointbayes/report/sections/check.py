@@ -62,7 +62,7 @@ def _measure(posterior: Posterior) -> list[Block]:
             for m in found.modes
         )
         head = ("Measured (Hz)", "MAP (Hz)", "Error (%)", "Damping, measured over MAP")
-        note = "Each fitted alike in measured and predicted data. A dash: natural frequencies have no damping."
+        note = "Fitted to measured and predicted data in the same way. A dash: natural frequencies have no damping."
         blocks.append(Table("Resonances", head, rows, note=note))
     if found.pairs:
         pairs = tuple((f"{p.output}/{p.input}", f"{p.correlation:.4f}", number(p.level)) for p in found.pairs)

@@ -58,19 +58,18 @@ def knowledge_section(posterior: Posterior, knowledge: Knowledge, summary: Summa
     rows = tuple((d.quantity, *_figures(d), _words(d.verdict, condition)) for d in knowledge.directions)
     blocks.append(
         Table(
-            "Combinations of the stiffnesses that are known independently",
+            "Combinations of the stiffnesses that are determined independently",
             ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
-            note="Each combination evaluated on the draws, best known first; judged as a single stiffness is. "
-            "rho = k12/√(k11 k22). A dash: draws of both signs, or a limit to one side, which holds with 95 % "
-            "probability.",
+            note="Computed from the draws, best known first, with the verdicts of single stiffnesses. "
+            "rho = k12/√(k11 k22). A dash: draws of both signs, or a one-sided limit of 95 % probability.",
             row_kinds=tuple(_kind(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions),
         )
     )
     blocks.append(_correlations(posterior))
     if knowledge.freed:
         blocks += freed_blocks(knowledge)
-    return Section("known", "What is known, and what it rests on", tuple(blocks))
+    return Section("known", "What is known, and what it assumes", tuple(blocks))
 
 
 def _words(verdict: Verdict, condition: str) -> str:
@@ -104,7 +103,7 @@ def _correlations(posterior: Posterior) -> Table:
         "Correlation of the draws",
         ("", *(coordinate_label(name) for name in joint)),
         rows,
-        note="Near 1 or −1 the data know a combination of the two, not each by itself.",
+        note="Near 1 or −1 the data determine a combination of the two, not each by itself.",
     )
 
 
@@ -120,15 +119,15 @@ def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None
         rows.append((profile.name, *ends, interval(known.known.interval95) if known else "–"))
     blocks: tuple[Block, ...] = (
         Paragraph(
-            "These are likelihood-ratio confidence limits, not credible intervals. Each asks how well the data can "
-            "still be fitted at a value, with everything else at its best; it does not ask how many joints fit so "
-            "well, and leaves the priors of the joint out but for their bounds. The verdicts rest on the draws."
+            "These are likelihood-ratio confidence limits, not credible intervals. They bound the values at which the "
+            "data can still be fitted with all else adjusted, however few joints fit so well, and use only the bounds "
+            "of the joint's priors. The verdicts are based on the draws."
         ),
         Table(
             "Likelihood-ratio limits at 95 %",
             ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)"),
             tuple(rows),
-            note="None: within the bounds of the prior the data set no limit. Units as above; rho has none.",
+            note="None: the data set no limit within the prior's bounds. Units as above; rho has none.",
         ),
         Figure(
             "profiles",
@@ -142,22 +141,22 @@ def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None
 
 
 def freed_blocks(knowledge: Knowledge) -> list[Block]:
-    """What uncertain quantities cost: a sentence and the table, whose first row is the run."""
+    """The effect of uncertain inputs: a sentence and the table, whose first row is the run."""
     names = tuple(knowledge.freed[0].known)
-    head = ("Uncertain other quantities", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Draws of")
+    head = ("Uncertain besides the joint", *(f"{name}, 95 % interval" for name in names), "Verdicts", "Source")
     rows = tuple(_freed_row(row, names) for row in knowledge.freed)
     note = (
-        "Each row from draws with just these quantities uncertain and all others at their stated values. The ends from "
-        "a short run are rough. A dash: draws that can be trusted were not to be had in a short time."
+        "Each row is sampled with only these quantities uncertain and all others at their stated values. Interval ends "
+        "from a short run are approximate. A dash: the short run did not converge."
     )
     lead = knowledge.freed_sentence
     if knowledge.assumed:
         lead = (
-            "This case takes everything other than the joint as exactly known. Were it known less well "
+            "This case assumes that everything but the joint is exactly known. The effect of usual uncertainties "
             f"({', '.join(knowledge.assumed)}): {lead[0].lower()}{lead[1:]}"
         )
-        note += " The uncertainties are assumed; state your own in [uncertain] to have them in the result."
-    return [Paragraph(f"**{lead}**"), Table("What uncertain quantities cost", head, rows, note=note, align=None)]
+        note += " These uncertainties are assumed; state your own in [uncertain] to include them in the result."
+    return [Paragraph(f"**{lead}**"), Table("Effect of uncertain inputs", head, rows, note=note, align=None)]
 
 
 def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -191,8 +190,8 @@ def nuisance_section(summary: Summary) -> Section | None:
     )
     head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
     note = (
-        "Contraction 0: the data say nothing about it and it keeps its prior; 1: they say all; none: it is as wide as "
-        "its prior or wider."
+        "Contraction 0: the data say nothing about it, and the posterior is the prior; near 1: the data determine it; "
+        "none: the posterior is as wide as the prior or wider."
     )
     return Section(
         "nuisances",

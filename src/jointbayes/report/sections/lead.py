@@ -62,13 +62,13 @@ def _banners(posterior: Posterior, summary: Summary) -> list[Block]:
         banners.append(Callout("caution", f"**The mesh shows.** {summary.mesh.sentence}"))
     if posterior.at_prior_edge:
         names = ", ".join(posterior.at_prior_edge)
-        text = f"**The mode lies on an edge of the prior: {names}.** There the prior decides, not the data; widen it."
+        text = f"**The mode lies on an edge of the prior: {names}.** There the prior limits it, not the data; widen it."
         banners.append(Callout("caution", text))
     if summary.fit.synthetic_data:
         banners.append(
             Callout(
                 "caution",
-                "**The FRF data are synthetic**: computed from a joint and with noise that the case states.",
+                "**The FRF data are synthetic**: computed from the joint and the noise that the case states.",
             )
         )
     return banners
@@ -125,8 +125,8 @@ def coupling_sentence(summary: Summary) -> str:
     low, high = k12.interval95
     if low <= 0 <= high:
         return (
-            f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval, {_interval(k12)} N, holds "
-            "zero, so that not even its sign is known."
+            f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval, {_interval(k12)} N, "
+            "contains zero, so that not even its sign is known."
         )
     text = (
         f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval spans a factor of "
@@ -205,7 +205,7 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
     note = (
         "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
         "of ln k (of k12 itself where it has both signs) that the data removed; none where the posterior is as wide as "
-        "the prior or wider, because the data favour the prior's outskirts."
+        "the prior or wider, because the data favour values near the prior's ends."
     )
     blocks: list[Block] = [
         Table("Posterior in numbers", head, rows, note=note),
@@ -320,7 +320,7 @@ def starts_section(
     head = ("Start", "k11, k12, k22 from", "to", "ln p", "Mode reached")
     reached = len(rows) - len(estimate.failed_starts)
     text = f"{reached} of {len(rows)} starts reach the mode"
-    text += f"; not: {estimate.failed_text}." if estimate.failed_starts else "."
+    text += f"; these do not: {estimate.failed_text}." if estimate.failed_starts else "."
     text += (
         f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
     )

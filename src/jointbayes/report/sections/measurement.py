@@ -57,10 +57,10 @@ def measurement_section(provenance: Provenance) -> Section:
     )
     if p.variance_dof is not None:
         text += (
-            f" It is itself estimated, line by line from {p.variance_dof} degrees of freedom, so that residuals over "
-            "it are Student-t with as many, not Gaussian; the case is analysed so unless its [noise] says otherwise."
+            f" It is itself an estimate, with {p.variance_dof} degrees of freedom at each line, so the standardised "
+            "residuals follow Student's t distribution with as many, unless [noise] states another."
         )
-    blocks: list[Block] = [Callout("caution", f"**Doubtful: {d.where}.** {_sentence(d)}") for d in p.doubts]
+    blocks: list[Block] = [Callout("caution", f"**Check {d.where}.** {_sentence(d)}") for d in p.doubts]
     blocks.append(Paragraph(text))
     files = tuple((file.name, f"{file.size}", f"`{file.sha256}`") for file in p.files)
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))

@@ -23,7 +23,7 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
     )
     return Section(
         "paper",
-        "The paper's tables beside ours",
+        "Comparison with the paper's tables",
         (
             Table(
                 "Paper's Table 2: rigid clamp",

@@ -16,9 +16,9 @@ __all__ = ["build_comparison_report", "evidence_table", "text_table"]
 Row = dict[str, Any]
 
 _MEANING = {
-    "rigid": "the joint does not yield",
-    "translation": "it yields in translation only (k11)",
-    "rotation": "it yields in rotation only (k22)",
+    "rigid": "a rigid joint",
+    "translation": "a spring in translation (k11), rigid in rotation",
+    "rotation": "a spring in rotation (k22), rigid in translation",
     "springs": "two springs without coupling (k11, k22)",
     "full": "the case's own joint, with coupling (k11, k12, k22)",
 }
@@ -41,7 +41,7 @@ def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
     note = (
         "ln Z with its standard error; 2 ln B of the best against each, in the words of Kass and Raftery (1995); "
         "probability if all were equally probable before the data. An edge in the last column is one of the prior "
-        "that the posterior piles up on: there ln Z depends on where the prior ends."
+        "at which the posterior accumulates: there ln Z depends on where the prior ends."
     )
     return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=note, row_kinds=kinds)
 
@@ -96,7 +96,7 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
     error = "" if row["method"] == "exact" else f" ± {number(row['log_z_error'], 1)}"
     marks = [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
     if not row["trusted"]:
-        marks.insert(0, "error not to be trusted")
+        marks.insert(0, "error unreliable")
     if row["words"] == "best":
         marks.insert(0, "best")
     return (
@@ -118,7 +118,7 @@ def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
     blocks: list[Block] = [Callout("good" if summary["trusted"] else "caution", f"**{summary['verdict']}**")]
     if not summary["trusted"]:
         names = ", ".join(f"{r['hypothesis']} in {r['case']}" for r in summary["candidates"] if not r["trusted"])
-        blocks.append(Callout("bad", f"**The evidence has no error to be trusted for: {names}.**"))
+        blocks.append(Callout("bad", f"**The error of the evidence is unreliable for: {names}.**"))
     return tuple(blocks)
 
 
@@ -129,7 +129,7 @@ def _figure(summary: dict[str, Any]) -> Figure:
     return Figure(
         "evidence-plot",
         "Evidence of each candidate with twice its standard error. Dashed lines: 2 ln B of 2, 6 and 10 against the "
-        "best, the ends of bare mention, positive and strong evidence. An arrow stands for a candidate further down.",
+        "best, the ends of bare mention, positive and strong evidence. An arrow marks a candidate further down.",
         f"Evidence of {len(rows)} candidates; the best is {labels[0]} with ln Z {log_z[0]:.2f}.",
         figures.evidences(labels, log_z, error, _REACH),
     )
@@ -142,10 +142,10 @@ def _method_table(summary: dict[str, Any]) -> Table:
         for row in _ranked(summary)
     )
     note = (
-        "Pareto k is the shape of the largest importance weights: up to 0.7 the error of ln Z may be believed, above "
-        "it nested sampling takes over, which has none."
+        "Pareto k is the shape of the largest importance weights: up to 0.7 the error of ln Z is reliable; above it "
+        "nested sampling takes over, which has none."
     )
-    return Table("How ln Z was found", head, rows, note=note)
+    return Table("How ln Z was computed", head, rows, note=note)
 
 
 def _joint_table(summary: dict[str, Any]) -> Table:
@@ -191,11 +191,11 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     present = dict.fromkeys(row["hypothesis"] for row in summary["candidates"])
     meaning = "; ".join(f"**{name}**: {_MEANING[name]}" for name in present)
     return (
-        Paragraph(f"{meaning}. What is not said to yield is rigid."),
+        Paragraph(f"{meaning}."),
         Paragraph(
             "ln Z is the logarithm of the probability of the data under a hypothesis, averaged over its prior. It "
-            "falls with every parameter that the data do not ask for, and with the width of that parameter's prior: "
-            "twice as many decades of a stiffness that the data pin down cost ln 2 = 0.7. It says which of these "
+            "falls with every parameter that the data do not need, and with the width of that parameter's prior: "
+            "twice as many decades of a stiffness that the data determine cost ln 2 = 0.7. It says which of these "
             "candidates is the most probable, not whether any of them is true."
         ),
     )

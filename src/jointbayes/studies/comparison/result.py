@@ -139,7 +139,7 @@ class Comparison:
             text += " It is the only one: nothing was compared."
         if best.at_edge:
             edges = ", ".join(dict.fromkeys(edge.name for edge in best.at_edge))
-            text += f" Its posterior piles up on an edge of the prior of {edges}: there ln Z depends on the prior."
+            text += f" Its posterior accumulates at an edge of the prior of {edges}: there ln Z depends on the prior."
         return text
 
     def summary(self) -> dict[str, Any]:

@@ -174,14 +174,14 @@ class Plan:
         if not self.converged:
             return f"No recommendation: the draws of the present posterior have not converged ({self.reason})."
         if not self.ranked:
-            return "No recommendation: no measurement was simulated with success."
+            return "No recommendation: every simulation failed."
         best = self.recommended
         now = f"{spread_in_words(self.now.sd)} ({self.now.verdict})"
         if best is None:
             first = self.ranked[0]
             return (
-                f"None of the {len(self.ranked)} simulated measurements makes {self.parameter} much better known than "
-                f"it is now, to {now}: the best, {first.words}, would leave {spread_in_words(first.sd_after)}."
+                f"None of the {len(self.ranked)} simulated measurements would narrow {self.parameter} much: it is now "
+                f"known to {now}, and after the best, {first.words}, to {spread_in_words(first.sd_after)}."
             )
         assert best.simulation is not None
         low, high = best.simulation.range80
@@ -201,10 +201,10 @@ class Plan:
             found.append("The measurements were simulated for a stated joint, not for what the present data allow.")
         lost = [one.label for one in self.measurements if one.simulation is not None and not one.simulation.valid]
         if lost:
-            found.append(f"Too many simulated posteriors were not found, so these are not ranked: {', '.join(lost)}.")
+            found.append(f"Not ranked, because too many simulations failed: {', '.join(lost)}.")
         if self.left_out:
             found.append(
-                f"{self.left_out} further sets could come first by the linearised first look and were not simulated."
+                f"{self.left_out} further sets that could rank first by the linearised estimate were not simulated."
             )
         return tuple(found)
 

@@ -32,12 +32,12 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
             f"{parameter} known to (80 %)",
             f"sd of ln {parameter} (80 %)",
             "Verdict then",
-            "Found by",
+            "Based on",
         ),
         (*rows, present),
         align="llllll",
-        note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: first look by "
-        "Fisher information, never a reason to recommend.",
+        note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: ranked by Fisher "
+        "information alone, and never recommended.",
     )
 
 
@@ -73,14 +73,14 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
     source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
     how = (
         f"Each measurement was simulated, with noise, for {source}, the same ones for all candidates; the posterior "
-        "of the data in hand together with each simulated measurement was found by reweighting draws of the present "
+        "of the data in hand together with each simulated measurement was computed by reweighting draws of the present "
         "posterior, or by importance sampling where too few of them stayed effective. The ranges hold 80 % of the "
         "simulated measurements, so that the value found later should lie within its range in four of five cases. "
         "Candidates that could come first by their range were simulated more often."
     )
     sections = (
         Section("candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))),
-        Section("method", "How this was found", (Paragraph(how),)),
+        Section("method", "How this was computed", (Paragraph(how),)),
     )
     kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
     return Report(
