@@ -63,8 +63,8 @@ def test_a_right_model_has_no_cause(text, noise):
     [
         (with_truth(TIP, "length_mm = 370.0"), None, "frequencies, all the same way", "too low: check length"),
         (with_truth(BOTH, "youngs_modulus_gpa = 200.0"), None, "frequencies, all the same way", "too high"),
-        (with_truth(TIP, "damping_ratio = 0.02"), None, "damping", "free the damping"),
-        (with_truth(BOTH, "damping_ratio = 0.007"), None, "damping", "free the damping"),
+        (with_truth(TIP, "damping_ratio = 0.02"), None, "damping", "their width is wrong"),
+        (with_truth(BOTH, "damping_ratio = 0.007"), None, "damping", "their width is wrong"),
         (with_truth(TIP, "gain = 1.1"), None, "level", "times the predicted ones at every resonance"),
         (with_truth(BOTH, "gain = 1.1"), None, "level", "calibration"),
         (BOTH, scaled(1, 1.2), "one sensor", "One FRF alone is off: 6:y/11:y is 1."),

@@ -370,7 +370,7 @@ def test_what_was_not_simulated_is_never_recommended():
 def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked():
     found = planned(a=simulated(0.1, 0.1, None, None), b=simulated(0.5, 0.5, 0.5, 0.5))
     assert found.recommended.names == ("2:y",)
-    assert "not ranked: 1:y" in found.notes[0]
+    assert "too many simulations failed: 1:y" in found.notes[0]
     rows = {row[0]: row for row in candidate_table(found.summary()).rows}
     assert rows["1:y"][-1] == "2 of 4 simulations failed"
 
