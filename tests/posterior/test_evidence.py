@@ -325,7 +325,7 @@ class TestModes:
         # what lowers k11, and so leads inside, lowers k22, and so leads outside
         covariance = np.array([[4.0, 0.0, 4.0 * (1 - 1e-12)], [0.0, 1.0, 0.0], [4.0 * (1 - 1e-12), 0.0, 4.0]])
         estimate = jb.MapEstimate(corner, np.exp(corner), covariance, 0.0, (), ())
-        start = laplace_ball(case, estimate, case.sampler, np.random.default_rng(15))
+        start = laplace_ball(case.problem, estimate, case.sampler, np.random.default_rng(15))
         assert np.isfinite(case.problem.prior.log_density(start.reshape(-1, 3))).all()
         assert (start.std(axis=(0, 1)) > 0).all()
 
@@ -341,7 +341,7 @@ class TestModes:
         assert len(modes) == 2
         estimate = jb.MapEstimate(modes[0].theta, np.ones(3), modes[0].covariance, 0.0, (), modes)
         settings = case.sampler
-        start = laplace_ball(case, estimate, settings, np.random.default_rng(15))
+        start = laplace_ball(case.problem, estimate, settings, np.random.default_rng(15))
         assert start.shape == (settings.ensembles, settings.walkers, 3)
         assert ((start[..., 2] > 0).sum(axis=1) == settings.walkers // 2).all()
         back = estimate_from(estimate_record(estimate))

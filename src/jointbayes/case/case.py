@@ -82,7 +82,7 @@ class Case:
 
     @property
     def paper_audit(self) -> bool:
-        """Whether the report sets the paper's tables beside the results and audits them."""
+        """Whether the report compares the paper's tables with the results and audits them."""
         return bool(self.spec.reference and self.spec.reference.paper_audit)
 
     @property

@@ -45,7 +45,7 @@ class FrfLikelihood:
     measurement
         FRFs of any quantity with variance σ² = E|δH|².
     names
-        Uncertain quantities beside the joint, in the order in which factors come: those of the model's structure,
+        Uncertain quantities besides the joint, in the order in which factors come: those of the model's structure,
         then ``gain`` if the measured FRFs are the true ones times an uncertain number, then those of the noise.
     noise
         Noise model; its parameters are the factors themselves.

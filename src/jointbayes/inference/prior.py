@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Nuisance:
-    """A quantity beside the joint that is not exactly known; its coordinate is ln(value/nominal).
+    """A quantity besides the joint that is not exactly known; its coordinate is ln(value/nominal).
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ class RunRecord:
 
 
 class SampledCase(Protocol):
-    """What a report says of the case that was sampled, beside the posterior."""
+    """What a report says of the case that was sampled, besides the posterior."""
 
     @property
     def title(self) -> str:
@@ -70,7 +70,7 @@ class SampledCase(Protocol):
 
     @property
     def paper_audit(self) -> bool:
-        """Whether the paper's tables are set beside the results and audited."""
+        """Whether the paper's tables are compared with the results and audited."""
         ...
 
     @property

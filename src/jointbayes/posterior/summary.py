@@ -57,7 +57,7 @@ class StiffnessSummary:
 
 @dataclass(frozen=True, slots=True)
 class NuisanceSummary:
-    """One quantity beside the joint, in `unit`; `sd_log` and `contraction` are those of its logarithm."""
+    """One quantity besides the joint, in `unit`; `sd_log` and `contraction` are those of its logarithm."""
 
     unit: str
     nominal: float
@@ -120,7 +120,7 @@ class Summary:
     no_verdict
         Why the run gives no verdict on any stiffness; empty where it does.
     parameters, nuisances
-        Each stiffness, and each quantity beside the joint that is uncertain, by name.
+        Each stiffness, and each uncertain quantity besides the joint, by name.
     map, natural_frequencies_hz, fit
         The MAP, natural frequencies there and over draws, and how well it fits.
     check, diagnosis
@@ -233,7 +233,7 @@ def summarise(
     initial
         First guess of (k11, k12, k22), for the frequencies before identification.
     measured_frequencies_hz
-        Measured natural frequencies to set beside the predicted ones, if known.
+        Measured natural frequencies to compare with the predicted ones, if known.
     knowledge
         What `gather_knowledge` found; without it only the check of the model is made here.
     warnings

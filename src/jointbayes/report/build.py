@@ -41,7 +41,7 @@ class ReportInputs:
     freed
         The same problem with more quantities uncertain, to say what freeing them does.
     paper_tables
-        Whether to set the paper's tables beside the results and audit them.
+        Whether to compare the paper's tables with the results and audit them.
     provenance
         Where data from measurement files come from, None for other data.
     warnings

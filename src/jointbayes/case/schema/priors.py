@@ -137,7 +137,7 @@ def _uncertain(what: str) -> object:
 
 
 class UncertainSpec(Spec):
-    """What is a parameter beside the joint, each with its prior; what is not named here is known exactly."""
+    """Uncertain quantities besides the joint, each with its prior; what is not named here is known exactly."""
 
     youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus")] = None
     density: Annotated[FactorPriorSpec | None, _uncertain("the density")] = None
