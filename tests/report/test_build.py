@@ -278,8 +278,9 @@ def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_po
 def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_posterior):
     # eleven more columns of the joint's own draws stand for eleven uncertain quantities
     names = tuple(f"mode_frequency_{i}" for i in range(1, 12))
+    known = cheap_posterior.problem
     many = SimpleNamespace(
-        problem=SimpleNamespace(names=(*cheap_posterior.problem.names, *names)),
+        problem=SimpleNamespace(names=(*known.names, *names), parametrisation=known.parametrisation),
         theta=np.concatenate([cheap_posterior.theta, *(cheap_posterior.theta[:, :1] + i for i in range(11))], axis=1),
         log_density=cheap_posterior.log_density,
         draws=cheap_posterior.draws,

@@ -13,7 +13,6 @@ __all__ = [
     "HYPOTHESES",
     "STIFFNESSES",
     "STIFFNESS_NAMES",
-    "STIFFNESS_UNITS",
     "Coordinate",
     "Quantity",
 ]
@@ -53,7 +52,6 @@ STIFFNESSES = (
     Quantity("k22", "N·m/rad", "the rotational stiffness", (1, 1)),
 )
 STIFFNESS_NAMES = tuple(quantity.name for quantity in STIFFNESSES)
-STIFFNESS_UNITS = tuple(quantity.unit for quantity in STIFFNESSES)
 
 
 @dataclass(frozen=True, slots=True)

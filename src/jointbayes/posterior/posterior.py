@@ -141,6 +141,11 @@ class Posterior:
         """All draws of (k11, k12, k22), shape (n, 3), chain after chain."""
         return np.stack([self.values(name).ravel() for name in self.stiffness_names], axis=-1)
 
+    @property
+    def prior_stiffness(self) -> Array:
+        """Draws of (k11, k12, k22) from the prior, shape (m, 3)."""
+        return np.stack([self.prior_values(name).ravel() for name in self.stiffness_names], axis=-1)
+
     @cached_property
     def theta(self) -> Array:
         """All draws of θ, shape (n, d), chain after chain."""

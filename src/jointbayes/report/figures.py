@@ -107,16 +107,15 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
 
 
 def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
-    """Profile likelihoods side by side: name, values of the coordinate and ln ratio, each of shape (points,)."""
+    """Profile likelihoods side by side: label of the axis, values on it and ln ratio, each of shape (points,)."""
 
     def draw(canvas: Canvas) -> None:
         panels = np.atleast_1d(canvas.subplots(1, len(curves), sharey=True))
-        for axes, (name, value, log_ratio) in zip(panels, curves, strict=True):
-            scale = 1.0 if name == "rho" else 1 / np.log(10)
-            axes.plot(value * scale, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
+        for axes, (label, value, log_ratio) in zip(panels, curves, strict=True):
+            axes.plot(value, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
             axes.axhline(-1.92, color=_ORANGE, ls="--", lw=1)  # half the 95 % point of χ² with one degree of freedom
             axes.set_ylim(-5, 0.3)
-            axes.set_xlabel("ρ" if name == "rho" else f"log₁₀ {name}")
+            axes.set_xlabel(label)
         panels[0].set_ylabel("ln likelihood ratio")
 
     return svg(draw, 7.4, 2.4)
@@ -134,16 +133,16 @@ def residual_norm(norm: Array) -> str:
     return svg(draw, 6.2, 2.6)
 
 
-def histories(names: Sequence[str], units: Sequence[str], history: Array, published: Array | None) -> str:
+def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:
     """The paper's Fig. 8: each stiffness over iteration steps; `history` of shape (steps + 1, parameters)."""
 
     def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, len(names))
+        panels = canvas.subplots(1, len(titles))
         for i, axes in enumerate(panels):
             axes.plot(np.arange(len(history)), history[:, i], "o-", ms=2.5, lw=1, color=_BLUE)
             if published is not None:
                 axes.axhline(published[i], color=_ORANGE, ls="--", lw=1, label="published")
-            axes.set_title(f"{names[i]} ({units[i]})", fontsize=9)
+            axes.set_title(titles[i], fontsize=9)
             axes.set_xlabel("Iteration step")
         if published is not None:
             panels[-1].legend(loc="lower right")

@@ -78,12 +78,11 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
         own problem takes all as exactly known.
     """
     problem = posterior.problem
-    prior = np.stack([posterior.prior_values(name).ravel() for name in posterior.stiffness_names], axis=-1)
     known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     assumed = freed is not None and not uncertain_quantities(problem)
     return Knowledge(
         posterior.check,
-        name_directions(posterior.stiffness, prior, known, _under_wider_priors(posterior)),
+        name_directions(posterior.stiffness, posterior.prior_stiffness, known, _under_wider_priors(posterior)),
         _profiles(problem, posterior),
         effect_of_uncertain_inputs(posterior, freed),
         assumed_words(freed) if assumed and freed is not None else (),

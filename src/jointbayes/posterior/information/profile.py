@@ -19,6 +19,7 @@ from scipy import optimize, special
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior, Problem
+from jointbayes.joint import Coordinate
 from jointbayes.posterior.information.fisher import inverse_information
 
 __all__ = ["ProfileLikelihood", "profile_likelihood"]
@@ -39,8 +40,8 @@ class ProfileLikelihood:
 
     Parameters
     ----------
-    name
-        Coordinate.
+    coordinate
+        Which.
     value
         Its values in increasing order, shape (n,): ln k, ρ or ln(p/nominal).
     log_ratio
@@ -55,7 +56,7 @@ class ProfileLikelihood:
         Whether the ratio does not fall that far within the prior: there is no lower or upper limit.
     """
 
-    name: str
+    coordinate: Coordinate
     value: Array
     log_ratio: Array
     theta: Array
@@ -63,6 +64,11 @@ class ProfileLikelihood:
     interval: tuple[float, float]
     open_below: bool
     open_above: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the coordinate."""
+        return self.coordinate.name
 
     @property
     def sentence(self) -> str:
@@ -117,9 +123,11 @@ def profile_likelihood(
     above, upper, open_above = _side(climb, top, top_cost, first, quantile)
     points = np.array([t for t, _ in reversed(below)] + [top] + [t for t, _ in above])
     costs = np.array([c for _, c in reversed(below)] + [top_cost] + [c for _, c in above])
-    return ProfileLikelihood(
-        name, points[:, climb.at], costs.min() - costs, points, level, (lower, upper), open_below, open_above
+    coordinate = next(
+        (axis for axis in problem.parametrisation.axes if axis.name == name), Coordinate(name, "1", name, "")
     )
+    value, log_ratio = points[:, climb.at], costs.min() - costs
+    return ProfileLikelihood(coordinate, value, log_ratio, points, level, (lower, upper), open_below, open_above)
 
 
 def _side(

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.information.directions import NamedDirection
@@ -13,7 +14,7 @@ from jointbayes.report.format import contraction, factor, fixed, interval, numbe
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 __all__ = [
-    "coordinate_label",
+    "coordinate_labels",
     "freed_blocks",
     "knowledge_section",
     "likelihood_section",
@@ -35,7 +36,6 @@ _READABLE = {
     "discrepancy_length": "its correlation length",
 }
 _SHORT = {
-    "rho": "ρ",
     "youngs_modulus": "ln E",
     "density": "ln density",
     "length": "ln L",
@@ -93,15 +93,13 @@ def _kind(verdict: str, *, explained: bool) -> str:
 
 def _correlations(posterior: Posterior) -> Table:
     """Correlation of the draws, the joint's coordinates against all."""
-    names = posterior.problem.names
+    labels = coordinate_labels(posterior.problem)
     matrix = np.atleast_2d(np.corrcoef(posterior.theta.T))
-    joint = posterior.problem.parametrisation.names
-    rows = tuple(
-        (coordinate_label(name), *(f"{matrix[i, j]:.2f}" for j in range(len(joint)))) for i, name in enumerate(names)
-    )
+    joint = labels[: len(posterior.problem.parametrisation.names)]
+    rows = tuple((label, *(f"{matrix[i, j]:.2f}" for j in range(len(joint)))) for i, label in enumerate(labels))
     return Table(
         "Correlation of the draws",
-        ("", *(coordinate_label(name) for name in joint)),
+        ("", *joint),
         rows,
         note="Near 1 or −1 the data determine a combination of the two, not each by itself.",
     )
@@ -113,10 +111,12 @@ def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None
         return None
     rows = []
     for profile in knowledge.profiles:
-        low, high = profile.interval if profile.name == "rho" else tuple(np.exp(profile.interval).tolist())
+        low, high = map(profile.coordinate.value, profile.interval)
         ends = ("none" if profile.open_below else number(low), "none" if profile.open_above else number(high))
         known = summary.parameters.get(profile.name)
         rows.append((profile.name, *ends, interval(known.known.interval95) if known else "–"))
+    others = [p.coordinate for p in knowledge.profiles if p.name not in summary.parameters]
+    units = "".join(f"; {one.name} {'has none' if one.unit == '1' else f'in {one.unit}'}" for one in others)
     blocks: tuple[Block, ...] = (
         Paragraph(
             "These are likelihood-ratio confidence limits, not credible intervals. They bound the values at which the "
@@ -127,14 +127,16 @@ def likelihood_section(knowledge: Knowledge, summary: Summary) -> Section | None
             "Likelihood-ratio limits at 95 %",
             ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)"),
             tuple(rows),
-            note="None: the data set no limit within the prior's bounds. Units as above; rho has none.",
+            note=f"None: the data set no limit within the prior's bounds. Units as above{units}.",
         ),
         Figure(
             "profiles",
             "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
             "dashed, the limit at 95 %.",
             f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
-            figures.profiles([(p.name, p.value, p.log_ratio) for p in knowledge.profiles]),
+            figures.profiles(
+                [(p.coordinate.axis_label, p.value * p.coordinate.axis_scale, p.log_ratio) for p in knowledge.profiles]
+            ),
         ),
     )
     return Section("likelihood", "Likelihood-ratio limits", blocks)
@@ -200,8 +202,14 @@ def nuisance_section(summary: Summary) -> Section | None:
     )
 
 
-def coordinate_label(name: str) -> str:
-    """Short label of a coordinate for an axis."""
+def coordinate_labels(problem: Problem) -> list[str]:
+    """Short label of each coordinate for an axis: of the joint, then of what else is uncertain."""
+    axes = problem.parametrisation.axes
+    return [axis.label for axis in axes] + [nuisance_label(name) for name in problem.names[len(axes) :]]
+
+
+def nuisance_label(name: str) -> str:
+    """Short label of an uncertain quantity for an axis."""
     if name.startswith("mode_frequency_"):
         return f"ln f{name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):

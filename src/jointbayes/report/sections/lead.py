@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.identification import IterationHistory
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.joint import STIFFNESSES
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import RULE, Identifiability
@@ -14,7 +14,7 @@ from jointbayes.report.format import contraction, factor, fixed, interval, numbe
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Section, Table
 from jointbayes.report.sections.check import bold_head, check_banners
-from jointbayes.report.sections.knowledge import coordinate_label
+from jointbayes.report.sections.knowledge import coordinate_labels
 
 __all__ = [
     "chain_figures",
@@ -112,31 +112,31 @@ def verdict_sentences(summary: Summary) -> str:
     for name, p in summary.parameters.items():
         known, limit = p.known, ""
         reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        if np.isfinite(known.limit95):
-            side = "above" if known.verdict == "bounded below" else "below"
-            limit = f" {side} {rounded(known.limit95, known.limit95_error)} {p.unit} with 95 % probability,"
+        if known.limit:
+            limit = f" {known.limit} with 95 % probability,"
         sentences.append(f"**{name}**:{limit} {_verdict(known)} ({reason}).")
     return " ".join(sentences)
 
 
 def coupling_sentence(summary: Summary) -> str:
-    """What the data say of k12 against k22, in words with its numbers."""
-    k12, k22 = summary.parameters["k12"].known, summary.parameters["k22"].known
+    """What the data say of the coupling against the rotational stiffness, in words with its numbers."""
+    _, coupling, rotation = STIFFNESSES
+    k12, k22 = (summary.parameters[quantity.name].known for quantity in (coupling, rotation))
     low, high = k12.interval95
     if low <= 0 <= high:
         return (
-            f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval, {_interval(k12)} N, "
-            "contains zero, so that not even its sign is known."
+            f"**The coupling stiffness {coupling.name} is {_verdict(k12)}**: its 95 % credible interval, "
+            f"{_interval(k12)} {coupling.unit}, contains zero, so that not even its sign is known."
         )
     text = (
-        f"**The coupling stiffness k12 is {_verdict(k12)}**: its 95 % credible interval spans a factor of "
-        f"{factor(max(high / low, low / high))} ({_interval(k12)} N)"
+        f"**The coupling stiffness {coupling.name} is {_verdict(k12)}**: its 95 % credible interval spans a factor of "
+        f"{factor(max(high / low, low / high))} ({_interval(k12)} {coupling.unit})"
     )
     if k12.sd_log > 0 and k22.sd_log > 0:
         ratio = k12.sd_log / k22.sd_log
         compared = f"{number(ratio, 2)} times" if ratio >= 1 else f"only {number(ratio, 2)} times"
         text += (
-            f"; the relative standard deviation is {number(100 * k12.sd_log, 2)} %, {compared} that of k22 "
+            f"; the relative standard deviation is {number(100 * k12.sd_log, 2)} %, {compared} that of {rotation.name} "
             f"({number(100 * k22.sd_log, 2)} %)"
         )
     return text + "."
@@ -211,21 +211,13 @@ def posterior_section(posterior: Posterior, reference: Triple | None, source: st
         Table("Posterior in numbers", head, rows, note=note),
         Paragraph(summary.map.mode_sentence),
     ]
-    prior_stiffness = np.stack([posterior.prior_values(n).ravel() for n in STIFFNESS_NAMES], axis=-1)
-    if "k12" in posterior.problem.parametrisation.names:
-        draws, prior = np.log10(posterior.stiffness), np.log10(prior_stiffness)
-        point = None if reference is None or min(reference) <= 0 else np.log10(reference)
-        mode = np.log10([posterior.mode[name] for name in STIFFNESS_NAMES])
-        labels = [f"log₁₀ {name}" for name in STIFFNESS_NAMES]
-    else:
-        parametrisation = posterior.problem.parametrisation
-        scale = np.array([1 / np.log(10), 1 / np.log(10), 1.0])
-        draws = parametrisation.coordinates(posterior.stiffness) * scale
-        prior = parametrisation.coordinates(prior_stiffness) * scale
-        inside = reference is not None and min(reference[0], reference[2]) > 0
-        point = parametrisation.coordinates(np.array(reference)) * scale if inside else None
-        mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
-        labels = ["log₁₀ k11", "log₁₀ k22", "ρ"]
+    parametrisation = posterior.problem.parametrisation
+    scale = np.array([axis.axis_scale for axis in parametrisation.axes])
+    draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, posterior.prior_stiffness))
+    known = reference is not None and bool(parametrisation.describes(reference))
+    point = parametrisation.coordinates(np.array(reference)) * scale if known else None
+    mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
+    labels = [axis.axis_label for axis in parametrisation.axes]
     svg = figures.corner_plot(labels, draws, prior, point, mode)
     marks = "mode (orange, solid)" + ("" if point is None else f", published values (green, dashed; {source})")
     blocks.append(
@@ -276,7 +268,7 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
     """Traces and autocorrelation of all coordinates, in as many figures as there are colours for."""
     theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
     ensemble = posterior.draws["ensemble"].values
-    names = [coordinate_label(n) for n in posterior.problem.names]
+    names = coordinate_labels(posterior.problem)
     pages = [slice(i, i + figures.MOST_CURVES) for i in range(0, len(names), figures.MOST_CURVES)]
     traces, correlations = [], []
     for count, page in enumerate(pages, 1):
@@ -338,8 +330,8 @@ def _iteration_blocks(history: IterationHistory, reference: Triple | None) -> li
     norm = history.residual_norm
     published = None if reference is None else np.array(reference)
     settled = ", ".join(
-        f"{n} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
-        for i, n in enumerate(STIFFNESS_NAMES)
+        f"{q.name} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
+        for i, q in enumerate(STIFFNESSES)
         if history.stiffness[i] != 0
     )
     return [
@@ -356,7 +348,7 @@ def _iteration_blocks(history: IterationHistory, reference: Triple | None) -> li
             "iteration-stiffness",
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
             "History of k11, k12 and k22 over the iteration steps with the published values.",
-            figures.histories(STIFFNESS_NAMES, STIFFNESS_UNITS, history.stiffness_history, published),
+            figures.histories([f"{q.name} ({q.unit})" for q in STIFFNESSES], history.stiffness_history, published),
         ),
     ]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESS_UNITS
+from jointbayes.joint import STIFFNESS_NAMES, STIFFNESSES
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, Section, Table
@@ -149,7 +149,7 @@ def _method_table(summary: dict[str, Any]) -> Table:
 
 
 def _joint_table(summary: dict[str, Any]) -> Table:
-    head = ("Joint", "Case", *(f"{n} ({u})" for n, u in zip(STIFFNESS_NAMES, STIFFNESS_UNITS, strict=True)))
+    head = ("Joint", "Case", *(f"{q.name} ({q.unit})" for q in STIFFNESSES))
     rows = tuple(
         (
             row["hypothesis"],

@@ -1,0 +1,53 @@
+"""A joint sampled from its elastic centre is the joint sampled by its stiffnesses, under one and the same prior."""
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.case.case import case_from_text
+from jointbayes.joint import ElasticCentre, LogStiffness
+from tests.conftest import cheap_text, edited
+
+# An arm and a stiffness about the centre that hold nearly all of the posterior under the cheap case's own priors.
+CENTRE = """[prior.arm]
+distribution = "uniform"
+low = 0.0
+high = 0.05
+
+[prior.k22c]
+distribution = "log_uniform"
+low = 1e5
+high = 1e7
+"""
+
+
+def test_both_give_the_same_stiffnesses_once_their_priors_are_the_same():
+    """Draws in the coordinates of the centre, weighted by the ratio of the priors over the stiffnesses."""
+    stated = case_from_text("stated", cheap_text())
+    text = cheap_text()
+    start, end = text.index("[prior.k12]"), text.index("[data]")
+    text = edited(
+        text[:start] + CENTRE + "\n" + text[end:], ('parametrisation = "log" ', 'parametrisation = "elastic_centre" ')
+    )
+    case = case_from_text("centre", text)
+    assert isinstance(case.problem.parametrisation, ElasticCentre)
+    posterior, expected = jb.sample(case, seed=1), jb.sample(stated, seed=1)
+    assert posterior.converged
+    assert expected.converged
+
+    logs, centre = LogStiffness(), ElasticCentre()
+    inside = logs.describes(posterior.stiffness)
+    theta = logs.coordinates(posterior.stiffness[inside])
+    slope = centre.log_slope(posterior.theta[inside]) - logs.log_slope(theta)
+    log_weight = (
+        stated.problem.prior.log_density(theta) + slope - case.problem.prior.log_density(posterior.theta[inside])
+    )
+    weight = np.exp(log_weight - log_weight.max())
+    effective = weight.sum() ** 2 / (weight**2).sum() / len(weight) * min(posterior.record.sampler["ess"].values())
+    assert effective > 300
+    picked = np.random.default_rng(2).choice(len(weight), size=20_000, p=weight / weight.sum())
+    for i, name in enumerate(("k11", "k12", "k22")):
+        here, there = np.log(posterior.stiffness[inside][picked, i]), np.log(expected.values(name).ravel())
+        error = there.std() * np.sqrt(1 / effective + 1 / min(expected.record.sampler["ess"].values()))
+        assert here.mean() == pytest.approx(there.mean(), abs=4 * error), name
+        assert here.std() == pytest.approx(there.std(), rel=4 * error / there.std()), name
