@@ -46,7 +46,8 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README and docs quote of them (minutes)
 	$(BIN)/python -m benchmarks.numbers
 
-science: $(VENV)/.stamp-test  ## the long studies against known truths: hours
+science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies against known truths: hours
+	$(BIN)/python -m pytest -n auto --dist worksteal -m science
 	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.exact_study
 	$(BIN)/python -m benchmarks.calibration

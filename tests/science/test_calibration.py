@@ -11,6 +11,8 @@ from benchmarks.calibration_data import VARIANTS, case_of, draw_data
 
 from jointbayes.joint import joint_matrix
 
+pytestmark = pytest.mark.science
+
 COUNT = 14
 
 

@@ -9,6 +9,8 @@ import pytest
 import jointbayes as jb
 from tests.conftest import CONFIGS
 
+pytestmark = pytest.mark.science
+
 RUNS = 6
 CASES = {
     # fewer lines and a narrower prior than the main case's, so that nested sampling is done in a minute

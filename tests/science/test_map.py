@@ -28,6 +28,7 @@ def _with_noise_seed(case: jb.Case, seed: int) -> jb.Case:
     return jb.case_from_text(case.name, text)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("chunk", range(4))
 def test_find_map_reaches_the_same_mode_from_100_starts_over_two_decades(noisy, estimate, chunk):
     rng = np.random.default_rng(100 + chunk)
