@@ -6,7 +6,7 @@ import os
 import numpy as np
 
 from benchmarks.timing import Contestant, interleaved, log_log_slope
-from jointbayes.inference.noise.models import (
+from jointbayes.inference import (
     CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,

@@ -7,11 +7,12 @@ from scipy import integrate, stats
 
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import FrfSet
-from jointbayes.inference.noise.models import (
+from jointbayes.inference import (
     CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,
     NoiseModel,
+    ProportionalNoise,
     ScaledNoise,
     StudentNoise,
 )
@@ -20,6 +21,7 @@ from jointbayes.measurement.variance import coherence_variance
 
 EVEN = 10.0 + 2.0 * np.arange(40)
 UNEVEN = np.cumsum(np.random.default_rng(5).uniform(0.2, 9.0, 40))
+STATED = np.geomspace(3e-3, 0.3, 40)[:, None]  # sd over |H|, line by line
 HYPERS = [(1.0, 2.0, 15.0), (0.7, 0.1, 300.0), (1.3, 30.0, 2.0), (0.5, 3.0, 1e6), (1.0, 1.0, 1e-3), (1e-3, 5.0, 40.0)]
 
 
@@ -35,6 +37,8 @@ def models(parts: int, lines: np.ndarray = EVEN) -> list[tuple[NoiseModel, tuple
         (ScaledNoise(parts), (1.7,)),
         (StudentNoise(parts, 5.0), ()),
         (StudentNoise(parts, 5.0, scaled=True), (1.7,)),
+        (ProportionalNoise(parts, STATED[: lines.size]), (0.02,)),
+        (ProportionalNoise(parts, STATED[: lines.size], scaled=True), (1.7, 0.02)),
         (CorrelatedNoise(parts, lines), (2.0, 15.0)),
         (CorrelatedNoise(parts, lines, scaled=True), (1.7, 2.0, 15.0)),
     ]
@@ -118,7 +122,7 @@ def test_integrated_scale_is_the_integral_over_the_scale(parts: int, dof: float,
 def test_integrated_scale_draws_the_scale_that_the_data_imply(parts: int) -> None:
     rng = np.random.default_rng(6)
     model, chi2 = IntegratedScale(parts, 3.0, 2.0), 40.0
-    drawn = model.draw_scale(rng, np.full(20000, chi2), 12)[:, 0]
+    drawn = model.with_scale(np.full(20000, chi2), 12, np.empty((20000, 0)), rng)[1][:, 0]
     shape, rate = 1.5 + parts * 12 / 2, 6.0 + chi2
     assert stats.kstest(drawn**2, stats.invgamma(shape, scale=rate).cdf).pvalue > 0.001
     assert model.typical_scale(chi2, 12) == pytest.approx(math.sqrt(rate / shape))
@@ -149,7 +153,7 @@ def test_student_noise_of_many_degrees_of_freedom_is_gaussian(parts: int) -> Non
 @pytest.mark.parametrize("parts", [1, 2])
 def test_pointwise_densities_add_up_to_the_likelihood(parts: int) -> None:
     z = residuals(np.random.default_rng(8), (3, 40, 2), parts)
-    for model, hyper in models(parts)[:4]:
+    for model, hyper in models(parts)[:6]:
         rows = np.tile(np.array(hyper), (3, 1))
         total = model.pointwise(z, rows)
         assert total.shape == (3, 40, 2)
@@ -233,7 +237,7 @@ def test_sum_of_squares_suffices_where_it_is_said_to(parts: int) -> None:
     for model, hyper in [*models(parts), (IntegratedScale(parts, 3.0), ())]:
         rows = np.tile(np.array(hyper), (3, 1))
         if model.needs_chi2_only:
-            assert not isinstance(model, StudentNoise | CorrelatedNoise)
+            assert not isinstance(model, StudentNoise | CorrelatedNoise | ProportionalNoise)
             np.testing.assert_allclose(model.from_chi2(chi2, 80, rows), model.log_likelihood(z, rows), rtol=1e-12)
 
 

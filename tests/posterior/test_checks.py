@@ -6,7 +6,7 @@ import pytest
 from scipy import special, stats
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.noise.models import (
+from jointbayes.inference import (
     CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,
@@ -97,12 +97,12 @@ def test_an_inferred_noise_scale_hides_misfit_but_not_correlation() -> None:
     check = checked(ScaledNoise(2), z, [level])
     assert not check.misfit
     assert check.correlated
-    assert dict(check.inferred) == {"noise_scale": pytest.approx(level)}
     assert f"inferred as {level:.3g} times the stated" in check.sentence
     integrated = checked(IntegratedScale(2), np.repeat(z, 50, axis=0), [])
     assert not integrated.misfit
     assert integrated.correlated
-    assert dict(integrated.inferred)["noise_scale"] == pytest.approx(level, rel=0.1)
+    (sentence,) = integrated.inferred
+    assert float(sentence.split()[5]) == pytest.approx(level, rel=0.1)
 
 
 def test_a_discrepancy_that_was_needed_is_named() -> None:

@@ -17,6 +17,7 @@ from jointbayes.inference import (
     Normal,
     Nuisance,
     Problem,
+    ProportionalNoise,
     ScaledNoise,
     StudentNoise,
     Uniform,
@@ -72,6 +73,10 @@ def test_the_density_is_that_of_the_structure_with_these_quantities():
 NOISES = {
     "gaussian": (None, ()),
     "scaled": (ScaledNoise(), (Nuisance("noise_scale", "1", 1.0, Uniform(-2.0, 2.0)),)),
+    "proportional": (
+        ProportionalNoise.of(measured(), 2),
+        (Nuisance("proportional_error", "1", 1.0, Uniform(-9.0, -1.0)),),
+    ),
     "correlated": (
         CorrelatedNoise(2, LINES),
         (
@@ -82,11 +87,15 @@ NOISES = {
 }
 
 
+START = {"noise_scale": 0.0, "proportional_error": -4.0, "discrepancy_scale": 0.0, "discrepancy_length": 3.0}
+HYPER = {"gaussian": [], "scaled": [0.3], "proportional": [-4.0], "correlated": [0.3, 4.0]}
+
+
 @pytest.mark.parametrize("name", NOISES)
 def test_residuals_and_their_derivative_are_those_of_the_density(name):
     noise, hyper = NOISES[name]
     density = problem((*STRUCTURE, GAIN, *hyper), noise).log_posterior
-    theta = np.concatenate([np.log(TRUTH) + 0.01, [0.01, -0.003, 0.1, 0.03], [0.3, 4.0][: len(hyper)]])
+    theta = np.concatenate([np.log(TRUTH) + 0.01, [0.01, -0.003, 0.1, 0.03], HYPER[name]])
     residual, jacobian = density.residuals(theta)
     d = theta.size
     free = d - len(hyper)
@@ -121,13 +130,14 @@ def test_log_magnitudes_do_not_see_a_wrong_phase():
         (ScaledNoise(), NOISES["scaled"][1]),
         (IntegratedScale(2, 4.0), ()),
         (StudentNoise(2, 4.0), ()),
+        NOISES["proportional"],
         (CorrelatedNoise(2, LINES), NOISES["correlated"][1]),
     ],
-    ids=["scaled", "integrated", "student", "correlated"],
+    ids=["scaled", "integrated", "student", "proportional", "correlated"],
 )
 def test_the_climb_ends_where_the_density_has_no_slope(noise, hyper):
     density = problem((*STRUCTURE, *hyper), noise).log_posterior
-    start = np.concatenate([np.log(TRUTH) + np.array([0.2, 0.1, -0.01]), np.zeros(3), [0.0, 3.0][: len(hyper)]])
+    start = np.concatenate([np.log(TRUTH) + np.array([0.2, 0.1, -0.01]), np.zeros(3), [START[n.name] for n in hyper]])
     theta, value = refine(density, start)
     low, high = density.prior.support
     inside = (theta > low + 1e-3) & (theta < high - 1e-3)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,18 +10,14 @@ from numpy.typing import NDArray
 from jointbayes.case.schema import case as schema
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
 from jointbayes.inference import (
-    CorrelatedNoise,
-    GaussianNoise,
-    IntegratedScale,
     JointPrior,
     Marginal,
     NoiseModel,
     Normal,
     Nuisance,
-    ScaledNoise,
-    StudentNoise,
     Uniform,
 )
+from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.joint import RIGID, STIFFNESS_NAMES, Coordinate, Joint, joint_matrix, parametrisation_named
 from jointbayes.measurement import (
     CoherenceNoise,
@@ -49,7 +46,7 @@ __all__ = [
     "first_guess",
     "measurement_of",
     "noise_law",
-    "noise_model",
+    "noise_of",
     "prior_of",
     "stiffness_of",
     "true_beam",
@@ -118,7 +115,7 @@ def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
     else:
         marginals = tuple(_marginal(getattr(spec.prior, name)) for name in parametrisation.names)
     return JointPrior(
-        parametrisation, marginals, (*_quantities(spec, recipe, measurement), *_noise_parameters(spec.noise))
+        parametrisation, marginals, (*_quantities(spec, recipe, measurement), *noise_of(spec.noise, measurement)[1])
     )
 
 
@@ -167,7 +164,7 @@ def with_workshop_uncertainty(
         usual["damping_ratio"] = schema.FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     given = schema.UncertainSpec(**(usual | spec.uncertain.given))
     freed = spec.model_copy(update={"uncertain": given})
-    everything = (*_quantities(freed, recipe, measurement), *_noise_parameters(spec.noise))
+    everything = (*_quantities(freed, recipe, measurement), *noise_of(spec.noise, measurement)[1])
     return replace(prior, nuisances=everything)
 
 
@@ -220,32 +217,21 @@ def _factor_prior(spec: schema.FactorPriorSpec) -> Marginal:
     return Uniform(math.log(spec.low_factor), math.log(spec.high_factor))
 
 
-def _noise_parameters(spec: schema.NoiseModelSpec) -> list[Nuisance]:
-    found = []
-    if spec.scale == "sampled":
-        ends = math.log(spec.scale_low_factor), math.log(spec.scale_high_factor)
-        found.append(Nuisance("noise_scale", "× stated", 1.0, Uniform(*ends)))
-    if spec.discrepancy is not None:
-        d = spec.discrepancy
-        scale = Uniform(math.log(d.scale_low), math.log(d.scale_high))
-        length = Uniform(math.log(d.length_low_hz), math.log(d.length_high_hz))
-        found.append(Nuisance("discrepancy_scale", "× noise", 1.0, scale))
-        found.append(Nuisance("discrepancy_length", "Hz", 1.0, length))
+def noise_of(spec: schema.NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+    """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
+    complex_frf = isinstance(measurement, FrfMeasurement) and spec.residuals == "complex"
+    d = spec.discrepancy
+    choice = NoiseChoice(
+        spec.scale,
+        (spec.scale_low_factor, spec.scale_high_factor),
+        spec.scale_dof,
+        spec.scale_guess,
+        spec.dof,
+        None if d is None else ((d.scale_low, d.scale_high), (d.length_low_hz, d.length_high_hz)),
+    )
+    module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
+    found: tuple[NoiseModel, tuple[Nuisance, ...]] = module.noise_of(choice, 2 if complex_frf else 1, measurement)
     return found
-
-
-def noise_model(spec: schema.NoiseModelSpec, measurement: Measurement) -> NoiseModel:
-    """Distribution of the residuals."""
-    frf = isinstance(measurement, FrfMeasurement)
-    parts = 2 if frf and spec.residuals == "complex" else 1
-    sampled = spec.scale == "sampled"
-    if spec.discrepancy is not None and isinstance(measurement, FrfMeasurement):
-        return CorrelatedNoise(parts, measurement.frf.frequency_hz, sampled)
-    if spec.distribution == "student_t":
-        return StudentNoise(parts, spec.dof, sampled)
-    if spec.scale == "integrated":
-        return IntegratedScale(parts, spec.scale_dof, spec.scale_guess)
-    return ScaledNoise(parts) if sampled else GaussianNoise(parts)
 
 
 def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:

@@ -9,7 +9,7 @@ from jointbayes.identification.least_squares import white_residuals
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.starts import frequency_starts, screened_draws
-from jointbayes.inference import IntegratedScale, LogPosterior, Problem
+from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
 
 __all__ = ["search_further", "squared_residuals"]
@@ -35,8 +35,8 @@ def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float,
     """
     residual = white_residuals(log_posterior, theta[None])[0]
     total, noise = float(residual @ residual), log_posterior.likelihood.noise
-    if isinstance(noise, IntegratedScale):  # in units of the noise that the data show
-        total /= noise.typical_scale(total / 2, residual.size // noise.parts) ** 2
+    # in units of the noise that the data show, where its size is integrated out
+    total /= noise.typical_scale(total / 2, residual.size // noise.parts) ** 2
     return total / residual.size, 1 + FAR * float(np.sqrt(2 / residual.size))
 
 

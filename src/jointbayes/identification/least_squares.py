@@ -1,13 +1,11 @@
 """Climb from many starts at once: Levenberg-Marquardt on batches of residuals, those of a posterior among them."""
 
-import math
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.inference import IntegratedScale, JointPrior, LogPosterior
-from jointbayes.inference.likelihood import FrequencyLikelihood
+from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import joint_matrix
 
 __all__ = ["PosteriorSquares", "Squares", "climb_all", "white_residuals"]
@@ -186,14 +184,5 @@ class PosteriorSquares:
 
 def white_residuals(log_posterior: LogPosterior, theta: Array) -> Array:
     """Residuals of points inside the support, shape (n, d), of unit variance each if model and noise hold, (n, m)."""
-    likelihood = log_posterior.likelihood
-    matrices, factors = joint_matrix(log_posterior.prior.stiffness(theta)), log_posterior.prior.factors(theta)
-    z = likelihood.standardised(matrices, factors)
-    noise, hyper = likelihood.noise, factors[:, factors.shape[1] - likelihood.hyper_count :]
-    if isinstance(likelihood, FrequencyLikelihood):
-        return z / hyper if likelihood.hyper_count else z
-    # E|z|² = 1 of a complex residual, half of it in each part
-    white = math.sqrt(2) * (noise.whiten(z, hyper) if isinstance(noise, IntegratedScale) else noise.scores(z, hyper))
-    flat = np.ascontiguousarray(white).reshape(len(theta), -1)
-    real: Array = flat.view(np.float64) if np.iscomplexobj(flat) else flat
-    return real
+    prior = log_posterior.prior
+    return log_posterior.likelihood.white(joint_matrix(prior.stiffness(theta)), prior.factors(theta))

@@ -3,14 +3,11 @@
 from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.marginals import Marginal, Normal, Uniform
-from jointbayes.inference.noise.models import (
-    CorrelatedNoise,
-    GaussianNoise,
-    IntegratedScale,
-    NoiseModel,
-    ScaledNoise,
-    StudentNoise,
-)
+from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.noise.correlated import CorrelatedNoise
+from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
+from jointbayes.inference.noise.proportional import ProportionalNoise
+from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
 from jointbayes.inference.resonance_chart import ResonanceChart
@@ -32,6 +29,7 @@ __all__ = [
     "GaussianNoise",
     "IntegratedScale",
     "NoiseModel",
+    "ProportionalNoise",
     "ScaledNoise",
     "StudentNoise",
     # posterior

@@ -5,7 +5,9 @@ noise of known size, and their Jacobian.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.noise.models import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise
-from jointbayes.inference.noise.values import Residuals
+from jointbayes.inference.noise.base import NoiseModel, Residuals
+from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import Joint, symmetric_changes
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
@@ -25,15 +27,86 @@ __all__ = ["FrequencyLikelihood", "FrfLikelihood", "Likelihood", "likelihood_of"
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-SumOfSquares = GaussianNoise | ScaledNoise | IntegratedScale
-"""Noise models of which a sum of squares says all."""
-
 _GAIN = "gain"
 _STEP = 1e-5  # of the logarithm of a quantity, in differences
 _AT_ONCE = 64  # joints whose lines are held in memory together
 
 
-class FrfLikelihood:
+class Likelihood(ABC):
+    """What the two kinds of data have in common.
+
+    Parameters
+    ----------
+    names
+        Uncertain quantities beside the joint, in the order in which factors come; those of the noise are the last.
+    noise
+        Noise model.
+    constant
+        ln L of a perfect fit where the noise is as stated.
+    n_data
+        Number of measured values.
+    """
+
+    def __init__(self, names: Sequence[str], noise: NoiseModel, constant: float, n_data: int) -> None:
+        self.names, self.noise, self.constant, self.n_data = tuple(names), noise, constant, n_data
+        #: Number of the noise model's parameters.
+        self.hyper_count = len(noise.names)
+        if self.names[len(self.names) - self.hyper_count :] != noise.names:
+            raise ModelError(
+                f"likelihood: found uncertain quantities {self.names}; expected {noise.names} last; reorder them"
+            )
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
+        return self.noise.as_stated
+
+    def hyper(self, factors: ArrayLike) -> Array:
+        """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
+        known = np.atleast_2d(np.asarray(factors, dtype=float))
+        return known[:, known.shape[1] - self.hyper_count :]
+
+    @abstractmethod
+    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q).
+
+        −inf where the model has no finite value: a joint that resonates, undamped, on a line.
+        """
+
+    @abstractmethod
+    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Residuals:
+        """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`, or (batch, n)."""
+
+    @abstractmethod
+    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """What is compared with the data: FRFs (batch, lines, outputs, inputs), or natural frequencies (batch, n)."""
+
+    @abstractmethod
+    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+        """Real residuals, shape (batch, m), that are white with unit variance if model and noise hold."""
+
+    @abstractmethod
+    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK.
+
+        Raises
+        ------
+        ModelError
+            If the noise is not Gaussian of known size.
+        """
+
+    @abstractmethod
+    def residuals(
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint.
+
+        Along changes dK^J (p, r, r), exact, and along the logarithms of the factors (q,), by differences. Columns of
+        the noise model's parameters are zero: it is held fixed, and whitens residual and derivative alike.
+        """
+
+
+class FrfLikelihood(Likelihood):
     """Likelihood of FRFs under a noise model; complex circular Gaussian of known variance by default.
 
     ln p = −Σ (ln πσ² + |H − H^x|²/σ²) over all lines and FRFs.
@@ -66,58 +139,35 @@ class FrfLikelihood:
         noise: NoiseModel | None = None,
         kind: ResidualKind = "complex",
     ) -> None:
-        frf = measurement.frf
-        #: Noise model.
-        self.noise: NoiseModel = noise or GaussianNoise()
-        self.names, self.kind = tuple(names), kind
+        frf, self.kind = measurement.frf, kind
+        # of the FRF as it was measured
+        constant = residual_of(kind, frf.values, measurement.variance).constant
+        super().__init__(names, noise or GaussianNoise(), constant, frf.values.size)
         self._gain = _GAIN in self.names
-        self._n_structure = len(self.names) - len(self.noise.names) - self._gain
-        if self.names[len(self.names) - len(self.noise.names) :] != self.noise.names:
-            raise ModelError(
-                f"likelihood: found uncertain quantities {self.names}; expected {self.noise.names} last; reorder them"
-            )
+        self._n_structure = len(self.names) - self.hyper_count - self._gain
         # receptance and its measured counterpart carry the same factor (jω)ⁿ: residual/σ does not depend on it
         factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
         self._model, self._factor = model, factor
         variance = measurement.variance / np.abs(factor) ** 2
         self._residual = residual_of(kind, frf.values / factor, variance)
         # where a sum of squares says it all, it is summed without any array over lines
-        self._squares = self.noise if isinstance(self.noise, SumOfSquares) else None
-        if self._gain or kind != "complex":
-            self._squares = None
-        if self._squares is not None:
+        self._squares = self.noise.needs_chi2_only and not self._gain and kind == "complex"
+        if self._squares:
             self._misfit = model.misfit(frf.values / factor, 1 / np.sqrt(variance))
-        #: ln L of a perfect fit where the noise is Gaussian of known size; of the FRF as it was measured.
-        self.constant = residual_of(kind, frf.values, measurement.variance).constant
-        #: Number of complex values.
-        self.n_data = frf.values.size
-
-    @property
-    def hyper_count(self) -> int:
-        """Number of the noise model's parameters, the last of `names`."""
-        return len(self.noise.names)
-
-    @property
-    def gaussian(self) -> bool:
-        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
-        return isinstance(self.noise, GaussianNoise)
 
     def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
-        """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q).
-
-        −inf where the model has no finite value: a joint that resonates, undamped, on a line.
-        """
+        """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
-        if self._squares is not None:
+        if self._squares:
             chi2 = self._misfit.chi2(matrices, self._structural(known))
-            value = self.constant + self._squares.from_chi2(chi2, self.n_data, self._hyper(known))
+            value = self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
         else:
             value = np.empty(len(matrices))
             for start in range(0, len(matrices), _AT_ONCE):
                 part = slice(start, start + _AT_ONCE)
                 z = self.standardised(matrices[part], known[part])
-                value[part] = self.constant + self.noise.log_likelihood(z, self._hyper(known[part]))
+                value[part] = self.constant + self.noise.log_likelihood(z, self.hyper(known[part]))
         value[~np.isfinite(value)] = -np.inf
         return value
 
@@ -132,9 +182,13 @@ class FrfLikelihood:
         matrices = np.asarray(stiffness, dtype=float)
         return self._predicted(matrices, as_factors(factors, len(matrices))) * self._factor
 
-    def hyper(self, factors: ArrayLike) -> Array:
-        """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
-        return self._hyper(np.atleast_2d(np.asarray(factors, dtype=float)))
+    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+        """Scores of the noise model, shape (batch, m)."""
+        # E|z|² = 1 of a complex residual, half of it in each part
+        white = math.sqrt(2) * self.noise.scores(self.standardised(stiffness, factors), self.hyper(factors))
+        flat = np.ascontiguousarray(white).reshape(len(white), -1)
+        real: Array = flat.view(np.float64) if np.iscomplexobj(flat) else flat
+        return real
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, lines, pairs), where residuals are independent.
@@ -148,18 +202,12 @@ class FrfLikelihood:
         """
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
-        values: Array = self.noise.pointwise(self.standardised(matrices, known), self._hyper(known))
+        values: Array = self.noise.pointwise(self.standardised(matrices, known), self.hyper(known))
         return values + self.constant / self.n_data
 
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
-        """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK.
-
-        Raises
-        ------
-        ModelError
-            If the noise is not Gaussian of known size.
-        """
-        if not isinstance(self._squares, GaussianNoise):
+        """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
+        if not (self._squares and self.gaussian):
             raise ModelError("gradient: found a noise model with parameters; expected Gaussian noise of known size")
         matrices = np.asarray(stiffness, dtype=float)
         chi2, slope = self._misfit.chi2_gradient(matrices, self._structural(as_factors(factors, len(matrices))))
@@ -168,11 +216,7 @@ class FrfLikelihood:
     def residuals(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint.
-
-        Along changes dK^J (p, r, r), exact, and along the logarithms of the factors (q,), by differences. Columns of
-        the noise model's parameters are zero: it is held fixed, and whitens residual and derivative alike.
-        """
+        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
         known = as_factors(factors, 1)
         structural = known[:, : self._n_structure]
         gain = float(known[0, self._n_structure]) if self._gain else 1.0
@@ -180,7 +224,7 @@ class FrfLikelihood:
         moved = _moved(known[:, : known.shape[1] - self.hyper_count])
         up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
         along = np.concatenate([gain * derivative, (up - down) / (2 * _STEP)])
-        hyper = self._hyper(known)[0]
+        hyper = self.hyper(known)[0]
         here = (gain * value)[None]
         both = np.concatenate([self._residual.z(here), self._residual.tangent(here, along)])
         white = self.noise.whiten(both, hyper).reshape(len(both), -1) * math.sqrt(2)
@@ -198,11 +242,8 @@ class FrfLikelihood:
     def _structural(self, factors: Array) -> Array:
         return factors[:, : self._n_structure]
 
-    def _hyper(self, factors: Array) -> Array:
-        return factors[:, factors.shape[1] - self.hyper_count :]
 
-
-class FrequencyLikelihood:
+class FrequencyLikelihood(Likelihood):
     """Independent Gaussian likelihood of the lowest natural frequencies.
 
     Parameters
@@ -231,35 +272,26 @@ class FrequencyLikelihood:
     ) -> None:
         self._model, self._measured, self._sd = model, measurement.frequency_hz, measurement.sd_hz
         noise = noise or GaussianNoise(1)
-        if not isinstance(noise, SumOfSquares):
+        if not noise.needs_chi2_only:
             raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
-        #: Noise model.
-        self.noise: SumOfSquares = noise
-        self.names = tuple(names)
-        self.constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
-        #: Number of frequencies.
-        self.n_data = self._measured.size
+        constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
+        super().__init__(names, noise, constant, self._measured.size)
 
     def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
         chi2 = 0.5 * (self.standardised(matrices, known) ** 2).sum(axis=-1)
-        return self.constant + self.noise.from_chi2(chi2, self.n_data, self._hyper(known))
-
-    @property
-    def hyper_count(self) -> int:
-        """Number of the noise model's parameters, the last of `names`."""
-        return len(self.noise.names)
-
-    @property
-    def gaussian(self) -> bool:
-        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
-        return isinstance(self.noise, GaussianNoise)
+        return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
 
     def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Residuals over their standard deviation, shape (batch, n)."""
         return (self.predicted(stiffness, factors) - self._measured) / self._sd
+
+    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+        """Residuals over their standard deviation and its factor, shape (batch, n)."""
+        z = self.standardised(stiffness, factors)
+        return z / self.hyper(factors) if self.hyper_count else z
 
     def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies, shape (batch, n), Hz."""
@@ -269,9 +301,6 @@ class FrequencyLikelihood:
 
     def _structural(self, factors: Array) -> Array:
         return factors[:, : factors.shape[1] - self.hyper_count]
-
-    def _hyper(self, factors: Array) -> Array:
-        return factors[:, factors.shape[1] - self.hyper_count :]
 
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
@@ -287,23 +316,17 @@ class FrequencyLikelihood:
     def residuals(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint.
-
-        Along changes dK^J (p, r, r), exact, and along the logarithms of the factors (q,), by differences.
-        """
+        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
         known = as_factors(factors, 1)
         structural, scale = self._structural(known), 1.0
         if self.hyper_count:
-            (scale,) = self._hyper(known)[0]
+            (scale,) = self.hyper(known)[0]
         value, derivative = self._model.tangent(stiffness, directions, structural)
         moved = _moved(structural)
         up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
         slope = np.concatenate([derivative, (up - down) / (2 * _STEP), np.zeros((self.hyper_count, value.size))])
         sd = scale * self._sd
         return (value - self._measured) / sd, (slope / sd).T
-
-
-Likelihood = FrfLikelihood | FrequencyLikelihood
 
 
 def _moved(factors: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
-from jointbayes.inference.noise.models import NoiseModel
+from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import (

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError, ModelError
 
-__all__ = ["ComplexResidual", "LogMagnitudeResidual", "Residual", "ResidualKind", "residual_of"]
+__all__ = ["PURE_NOISE", "ComplexResidual", "LogMagnitudeResidual", "Residual", "ResidualKind", "residual_of"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 ResidualKind = Literal["complex", "log_magnitude"]
 
 #: Variance of ln|n| for n complex circular Gaussian: what is left of a value that is nothing but noise.
-_PURE_NOISE = math.pi**2 / 24
+PURE_NOISE = math.pi**2 / 24
 
 
 class ComplexResidual:
@@ -80,7 +80,7 @@ class LogMagnitudeResidual:
                 f"log-magnitude residuals: found 0 at line {line + 1}, output {output + 1}, input {input_ + 1}; "
                 "expected values other than 0; drop the line or use complex residuals"
             )
-        sd = np.sqrt(np.minimum(variance / (2 * magnitude**2), _PURE_NOISE))
+        sd = np.sqrt(np.minimum(variance / (2 * magnitude**2), PURE_NOISE))
         self._log_measured, self._weight = np.log(magnitude), 1 / (math.sqrt(2) * sd)
         #: −Σ ln(sd √2π).
         self.constant = -float(np.log(sd * math.sqrt(2 * math.pi)).sum())

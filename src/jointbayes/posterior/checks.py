@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.noise.models import IntegratedScale, NoiseModel, ScaledNoise
+from jointbayes.inference import NoiseModel
 
 __all__ = ["FALSE_ALARM", "Finding", "PredictiveCheck", "check_frequencies", "check_frfs"]
 
@@ -32,8 +32,6 @@ _LAGS = 5
 #: Replicated records, for a p-value of 1/2001 at the least, and the most values in each: the standardised statistic's
 #: law hardly depends on the length.
 _REPLICATES, _LONG = 2000, 1000
-#: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
-_SLIGHT = 0.3
 
 Finding = Literal["explained", "misfit", "noise overstated"]
 
@@ -63,7 +61,7 @@ class PredictiveCheck:
     chi2_by_line
         Mean over draws and pairs of the squared residual at each line, 1 expected, shape (lines,).
     inferred
-        Names of the noise's hyperparameters with their medians: what had to be inferred to explain the data.
+        Sentences on what of the noise had to be inferred to explain the data.
     """
 
     chi2_per_line: float
@@ -75,7 +73,7 @@ class PredictiveCheck:
     largest_p_value: float
     largest_at: tuple[int, int]
     chi2_by_line: Array
-    inferred: tuple[tuple[str, float], ...] = ()
+    inferred: tuple[str, ...] = ()
 
     @property
     def _level(self) -> float:
@@ -120,7 +118,7 @@ class PredictiveCheck:
         )
         if self.finding == "noise overstated":
             head = f"The stated noise is overstated: {squares}. The model explains the data; intervals are too wide."
-            return " ".join([head, *self._inferred_words(), *self._remarks()])
+            return " ".join([head, *self.inferred, *self._remarks()])
         parts = [squares]
         if self.lag1 is not None and self.whiteness_p_value is not None:
             parts.append(
@@ -128,25 +126,7 @@ class PredictiveCheck:
                 f"p {_p(self.whiteness_p_value)})"
             )
         head = "The model explains the data" if self.explains else "The model does NOT explain the data"
-        return " ".join([f"{head}: {' and '.join(parts)}.", *self._inferred_words(), *self._remarks()])
-
-    def _inferred_words(self) -> list[str]:
-        """What the noise model had to take up."""
-        values, words = dict(self.inferred), []
-        if "noise_scale" in values:
-            words.append(
-                f"The noise was inferred as {values['noise_scale']:.3g} times the stated, "
-                "so the size of the residuals is no test of the model."
-            )
-        if "discrepancy_scale" in values:
-            size, length = values["discrepancy_scale"], values["discrepancy_length"]
-            words.append(
-                f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over "
-                f"{length:.3g} Hz."
-                if size > _SLIGHT
-                else f"It includes a model discrepancy that is small, {size:.2g} times the stated noise."
-            )
-        return words
+        return " ".join([f"{head}: {' and '.join(parts)}.", *self.inferred, *self._remarks()])
 
     def _remarks(self) -> list[str]:
         """What follows from the finding."""
@@ -200,15 +180,14 @@ def check_frfs(
             "and one pair at least"
         )
     rows = np.broadcast_to(np.asarray(hyper, dtype=float), (len(z), np.shape(hyper)[-1]))
-    if isinstance(noise, IntegratedScale):
-        squares = np.array([np.vdot(one, one).real for one in z])
-        rows, noise = noise.draw_scale(rng, squares, math.prod(z.shape[1:])), ScaledNoise(noise.parts)
+    squares = np.array([np.vdot(one, one).real for one in z])
+    noise, rows = noise.with_scale(squares, math.prod(z.shape[1:]), rows, rng)
     scores = noise.scores(z, rows)
     square = 2 / noise.parts * np.abs(scores) ** 2  # 1 is expected
     observed, lag1 = _portmanteau(scores, noise.parts)
     replicated = np.sort(_replicated_portmanteau(z.shape[1], z.shape[2], noise.parts, rng))
     above = _REPLICATES - np.searchsorted(replicated, observed)
-    inferred = tuple(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True))
+    inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)))
     return _found(square, noise.parts, float(np.mean((1 + above) / (1 + _REPLICATES))), float(lag1.mean()), inferred)
 
 
@@ -235,7 +214,7 @@ def check_frequencies(residuals: Array) -> PredictiveCheck:
 
 
 def _found(
-    square: Array, parts: int, whiteness: float | None, lag1: float | None, inferred: tuple[tuple[str, float], ...]
+    square: Array, parts: int, whiteness: float | None, lag1: float | None, inferred: tuple[str, ...]
 ) -> PredictiveCheck:
     """The check from squared scores, shape (draws, lines, pairs), 1 expected."""
     n_values = math.prod(square.shape[1:])

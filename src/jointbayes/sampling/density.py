@@ -53,6 +53,7 @@ def newton_climb(
     step: float = 0.1,
     steps: int = 30,
     gain: float = 1e-7,
+    least: float = 0.0,
     settled: float = 2.0,
 ) -> tuple[Array, float, Array]:
     """Climb to the nearest mode by Newton's method with differences and a whole line of trial steps at once.
@@ -72,10 +73,11 @@ def newton_climb(
         Of the differences, in standard deviations.
     steps
         No more steps than these.
-    gain
-        In log density: a step that gains no more is not made.
+    gain, least
+        In log density: a climb whose step gains no more than the first has arrived, if the curvature is settled; a step
+        that gains no more than the second is not made.
     settled
-        A climb has arrived if it gains no more and the curvature along every axis is 1 to within this factor.
+        The curvature along every axis must be 1 to within this factor.
 
     Returns
     -------
@@ -94,10 +96,10 @@ def newton_climb(
         trials = place + _LENGTHS[:, None] * move
         found = log_density(trials)
         best = int(np.argmax(found))
-        axes = turned
-        if found[best] > value + gain:
+        axes, gained = turned, float(found[best]) - value
+        if gained > least:
             place, value = trials[best], float(found[best])
-        elif (curvature > 1 / settled).all() and (curvature < settled).all():
+        if not gained > gain and (curvature > 1 / settled).all() and (curvature < settled).all():
             break
     return place, value, axes @ axes.T
 

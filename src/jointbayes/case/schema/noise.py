@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 
@@ -29,7 +29,10 @@ class DiscrepancySpec(Spec):
 
 
 _RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
-_DISTRIBUTION = key_field('the distribution of the residuals, "gaussian" or "student_t"', "gaussian")
+#: Each is a module of `jointbayes.inference.noise`.
+Distribution = Literal["gaussian", "student_t", "proportional"]
+_NAMES = " or ".join(f'"{name}"' for name in get_args(Distribution))
+_DISTRIBUTION = key_field(f"the distribution of the residuals, {_NAMES}", "gaussian")
 _SCALE = key_field('the factor on the stated noise, "known" (1), "sampled" or "integrated"', "known")
 _DOF = Field(gt=2, description="the degrees of freedom of student_t, a number above 2", examples=[4.0])
 _SCALE_LOW = Field(
@@ -51,7 +54,7 @@ class NoiseModelSpec(Spec):
     """What the likelihood takes the residuals to be: their form, their distribution, and the size of the noise."""
 
     residuals: Annotated[Literal["complex", "log_magnitude"], _RESIDUALS] = "complex"
-    distribution: Annotated[Literal["gaussian", "student_t"], _DISTRIBUTION] = "gaussian"
+    distribution: Annotated[Distribution, _DISTRIBUTION] = "gaussian"
     dof: Annotated[float, _DOF] = 4.0
     scale: Annotated[Literal["known", "sampled", "integrated"], _SCALE] = "known"
     scale_low_factor: Annotated[float, _SCALE_LOW] = 0.1
@@ -67,17 +70,18 @@ class NoiseModelSpec(Spec):
                 found = f'found {value!r}, which {switch} = "{chosen}" does not use'
                 yield Finding((key,), found, f'{switch} = "{choice}"', f"write {switch} so, or remove {key}")
         yield from not_above(self.scale_low_factor, self.scale_high_factor, "scale_low_factor", "scale_high_factor", "")
-        if self.distribution == "student_t" and self.scale == "integrated":
-            found = 'found "integrated" with distribution = "student_t": the integral over the factor is Gaussian only'
-            yield Finding(("scale",), found, '"known" or "sampled" with student_t', 'write scale = "sampled"')
+        if self.distribution != "gaussian" and self.scale == "integrated":
+            law = self.distribution
+            found = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
+            yield Finding(("scale",), found, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
         yield from self._discrepancy_findings()
 
     def _discrepancy_findings(self) -> Iterator[Finding]:
         if self.discrepancy is None:
             return
         loc = ("discrepancy",)
-        if self.distribution == "student_t":
-            found = "residuals that are correlated are computed as Gaussian ones, not as student_t"
+        if self.distribution != "gaussian":
+            found = f"residuals that are correlated are computed as Gaussian ones, not as {self.distribution}"
             yield Finding(loc, found, 'distribution = "gaussian" with a discrepancy', "remove one of the two")
         if self.scale == "integrated":
             found = "the factor cannot be integrated out where it scales only a part of the covariance"

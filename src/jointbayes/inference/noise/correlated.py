@@ -1,32 +1,48 @@
 """Noise with a model discrepancy that is correlated along frequency."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.frf.frf_set import read_only
-from jointbayes.inference.noise.kernels import correlate, innovations, ou_log_likelihood
-from jointbayes.inference.noise.values import (
+from jointbayes.inference.noise.base import (
+    NoiseChoice,
+    NoiseModel,
     Residuals,
-    check_parts,
     columns_of,
     finite_or_impossible,
     from_columns,
-    no_pointwise,
+    log_uniform,
     rows_of,
 )
+from jointbayes.inference.noise.kernels import correlate, innovations, ou_log_likelihood
+from jointbayes.inference.prior import Nuisance
+from jointbayes.measurement import FrfMeasurement
 
-__all__ = ["CorrelatedNoise"]
+__all__ = ["CorrelatedNoise", "noise_of"]
 
 Array = NDArray[np.float64]
 
+#: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
+_SLIGHT = 0.3
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CorrelatedNoise:
+
+def noise_of(choice: NoiseChoice, parts: int, measurement: FrfMeasurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+    """The noise model of a case with a model discrepancy, and the priors of its hyperparameters."""
+    assert choice.discrepancy is not None
+    size, length = choice.discrepancy
+    priors = log_uniform("discrepancy_scale", "× noise", *size), log_uniform("discrepancy_length", "Hz", *length)
+    noise = CorrelatedNoise(parts, measurement.frf.frequency_hz, choice.scale == "sampled")
+    return noise, (*choice.parameters, *priors)
+
+
+@dataclass(frozen=True, eq=False)
+class CorrelatedNoise(NoiseModel):
     """White noise plus a model discrepancy that is correlated along frequency: z = g + w.
 
     g is an Ornstein-Uhlenbeck process of standard deviation `discrepancy_scale` (in units of the stated σ) and
@@ -60,10 +76,10 @@ class CorrelatedNoise:
     scaled: bool = False
     _spacing: Array = field(init=False, repr=False)
     _kind: NDArray[np.int64] = field(init=False, repr=False)
-    needs_chi2_only: ClassVar[bool] = False
+    averages_out: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_parts(self.parts)
+        super().__post_init__()
         lines = read_only(self.frequency_hz)
         steps = np.diff(lines) if lines.ndim == 1 else np.zeros(1)
         if lines.size == 0 or not (np.isfinite(lines).all() and (steps > 0).all()):
@@ -102,20 +118,6 @@ class CorrelatedNoise:
         ou_log_likelihood(self._lines(z), self._kind, self._spacing, self._variances(hyper, len(z)), out)
         return finite_or_impossible(out)
 
-    def pointwise(self, z: Residuals, hyper: ArrayLike) -> Array:
-        """Not defined: the values depend on each other.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
-        raise no_pointwise("noise correlated along frequency", "compare models by their evidence instead")
-
-    def whiten(self, z: Residuals, hyper: ArrayLike) -> Residuals:
-        """Innovations over their standard deviations of (k, lines, pairs), for one set of hyperparameters (q,)."""
-        return self.scores(z, hyper)
-
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals that are white with the stated variance if the model holds: each row's normalised innovations."""
         columns = self._lines(z)
@@ -131,3 +133,17 @@ class CorrelatedNoise:
         out = np.sqrt(rows[:, 0, None, None] / 2) * rng.standard_normal(shape)
         correlate(math.sqrt(0.5) * rng.standard_normal(shape), self._kind, self._spacing, rows, out)
         return from_columns(out, self.parts)
+
+    def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
+        """What of the noise was inferred, in sentences."""
+        size, length = values["discrepancy_scale"], values["discrepancy_length"]
+        return (
+            *super().words(values),
+            f"This includes a model discrepancy of {size:.3g} times the stated noise, correlated over {length:.3g} Hz."
+            if size > _SLIGHT
+            else f"It includes a model discrepancy that is small, {size:.2g} times the stated noise.",
+        )
+
+    def fitted_to(self, measurement: FrfMeasurement, parts: int) -> Self:
+        """The same law for the lines of another measurement."""
+        return type(self)(parts, measurement.frf.frequency_hz, self.scaled)

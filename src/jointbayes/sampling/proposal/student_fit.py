@@ -77,7 +77,7 @@ def laplace(target: Whitened) -> tuple[Array, Array]:
     dimension = len(target.origin)
     # a gain below a thousandth in log-density no longer matters beside a refinement
     mode, _, covariance = newton_climb(
-        target, np.zeros(dimension), np.eye(dimension), step=0.2, steps=20, gain=1e-3, settled=4.0
+        target, np.zeros(dimension), np.eye(dimension), step=0.2, steps=20, gain=1e-3, least=1e-3, settled=4.0
     )
     return mode, covariance
 

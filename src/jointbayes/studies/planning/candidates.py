@@ -1,7 +1,6 @@
 """Further measurements that could be made, as data of the model itself: what they would show, and how noisy."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -12,8 +11,6 @@ from scipy import optimize
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity, quantity_factor, receptance_model
 from jointbayes.inference import Problem
-from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.inference.noise.models import CorrelatedNoise, GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 from jointbayes.structure import Structure, StructureFamily
@@ -128,15 +125,13 @@ class Candidate:
         true = gain * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
         kept = self.ports.frequency_hz > self.above_hz
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
-        if rng is not None:
-            values = values - np.sqrt(variance) * _noise(problem, point, lines, variance.shape, rng)
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
-        return replace(
-            problem,
-            structure=self.structure,
-            measurement=FrfMeasurement(frf, variance, synthetic=True),
-            noise=_on_lines(problem.noise, lines),
-        )
+        if rng is not None:
+            noise = _noise(problem, point, FrfMeasurement(frf, variance), rng)
+            frf = replace(frf, values=values - np.sqrt(variance) * noise)
+        measurement = FrfMeasurement(frf, variance, synthetic=True)
+        noise_model = problem.noise and problem.noise.fitted_to(measurement, problem.noise.parts)
+        return replace(problem, structure=self.structure, measurement=measurement, noise=noise_model)
 
 
 def present(problem: Problem) -> FrfMeasurement:
@@ -166,7 +161,7 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
     measured = present(problem)
     if not 1 < averages_factor < math.inf:
         raise ModelError(f"planning: found {averages_factor:g} times the averages; expected a number above 1")
-    if isinstance(problem.noise, CorrelatedNoise):
+    if problem.noise is not None and not problem.noise.averages_out:
         raise ModelError("planning: found an inferred discrepancy; expected none, since averages do not reduce it")
     frf = measured.frf
     return Candidate(
@@ -180,35 +175,17 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
     )
 
 
-def _on_lines(noise: NoiseModel | None, frequency_hz: Array) -> NoiseModel | None:
-    """The noise model for other lines."""
-    if isinstance(noise, CorrelatedNoise):
-        return CorrelatedNoise(noise.parts, frequency_hz, noise.scaled)
-    return noise
+def _noise(problem: Problem, theta: Array, exact: FrfMeasurement, rng: np.random.Generator) -> ComplexArray:
+    """Standardised complex residuals that the noise model expects at θ, shape (lines, outputs, inputs).
 
-
-def _noise(
-    problem: Problem, theta: Array, lines: Array, shape: Sequence[int], rng: np.random.Generator
-) -> NDArray[np.complex128]:
-    """Standardised complex residuals that the noise model expects at θ, shape (lines, outputs, inputs)."""
-    noise, hyper = _replicating(problem, theta)
-    on_lines = _on_lines(noise, lines)
-    assert on_lines is not None
-    drawn = on_lines.draw(rng, hyper[None], shape[0], math.prod(shape[1:]))
+    A scale that is integrated out is what the present data say.
+    """
+    likelihood = problem.log_posterior.likelihood
+    factors = problem.prior.factors(theta)[None]
+    z = likelihood.standardised(joint_matrix(problem.prior.stiffness(theta))[None], factors)
+    noise, hyper = likelihood.noise.with_scale((np.abs(z) ** 2).sum(), likelihood.n_data, likelihood.hyper(factors))
+    # noise is made in both parts even where only the magnitude is looked at
+    shape = exact.frf.values.shape
+    drawn = noise.fitted_to(exact, 2).draw(rng, hyper, shape[0], math.prod(shape[1:]))
     residual: ComplexArray = drawn[0].reshape(shape)
     return residual
-
-
-def _replicating(problem: Problem, theta: Array) -> tuple[NoiseModel, Array]:
-    """Complex noise model and its parameters at θ; a scale that is integrated out is what the present data say."""
-    likelihood = problem.log_posterior.likelihood
-    assert isinstance(likelihood, FrfLikelihood)
-    factors = problem.prior.factors(theta)
-    noise = likelihood.noise
-    if isinstance(noise, IntegratedScale):
-        z = likelihood.standardised(joint_matrix(problem.prior.stiffness(theta))[None], factors[None])
-        scale = noise.typical_scale(float((np.abs(z) ** 2).sum()), likelihood.n_data)
-        return ScaledNoise(2), np.array([scale])
-    # noise is made in both parts even where only the magnitude is looked at
-    both = GaussianNoise(2) if isinstance(noise, GaussianNoise) else replace(noise, parts=2)
-    return both, likelihood.hyper(factors)[0]

@@ -13,7 +13,6 @@ from jointbayes.case.case import Case
 from jointbayes.case.schema import case as schema
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
-from jointbayes.inference import CorrelatedNoise
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import BeamFamily, BeamRecipe, Discretisation, FreeModes, Structure
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
@@ -66,7 +65,8 @@ class _Maker:
             if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
                 found.append(candidate)
                 seen |= pairs
-        if not isinstance(self._case.problem.noise, CorrelatedNoise):  # model error does not average out
+        noise = self._case.problem.noise
+        if noise is None or noise.averages_out:
             found.append(repeated(self._case.problem, self._spec.plan.averages_factor))
         return (*found, *self._band(), *self._mass())
 
