@@ -130,7 +130,7 @@ class MapEstimate:
     log_posterior
         Log density at the mode, up to the evidence.
     starts
-        What became of each start.
+        How each start ended.
     modes
         Local modes that starts led to and that may matter, the highest first: none is more than 12 below it in log
         density.

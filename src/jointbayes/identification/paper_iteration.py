@@ -38,7 +38,7 @@ class IterationHistory:
     converged
         Whether ‖ε‖ fell to the threshold.
     left_cone
-        Steps at which K^J was not positive semidefinite: a joint that could release energy.
+        Steps at which K^J was not positive semidefinite, which no passive joint is.
     reason
         One sentence on how it ended.
     """

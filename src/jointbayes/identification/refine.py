@@ -211,7 +211,7 @@ def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) 
     size = both(start[:moving])[0].size
 
     def residual(t: Array) -> Array:
-        # an infinite residual makes the solver shorten its step: the cone is no box that it could be told of
+        # an infinite residual makes the solver shorten its step: the solver knows bounds, but not a cone
         return both(t)[0] if feasible(joint(t)) else np.full(size, np.inf)
 
     def jacobian(t: Array) -> Array:

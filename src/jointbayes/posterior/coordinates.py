@@ -1,4 +1,4 @@
-"""Coordinates of a joint's posterior: in which it is near a bell, and whose intervals must be narrowly known."""
+"""Coordinates of a joint's posterior: in which it is near Gaussian, and whose intervals must be narrowly known."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 def charts(problem: Problem) -> tuple[Chart, ...]:
-    """Coordinates in which the posterior may be near a bell: the joint's compliance, and the prior's normal scores.
+    """Coordinates in which the posterior may be near Gaussian: the joint's compliance, and the prior's normal scores.
 
     An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends, or
     flat but for a ridge, which the joint's coordinates may know how to straighten.

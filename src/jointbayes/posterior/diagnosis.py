@@ -227,7 +227,7 @@ def diagnose_frfs(
     outputs, inputs
         DOF labels.
     rng
-        Replicates the noise, so that a deviation is told from it.
+        Replicates the noise, so that a deviation is distinguished from it.
     """
     shape = (len(frequency_hz), len(outputs) * len(inputs))
     have, want, noise = measured.reshape(shape), predicted.reshape(shape), sd.reshape(shape)

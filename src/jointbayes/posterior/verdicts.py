@@ -147,7 +147,7 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
 def _with_wider_priors(
     posterior: "Posterior", wide: WidenedPosterior, name: str, known: Identifiability
 ) -> Identifiability:
-    """The verdict after a look at what wider priors make of it: never more certain, and never changed in silence."""
+    """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason."""
     place = posterior.stiffness_names.index(name)
     values = wide.prior.stiffness(wide.theta)[:, place]
     wider = assess(values, wide.prior.stiffness(wide.prior_theta)[:, place])

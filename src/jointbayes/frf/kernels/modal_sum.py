@@ -94,7 +94,7 @@ def _prepare(
         for j in range(_NODES):
             here = constants[a, near : len(lam)]
             at[0, a, j], at[1, a, j] = _far_modes(lam[near:], here, ratio[near:], nodes[j])
-    for k in range(near, near + 4):  # modes of no account
+    for k in range(near, near + 4):  # padding: these modes do not count
         near_modes[0, k], near_modes[1, k] = 1.0, 1.0
         for a in range(len(constants)):
             constants[a, k] = 0.0

@@ -65,7 +65,7 @@ def identify_modes(
 ) -> tuple[MeasuredMode, ...]:
     """Natural frequencies and damping ratios of the modes that FRFs show, with standard deviations.
 
-    Poles that keep still while the order of a least-squares complex frequency-domain model rises are the start of a
+    Poles that are stable while the order of a least-squares complex frequency-domain model rises are the start of a
     weighted least-squares fit of the modal model: two real numbers for each mode and FRF, and fourteen for each FRF for
     what lies outside the band. What the fit leaves is searched for further modes. A mode stays only if it improves the
     fit by more than the search for one in pure noise would.

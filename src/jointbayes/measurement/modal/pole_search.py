@@ -1,4 +1,4 @@
-"""Poles of measured FRFs by the least-squares complex frequency-domain method, and which of them keep still."""
+"""Poles of measured FRFs by the least-squares complex frequency-domain method, and which of them are stable."""
 
 import numpy as np
 import scipy.linalg

@@ -1,1 +1,1 @@
-"""Coordinates in which a density is nearer to a bell."""
+"""Coordinates in which a density is nearer to Gaussian."""

@@ -53,7 +53,7 @@ class BoxChart:
     """Normal scores of the place between two ends: φ = Φ⁻¹((θ − low)/(high − low)), φ = θ without finite ends.
 
     What is uniform in θ is standard normal in φ. A density that data leave flat up to the ends of its support, which
-    no bell in θ resembles, is one in φ, or part of one.
+    no Gaussian in θ resembles, is near Gaussian in φ, or part of one.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from jointbayes.sampling.proposal.student_fit import (
     Whitened,
     good_efficiency,
     laplace,
-    refined_bell,
+    refined_student,
     whitened,
 )
 from jointbayes.sampling.proposal.weights import Pool, theta_draws
@@ -95,9 +95,9 @@ def fit_proposal(
     draws carry all the weight, a power of the weights below 1 is used, so that the next candidate still spans the
     space.
 
-    Where one bell is not good in the first chart, and always from several starts, mixtures are fitted in every chart
-    to all weighted draws so far, and the best chart is refined
-    (:func:`jointbayes.sampling.proposal.mixture_search.search`). A wide component goes along that bounds the weights.
+    Where one Student-t is not good enough in the first chart, and always from several starts, mixtures are fitted in
+    every chart to all weighted draws so far, and the best chart is refined
+    (:func:`jointbayes.sampling.proposal.mixture_search.search`). A wide component bounds the weights.
 
     A poor fit is no error: the efficiency says so, and the moves are chosen by it.
 
@@ -148,9 +148,9 @@ def fit_proposal(
     pool = Pool(target.log_density, dimension)
     fits: list[Fit] = []
     if len(starts) == 1:
-        rounds = refined_bell(target, *laplace(target), rng, least)
+        rounds = refined_student(target, *laplace(target), rng, least)
         best = max(rounds, key=lambda one: one.efficiency)
-        fits.append(Fit(_carried_back(target, best.bell), target.chart, best.efficiency))
+        fits.append(Fit(_carried_back(target, best.distribution), target.chart, best.efficiency))
         if best.efficiency > least:
             return _proposal(fits, target.evaluations)
         for one in rounds:
@@ -165,8 +165,8 @@ def fit_proposal(
             target.evaluations += local.evaluations
     fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng, enough)
     if not fits:
-        bell = StudentT(*laplace(target), DOF)
-        fits.append(Fit(_carried_back(target, bell), target.chart, 0.0))
+        distribution = StudentT(*laplace(target), DOF)
+        fits.append(Fit(_carried_back(target, distribution), target.chart, 0.0))
     return _proposal(fits, target.evaluations + pool.evaluations)
 
 
@@ -175,13 +175,13 @@ def _remember(pool: Pool, target: Whitened, one: Round) -> None:
     alive = np.isfinite(one.values)
     theta, _ = target.chart.inverse(target.origin + one.draws[alive] @ target.factor.T)
     value = one.values[alive] - target.chart.log_volume(theta)
-    pool.add(_carried_back(target, one.bell), target.chart, theta, value, len(one.draws))
+    pool.add(_carried_back(target, one.distribution), target.chart, theta, value, len(one.draws))
 
 
-def _carried_back(target: Whitened, bell: StudentT) -> StudentT:
+def _carried_back(target: Whitened, over_z: StudentT) -> StudentT:
     """Distribution over φ of one over z."""
     factor = target.factor
-    return StudentT(target.origin + factor @ bell.mean, factor @ bell.scale @ factor.T, bell.dof)
+    return StudentT(target.origin + factor @ over_z.mean, factor @ over_z.scale @ factor.T, over_z.dof)
 
 
 def _proposal(fits: list[Fit], evaluations: int) -> Proposal:

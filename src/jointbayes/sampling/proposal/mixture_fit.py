@@ -11,7 +11,7 @@ __all__ = ["first_mixture", "most_likely_mixture", "split"]
 Array = NDArray[np.float64]
 
 _EM_STEPS = 8
-_MOST = 12  # components beside the wide one
+_MOST = 12  # components besides the wide one
 _DEFENSIVE = 0.05  # weight of one wide component, which bounds the importance weights
 _WIDER = 3.0  # it than all others together
 _STARVED = 2  # effective draws per parameter of a component, below which it is dropped
@@ -39,8 +39,8 @@ def first_mixture(x: Array, weight: Array, components: int, rng: np.random.Gener
             break
         chosen.append(int(rng.choice(len(x), p=chance / chance.sum())))
     scale = overall * len(chosen) ** (-2 / x.shape[1])
-    bells = [StudentT(x[k], scale, DOF) for k in chosen]
-    return _defended(bells, np.full(len(bells), 1 / len(bells)), mean, overall)
+    narrow = [StudentT(x[k], scale, DOF) for k in chosen]
+    return _with_wide(narrow, np.full(len(narrow), 1 / len(narrow)), mean, overall)
 
 
 def most_likely_mixture(mixture: StudentMixture, x: Array, weight: Array) -> StudentMixture:
@@ -68,39 +68,41 @@ def most_likely_mixture(mixture: StudentMixture, x: Array, weight: Array) -> Stu
         each = mixture.log_densities(x)
         belongs = np.exp(each - each.max(axis=1, keepdims=True))
         belongs *= (weight / belongs.sum(axis=1))[:, None]
-        bells, masses = [], []
-        for share, bell in zip(belongs.T, mixture.components[:-1], strict=False):
+        narrow, masses = [], []
+        for share, component in zip(belongs.T, mixture.components[:-1], strict=False):
             mass = float(share.sum())
             if mass <= 0 or mass**2 < _STARVED * (d + 1) * float(share @ share):
                 continue
-            near = share * (DOF + d) / (DOF + bell.squared_distance(x))  # far draws count for less: tails are expected
+            near = (
+                share * (DOF + d) / (DOF + component.squared_distance(x))
+            )  # far draws count for less: tails are expected
             centre = near @ x / near.sum()
             z = x - centre
-            bells.append(StudentT(centre, (z.T * near) @ z / mass + _FLOOR * overall, DOF))
+            narrow.append(StudentT(centre, (z.T * near) @ z / mass + _FLOOR * overall, DOF))
             masses.append(mass)
-        if not bells:
-            bells, masses = [StudentT(mean, overall, DOF)], [1.0]
-        mixture = _defended(bells, np.array(masses), mean, overall)
+        if not narrow:
+            narrow, masses = [StudentT(mean, overall, DOF)], [1.0]
+        mixture = _with_wide(narrow, np.array(masses), mean, overall)
     return mixture
 
 
 def split(mixture: StudentMixture) -> StudentMixture:
     """Put two halves in the place of the heavier components, along the longest axis of each."""
-    *bells, wide = mixture.components
+    *narrow, wide = mixture.components
     weight = mixture.weights[:-1]
-    chosen = set(np.argsort(weight)[::-1][: max(_MOST - len(bells), 0)].tolist())
+    chosen = set(np.argsort(weight)[::-1][: max(_MOST - len(narrow), 0)].tolist())
     size = np.sqrt(np.diag(wide.scale))
     parts: list[StudentT] = []
     weights: list[float] = []
-    for k, bell in enumerate(bells):
+    for k, component in enumerate(narrow):
         if k not in chosen:
-            parts.append(bell)
+            parts.append(component)
             weights.append(float(weight[k]))
             continue
-        values, vectors = np.linalg.eigh(bell.scale / np.outer(size, size))
+        values, vectors = np.linalg.eigh(component.scale / np.outer(size, size))
         shift = 0.7 * np.sqrt(values[-1]) * vectors[:, -1] * size
-        scale = bell.scale - 0.9 * np.outer(shift, shift)
-        parts += [StudentT(bell.mean + side * shift, scale, DOF) for side in (-1, 1)]
+        scale = component.scale - 0.9 * np.outer(shift, shift)
+        parts += [StudentT(component.mean + side * shift, scale, DOF) for side in (-1, 1)]
         weights += [float(weight[k]) / 2] * 2
     return StudentMixture((*parts, wide), np.append(weights, mixture.weights[-1]))
 
@@ -115,8 +117,8 @@ def _moments(x: Array, weight: Array) -> tuple[Array, Array]:
     return mean, covariance
 
 
-def _defended(bells: list[StudentT], weight: Array, mean: Array, covariance: Array) -> StudentMixture:
+def _with_wide(narrow: list[StudentT], weight: Array, mean: Array, covariance: Array) -> StudentMixture:
     """Mixture with the wide component at its end."""
     wide = StudentT(mean, _WIDER**2 * covariance, DOF)
     weights = np.append((1 - _DEFENSIVE) * weight / weight.sum(), _DEFENSIVE)
-    return StudentMixture((*bells, wide), weights)
+    return StudentMixture((*narrow, wide), weights)

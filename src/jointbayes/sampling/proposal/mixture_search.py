@@ -20,9 +20,9 @@ _LOOKED_AT_AGAIN = 2
 _TRIALS = 3  # rounds in each chart, before the best is refined
 _ROUNDS = 7
 _GAIN = 0.02  # in efficiency, below which components are split
-_GOOD = 0.9  # of the efficiency at which a single bell is good: a mixture never gets quite there
+_GOOD = 0.9  # of the efficiency at which a single Student-t is good enough: a mixture never gets quite there
 _FITTED = 6000  # draws to which a mixture is fitted, so that a round costs the same however many there are
-_ENOUGH = 10  # effective draws for each parameter of a bell
+_ENOUGH = 10  # effective draws for each parameter of a component
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ def search(
     rng : numpy.random.Generator
         Source of the draws.
     enough : float, optional
-        Efficiency at which the search ends; by default nearly that at which a single bell is good.
+        Efficiency at which the search ends; by default nearly that at which a single Student-t is good enough.
 
     Returns
     -------

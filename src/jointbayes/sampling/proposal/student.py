@@ -112,8 +112,8 @@ class StudentMixture:
 
     Examples
     --------
-    >>> bell = StudentT(np.zeros(1), np.eye(1), 1.0)
-    >>> StudentMixture((bell, bell), np.array([0.25, 0.75])).log_density(np.zeros((1, 1)))
+    >>> one = StudentT(np.zeros(1), np.eye(1), 1.0)
+    >>> StudentMixture((one, one), np.array([0.25, 0.75])).log_density(np.zeros((1, 1)))
     array([-1.14472989])
     """
 

@@ -11,7 +11,7 @@ from jointbayes.sampling.density import Checked, LogDensity, covariance_roots, n
 from jointbayes.sampling.proposal.student import StudentT
 from jointbayes.sampling.proposal.weights import importance_efficiency, tempered
 
-__all__ = ["DOF", "Round", "Whitened", "good_efficiency", "laplace", "refined_bell", "whitened"]
+__all__ = ["DOF", "Round", "Whitened", "good_efficiency", "laplace", "refined_student", "whitened"]
 
 Array = NDArray[np.float64]
 
@@ -100,13 +100,15 @@ def good_efficiency(dimension: int) -> float:
 class Round:
     """One candidate in z, its draws with the log-density there, and its efficiency."""
 
-    bell: StudentT
+    distribution: StudentT
     draws: Array
     values: Array
     efficiency: float
 
 
-def refined_bell(target: Whitened, mean: Array, scale: Array, rng: np.random.Generator, enough: float) -> list[Round]:
+def refined_student(
+    target: Whitened, mean: Array, scale: Array, rng: np.random.Generator, enough: float
+) -> list[Round]:
     """Rounds of Student-t distributions in z from a first centre and scale, until one has an efficiency of `enough`.
 
     The last one is not always the best.

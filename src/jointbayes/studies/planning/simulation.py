@@ -3,7 +3,7 @@
 A truth is drawn from the present posterior, the further measurement is made there with noise, and the posterior of the
 data in hand together with the simulated ones is found: by reweighting draws of the present posterior with the
 likelihood of the new data where enough of them stay effective, and otherwise by importance sampling from a Student-t
-fit about the truth, in coordinates in which the posterior is near a bell.
+fit about the truth, in coordinates in which the posterior is near Gaussian.
 
 References
 ----------
@@ -46,7 +46,7 @@ _CORRELATED = 2.0
 #: Where neither way leaves enough, so many will do for a figure to 10 %; rather that than leaving out the posteriors
 #: of awkward shape, which need not be like the others.
 _ROUGH = 50.0
-#: Efficiency at which a fit ends, and importance draws from it: a bell, a mixture, and the best mixture there is.
+#: Efficiency at which a fit ends, and importance draws from it: a Student-t, a mixture, the best mixture there is.
 _FITS: tuple[tuple[float | None, int], ...] = ((0.1, 4000), (0.4, 4000), (None, 8000))
 _RESAMPLED = 4000
 
@@ -92,7 +92,7 @@ class Simulator:
     draws
         Draws of θ from the present posterior, shape (n, d), equally weighted.
     charts
-        Coordinates in which the posterior may be near a bell, the likeliest first.
+        Coordinates in which the posterior may be near Gaussian, the likeliest first.
     rng
         Chooses the truths among the draws, and seeds all noise.
     truths
@@ -169,7 +169,7 @@ class Simulator:
     def _importance(
         self, density: WithFurther, at_truth: Start, elsewhere: Start, rng: np.random.Generator
     ) -> WeightedDraws | None:
-        """Weighted draws from a bell about the truth, or from a mixture where its tails are too light; None if none.
+        """Weighted draws from a Student-t about the truth, or a mixture where its tails are too light; None if none.
 
         The mixtures start from the likeliest of the present draws as well, which may lie at another mode.
         """
