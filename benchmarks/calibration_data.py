@@ -100,8 +100,9 @@ def draw_data(variant: str, rng: np.random.Generator) -> DataSet:
     """Draw a truth from the prior and data from it: dense solution of that structure, noise of the case's own model."""
     base = case_of(variant)
     problem = base.problem
-    prior, nominal, joint_frf = problem.prior, problem.measurement, problem.joint_frf
+    prior, nominal = problem.prior, problem.measurement
     assert isinstance(nominal, FrfMeasurement)
+    joint_frf = nominal.joint_frf
     assert joint_frf is not None
     theta = prior.sample(rng, 1)[0]
     factors = prior.factors(theta)
@@ -117,5 +118,5 @@ def draw_data(variant: str, rng: np.random.Generator) -> DataSet:
     rest = values[:, measured:]
     values[:, measured:] += 0.05 * np.abs(rest) * (rng.normal(size=rest.shape) + 1j * rng.normal(size=rest.shape))
     frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, "receptance")
-    used = FrfMeasurement(frf.select(nominal.frf.outputs, nominal.frf.inputs), nominal.variance, synthetic=True)
-    return DataSet(theta, replace(base, problem=replace(problem, measurement=used, joint_frf=frf)))
+    used = replace(nominal, frf=frf.select(nominal.frf.outputs, nominal.frf.inputs), joint_frf=frf)
+    return DataSet(theta, replace(base, problem=replace(problem, measurement=used)))

@@ -37,7 +37,7 @@ def ratio(case: Case, settings: VirtualTestSpec, tests: int) -> np.ndarray:
     for seed in range(tests):
         (record,) = simulate(case, settings, np.random.default_rng(seed))
         values.append(record.values)
-        predicted.append(coherence_variance(as_set(record), 0.0).ravel())
+        predicted.append(coherence_variance(as_set(record)).ravel())
     return np.mean(predicted, axis=0) / np.var(values, axis=0, ddof=1)
 
 

@@ -216,4 +216,4 @@ def _with_data(case: jb.Case, section: CrossSection, truth: Array, rng: np.rando
     noise = sd_of_part * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
     frf = FrfSet(lines, exact + noise, data.outputs, data.inputs, "receptance")
     measured = FrfMeasurement(frf, 2 * sd_of_part**2, synthetic=True)
-    return replace(case, problem=replace(case.problem, measurement=measured, joint_frf=None))
+    return replace(case, problem=replace(case.problem, measurement=measured))

@@ -179,8 +179,7 @@ def measured_together(drawn: RandomCase, candidate: Candidate, rng: np.random.Ge
             old.frf.outputs + new.frf.outputs, old.frf.inputs, old.frf.quantity,
         )  # fmt: skip
         variance = np.concatenate([old.variance, new.variance], axis=1)
-    # the paper's iteration needs FRFs at the joint
-    together = replace(problem, measurement=FrfMeasurement(frf, variance, synthetic=True), joint_frf=None)
+    together = replace(problem, measurement=FrfMeasurement(frf, variance, synthetic=True))
     return replace(drawn.case, problem=together)
 
 

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 import jointbayes as jb
 from jointbayes.case.build import beam_recipe
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
+from jointbayes.frf import NaturalFrequencies, Ports
 from jointbayes.joint import joint_matrix
-from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
+from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import Structure
 
 __all__ = ["MODELS", "WRONGS", "Outcome", "analyse", "table"]
@@ -68,14 +68,12 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
     rng = np.random.default_rng([WRONGS.index(wrong), index])
     stiffness = _joint(rng)
     true = _structure(case, wrong, rng)
-    problem, old = case.problem, case.problem.joint_frf
+    problem, old = case.problem, case.problem.measurement.joint_frf
     assert old is not None
     ports = Ports(old.frequency_hz, old.outputs, old.inputs)
     data = synthesise_frf(true, problem.joint, joint_matrix(stiffness), ports, RelativeNoise(0.03, 0.01), rng=rng)
-    measured = data.frf.select(("11:y", "6:y"), ("11:y",))
-    used = FrfMeasurement(measured, data.variance[:, :2], synthetic=True)
-    known: FrfSet = data.frf
-    made = replace(case, problem=replace(problem, measurement=used, joint_frf=known))
+    used = replace(data.select(("11:y", "6:y"), ("11:y",)), joint_frf=data.frf)
+    made = replace(case, problem=replace(problem, measurement=used))
     posterior = jb.sample(made, seed=index, settings=SETTINGS)
 
     def holds(frequency: Array, *, of_model: bool) -> bool:

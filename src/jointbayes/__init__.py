@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from jointbayes.inference import Problem
     from jointbayes.measurement.formats import iter_records, read_frf, write_frf, write_records
     from jointbayes.measurement.inspection.inspection import Inspection, inspect_file
-    from jointbayes.measurement.modal.fit import MeasuredMode, identify_modes
+    from jointbayes.measurement.modal.fit import identify_modes
+    from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
     from jointbayes.measurement.records import FrfRecord, TimeRecord
-    from jointbayes.measurement.warnings.warnings import Doubt, find_doubts
+    from jointbayes.measurement.warnings.warnings import find_warnings
     from jointbayes.posterior import Knowledge, Posterior, PredictiveCheck, gather_knowledge, summarise
     from jointbayes.report.run_directory import write_report
     from jointbayes.sampling import SamplerSettings
@@ -54,9 +55,10 @@ _HOMES = {
     "jointbayes.identification": ("IterationHistory", "MapEstimate"),
     "jointbayes.inference": ("Problem",),
     "jointbayes.measurement.inspection.inspection": ("Inspection", "inspect_file"),
-    "jointbayes.measurement.warnings.warnings": ("Doubt", "find_doubts"),
+    "jointbayes.measurement.warnings.warnings": ("find_warnings",),
     "jointbayes.measurement.formats": ("iter_records", "read_frf", "write_frf", "write_records"),
-    "jointbayes.measurement.modal.fit": ("MeasuredMode", "identify_modes"),
+    "jointbayes.measurement.modal.fit": ("identify_modes",),
+    "jointbayes.measurement.provenance": ("MeasuredMode", "MeasurementWarning"),
     "jointbayes.measurement.records": ("FrfRecord", "TimeRecord"),
     "jointbayes.studies.planning.directory": ("write_plan",),
     "jointbayes.studies.planning.plan": ("Plan", "plan"),
@@ -86,7 +88,7 @@ __all__ = [
     "write_plan",
     "write_report",
     # measurement files
-    "find_doubts",
+    "find_warnings",
     "identify_modes",
     "inspect_file",
     "iter_records",
@@ -96,7 +98,7 @@ __all__ = [
     "write_records",
     # results and parts
     "Comparison",
-    "Doubt",
+    "MeasurementWarning",
     "FrfRecord",
     "FrfSet",
     "Inspection",

@@ -28,7 +28,7 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.coordinates import charts as charts
 from jointbayes.posterior.coordinates import judged_quantities
-from jointbayes.posterior.storage import draws_tree, read_record, stored_test, with_joint_frf
+from jointbayes.posterior.storage import draws_tree, read_record, stored_measurement
 from jointbayes.sampling import (
     Chains,
     LogDensity,
@@ -81,19 +81,19 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     """
     problem, whole = _problem_and_case(case)
     measured = problem.measurement
-    if problem.joint_frf is None or not isinstance(measured, FrfMeasurement):
+    if measured.joint_frf is None:
         missing = "found no FRFs at the joint; the paper's iteration expects joint_frf; use find_map instead"
         if not isinstance(measured, FrfMeasurement):
             missing = "found natural frequencies as data; the paper's iteration expects FRFs; use find_map instead"
-        elif whole is not None and whole.provenance is not None:
-            missing = whole.provenance.iteration or missing
+        elif measured.provenance is not None:
+            missing = measured.provenance.iteration or missing
         raise ModelError(f"{problem.name}: {missing}")
     start = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     check_positive_semidefinite(start)
     return sensitivity_iteration(
         problem.structures,
         problem.joint,
-        problem.joint_frf,
+        measured.joint_frf,
         measured.frf.outputs,
         start,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
@@ -144,7 +144,7 @@ def find_map(
     if isinstance(problem.measurement, FrfMeasurement):
         fitted = compliance_start(problem.structures, problem.joint, problem.measurement)
         starts["compliance fit without a guess"] = fitted
-    iteration = identify(case, guess) if problem.joint_frf is not None else None
+    iteration = identify(case, guess) if problem.measurement.joint_frf is not None else None
     if iteration is not None:
         starts["paper's iteration"] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
@@ -312,6 +312,7 @@ def _posterior(
         "seconds": chains.seconds,
         "ess_per_second": float(ess.min() / chains.seconds),
     }
+    provenance = problem.measurement.provenance
     record = RunRecord(
         problem.name,
         "" if case is None else case.text,
@@ -321,11 +322,9 @@ def _posterior(
         sampler,
         dict(zip(names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
-        case.provenance.as_json() if case is not None and case.provenance else None,
+        provenance.as_json() if provenance else None,
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
-    if record.provenance and problem.joint_frf is not None:
-        tree = with_joint_frf(tree, problem.joint_frf)
     return Posterior(problem, tree, estimate, mode_theta, mode_density, record, case)
 
 
@@ -352,9 +351,10 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
     """
     tree, record = read_record(path)
     run = record["record"]
-    case = case_from_text(run["case_name"], run["case_text"], test=stored_test(tree, run.get("provenance")))
+    measurement = stored_measurement(tree, run.get("provenance"))
+    case = case_from_text(run["case_name"], run["case_text"], measurement=measurement)
     posterior = Posterior.restored(case.problem, tree, record)
-    iteration = identify(case) if case.problem.joint_frf is not None else None
+    iteration = identify(case) if case.problem.measurement.joint_frf is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 

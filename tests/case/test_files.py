@@ -15,11 +15,11 @@ from jointbayes.errors import CaseError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.joint import joint_matrix
-from jointbayes.measurement import CoherenceNoise
+from jointbayes.measurement import CoherenceNoise, RelativeNoise
 from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
-from jointbayes.measurement.virtual.virtual_frf import noisy_frf
-from jointbayes.posterior.storage import stored_test
+from jointbayes.measurement.virtual.synthetic import noisy_frf
+from jointbayes.posterior.storage import stored_measurement
 from jointbayes.sampling import SamplerSettings
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
 
@@ -92,8 +92,8 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     np.testing.assert_allclose(measured.frf.values, frf.values[:, :1], rtol=1e-12)
     np.testing.assert_allclose(measured.variance, coherence_variance(frf)[:, :1], rtol=1e-9)
     assert measured.synthetic is False
-    assert case.problem.joint_frf.outputs == ("5:y", "1:y", "1:rz")
-    np.testing.assert_allclose(case.problem.joint_frf.values, frf.values, rtol=1e-12)
+    assert case.problem.measurement.joint_frf.outputs == ("5:y", "1:y", "1:rz")
+    np.testing.assert_allclose(case.problem.measurement.joint_frf.values, frf.values, rtol=1e-12)
 
 
 def test_file_to_posterior_finds_the_joint_of_the_virtual_test(tmp_path):
@@ -146,7 +146,7 @@ def test_signs_and_gains_of_channels_reach_the_data_and_are_reported(tmp_path):
     case = loaded(tmp_path, frf_data(channels=channels))
     expected = frf.values * np.array([1.0, -1.02, -1.0])[:, None]
     np.testing.assert_allclose(case.problem.measurement.frf.values, expected, rtol=1e-12)
-    assert any("Point:1:Y- points the other way" in note for note in case.provenance.notes)
+    assert any("Point:1:Y- points the other way" in note for note in case.problem.measurement.provenance.notes)
 
 
 def test_band_and_thinning_choose_the_lines(tmp_path):
@@ -155,7 +155,7 @@ def test_band_and_thinning_choose_the_lines(tmp_path):
     case = loaded(tmp_path, frf_data("f_min_hz = 100.0\nf_max_hz = 1000.0\nthin = 3"))
     lines = frf.frequency_hz[(frf.frequency_hz >= 100) & (frf.frequency_hz <= 1000)][::3]
     np.testing.assert_array_equal(case.problem.measurement.frf.frequency_hz, lines)
-    assert "Of 3 lines one was kept." in case.provenance.notes
+    assert "Of 3 lines one was kept." in case.problem.measurement.provenance.notes
 
 
 def test_the_quantity_of_the_case_wins_and_the_contradiction_is_said(tmp_path):
@@ -163,18 +163,21 @@ def test_the_quantity_of_the_case_wins_and_the_contradiction_is_said(tmp_path):
     stored(frf, tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data('quantity = "mobility"'))
     assert case.problem.measurement.frf.quantity == "mobility"
-    assert any("The file says accelerance" in n and "the case says mobility" in n for n in case.provenance.notes)
+    assert any(
+        "The file says accelerance" in n and "the case says mobility" in n
+        for n in case.problem.measurement.provenance.notes
+    )
 
 
-def test_doubts_about_the_file_are_kept_and_a_sign_put_right_by_the_mapping_is_none(tmp_path):
+def test_warnings_about_the_file_are_kept_and_a_sign_put_right_by_the_mapping_is_none(tmp_path):
     frf = virtual(("5:y",))
     stored(replace(frf, values=-frf.values), tmp_path / "tip.npz")
     wrong = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
-    assert any("5:y/5:y" in doubt.where for doubt in wrong.provenance.doubts)
+    assert any("5:y/5:y" in warning.where for warning in wrong.problem.measurement.provenance.warnings)
     records = [replace(r, response="acc", reference="hammer") for r in records_of_frf(frf)]
     write_records([replace(r, values=-r.values) for r in records], tmp_path / "tip.npz", "npz")
     right = loaded(tmp_path, frf_data(channels='"acc" = "-5:y"\n"hammer" = "5:y"\n'))
-    assert right.provenance.doubts == ()
+    assert right.problem.measurement.provenance.warnings == ()
     np.testing.assert_allclose(right.problem.measurement.frf.values, frf.values, rtol=1e-12)
 
 
@@ -195,10 +198,15 @@ def test_repeated_measurements_are_averaged_and_give_the_variance(tmp_path):
         stored(frf, tmp_path / f"run{i}.npz")
     files = '["run0.npz", "run1.npz", "run2.npz", "run3.npz"]'
     case = loaded(tmp_path, frf_data(variance='[data.variance]\nsource = "repeats"\n', file=files))
-    mean, variance = mean_of_repeats(repeats, floor=1e-3)
-    np.testing.assert_allclose(case.problem.measurement.frf.values, mean.values, rtol=1e-12)
-    np.testing.assert_allclose(case.problem.measurement.variance, variance, rtol=1e-9)
-    assert [f.name for f in case.provenance.files] == ["run0.npz", "run1.npz", "run2.npz", "run3.npz"]
+    mean = mean_of_repeats(repeats, RelativeNoise(1e-3, 0.0))
+    np.testing.assert_allclose(case.problem.measurement.frf.values, mean.frf.values, rtol=1e-12)
+    np.testing.assert_allclose(case.problem.measurement.variance, mean.variance, rtol=1e-9)
+    assert [f.name for f in case.problem.measurement.provenance.files] == [
+        "run0.npz",
+        "run1.npz",
+        "run2.npz",
+        "run3.npz",
+    ]
     with pytest.raises(CaseError, match=r'run1.npz.*another FRF of 5:y over 5:y.*source = "repeats"'):
         loaded(tmp_path, frf_data(file=files))
 
@@ -223,7 +231,7 @@ def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
     ratio = case.problem.measurement.variance / expected  # that of a modal fit over that of the noisy |H|
     assert np.median(ratio) == pytest.approx(1.0, abs=0.01)
     assert ratio.std() < 0.05
-    assert "of one average coherence says nothing" in case.provenance.variance
+    assert "of one average coherence says nothing" in case.problem.measurement.provenance.variance
 
 
 def test_a_coherence_of_nearly_1_is_not_believed_beyond_the_floor(tmp_path):
@@ -249,8 +257,8 @@ def test_a_variance_estimated_from_few_averages_makes_residuals_student_t(tmp_pa
 def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
-    assert case.problem.joint_frf is None
-    assert "no FRF of 1:y" in case.provenance.iteration
+    assert case.problem.measurement.joint_frf is None
+    assert "no FRF of 1:y" in case.problem.measurement.provenance.iteration
     with pytest.raises(ModelError, match="no FRF of 1:y, a DOF of the joint"):
         jb.identify(case)
     result = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml")])
@@ -267,10 +275,10 @@ def test_stations_give_the_rotation_that_the_iteration_needs_and_stay_in_the_lik
     rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\n'
     case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
     assert case.problem.measurement.frf.outputs == ("5:y", "1:y", "2:y")
-    assert case.problem.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
+    assert case.problem.measurement.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
     spacing = 0.383 / 4
     derived = (frf.frf("2:y", "5:y") - frf.frf("1:y", "5:y")) / spacing
-    np.testing.assert_allclose(case.problem.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
+    np.testing.assert_allclose(case.problem.measurement.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
     assert jb.identify(case).steps > 0
 
 
@@ -302,7 +310,10 @@ def test_accelerometers_are_taken_out_of_the_data_or_put_into_the_model_with_the
     assert k22["model"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert k22["data"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert abs(k22["neither"] / TABLE_3[2] - 1) > 0.03
-    assert any("mass of the accelerometers was taken out" in note for note in found["data"].provenance.notes)
+    assert any(
+        "mass of the accelerometers was taken out" in note
+        for note in found["data"].problem.measurement.provenance.notes
+    )
     with pytest.raises(CaseError, match="the mass taken out of the data or put into the model, not both"):
         loaded(tmp_path, frf_data(channels=removed), *loading)
 
@@ -319,7 +330,7 @@ def test_natural_frequencies_are_found_in_a_file_and_feed_the_frequency_likeliho
     true = truth().problem.natural_frequencies_hz(TABLE_3, 3)[0]
     assert np.abs((measured.frequency_hz - true) / measured.sd_hz).max() < 3
     assert measured.sd_hz[2] >= 0.001 * measured.frequency_hz[2]
-    assert case.problem.joint_frf is None
+    assert case.problem.measurement.joint_frf is None
     assert jb.find_map(case).stiffness[2] == pytest.approx(TABLE_3[2], rel=0.5)
 
 
@@ -359,7 +370,7 @@ def test_damping_ratios_come_from_the_data_and_stay_uncertain(tmp_path):
     channels = '"Point:5:Y+" = "5:y"\n'
     case = loaded(tmp_path, frf_data(channels=channels), ("ratio = 0.01", 'ratio = "measured"'))
     ratios = case.spec.structure.damping.ratio
-    assert ratios == tuple(mode.damping_ratio for mode in case.provenance.modes)
+    assert ratios == tuple(mode.damping_ratio for mode in case.problem.measurement.provenance.modes)
     assert np.allclose(ratios, 0.01, rtol=0.05)
     ranges = {n.name: np.exp(n.range) for n in case.problem.prior.nuisances}
     assert list(ranges) == ["damping_ratio_1", "damping_ratio_2", "damping_ratio_3"]
@@ -388,7 +399,7 @@ def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(c
     stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
     assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
     assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
-    assert stations.problem.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
+    assert stations.problem.measurement.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
     found = best_of(stations.problem.log_posterior, start).stiffness
     np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
     biased = best_of(rotation.problem.log_posterior, start).stiffness
@@ -413,8 +424,8 @@ def test_draws_are_loaded_and_reported_without_the_file(run, monkeypatch):
     first, second = posterior.problem.measurement, again.problem.measurement
     np.testing.assert_array_equal(first.frf.values, second.frf.values)
     np.testing.assert_array_equal(first.variance, second.variance)
-    test = stored_test(again.tree, again.record.provenance)
-    assert test.provenance == stored_test(posterior.tree, posterior.record.provenance).provenance
+    test = stored_measurement(again.tree, again.record.provenance)
+    assert test.provenance == stored_measurement(posterior.tree, posterior.record.provenance).provenance
     jb.write_report(again, folder / "after")
     for name in ("summary.json", "report.html", "case.toml"):
         assert (folder / "before" / name).read_bytes() == (folder / "after" / name).read_bytes()

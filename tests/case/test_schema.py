@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointbayes.case.schema import case as case_schema
-from jointbayes.case.schema.case import CaseSpec, CircleSpec, parse_case, read_case_file
-from jointbayes.case.toml_text import key_lines
+from jointbayes.case.schema.case import CaseSpec, CircleSpec, parse_case
+from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError
 from tests.conftest import CONFIGS
 
@@ -488,7 +488,7 @@ def test_no_text_causes_another_exception(text, at):
 
 def file_fault(path):
     with pytest.raises(CaseError) as caught:
-        read_case_file(path)
+        read_text(path)
     message = str(caught.value)
     assert "\n" not in message
     assert "expected a case file in TOML, UTF-8; " in message
@@ -530,12 +530,12 @@ def test_special_files_and_impossible_names_are_one_line():
 def test_windows_line_ends_and_byte_order_mark_are_accepted(tmp_path):
     path = tmp_path / "case.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
-    assert read_case_file(path) == parse_case(GOOD)
+    assert parse_case(read_text(path)) == parse_case(GOOD)
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_config_of_the_repository_loads(path):
-    case = read_case_file(path)
+    case = parse_case(read_text(path))
     assert "SYNTHETIC" in path.read_text(encoding="utf-8")
     assert case.structure.length_mm == (360.0 if "360mm" in path.stem else 383.0)
     assert case.reference is None or (case.reference.k11, case.reference.k22) == (5.05e9, 1.52e6)
@@ -647,7 +647,7 @@ def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measu
 
 
 def test_the_two_uncertain_beams_differ_by_the_accelerometer_at_mid_span_alone():
-    tip, mid = parse_case(UNCERTAIN), read_case_file(CONFIGS / "clamped_beam_midspan.toml")
+    tip, mid = parse_case(UNCERTAIN), parse_case(read_text(CONFIGS / "clamped_beam_midspan.toml"))
     assert tip.data.outputs == ("11:y",)
     assert mid.data.outputs == ("11:y", "6:y")
     assert len(tip.data.lines_hz()) == 1246

@@ -21,7 +21,7 @@ from jointbayes.measurement.signals.hits import HitSettings, find_hits
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.signals.line_thinning import lines_apart
 from jointbayes.measurement.variance import coherence_variance
-from jointbayes.measurement.virtual.virtual_frf import frf_records, noisy_frf
+from jointbayes.measurement.virtual.synthetic import noisy_frf
 from tests.conftest import TABLE_3, cheap_frequencies_text, cheap_text, edited
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"
@@ -88,14 +88,13 @@ def test_noise_and_coherence_are_those_of_h1_from_the_averages_themselves(averag
     for quantile in (0.05, 0.5, 0.95):
         assert np.quantile(short.coherence, quantile) == pytest.approx(np.quantile(coherence, quantile), rel=0.02)
     assert np.mean(np.abs(short.values - (2 - 1j)) ** 2) == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
-    assert coherence_variance(short, 0.0).mean() == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
+    assert coherence_variance(short).mean() == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
 
 
 def test_one_average_has_no_coherence_and_none_is_refused():
     true = FrfSet([1.0, 2.0], np.ones((2, 1, 1)), ("1:y",), ("1:y",))
     single = noisy_frf(true, RelativeNoise(0.1, 0.0), 1, np.random.default_rng(1))
     assert (single.coherence, single.averages) == (None, 1)
-    assert frf_records(single)[0].coherence is None
     with pytest.raises(MeasurementError, match="0 averages"):
         noisy_frf(true, RelativeNoise(0.1, 0.0), 0, np.random.default_rng(1))
 
@@ -166,7 +165,7 @@ def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise
     lines = np.array(case.spec.data.lines_hz())
     assert_allclose(found.frequency_hz, lines, rtol=1e-9)
     true = Truth(case).frf(lines, ("5:y", "3:y")).values
-    z = np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)
+    z = np.abs(found.values - true) ** 2 / coherence_variance(found)
     # Student-t with 2(n − 1) = 22 degrees of freedom: mean 22/20
     assert z.mean() == pytest.approx(1.1, abs=0.25)
 
@@ -179,7 +178,7 @@ def test_other_laws_of_damping_are_tested_as_well(law, key):
     case = virtual_case(*damping, ('"receptance"', '"accelerance"'), table='method = "impact"')
     found = as_set(simulate(case, None, np.random.default_rng(4)))
     true = Truth(case).frf(found.frequency_hz, ("5:y",)).values
-    z = np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)
+    z = np.abs(found.values - true) ** 2 / coherence_variance(found)
     assert z.mean() == pytest.approx(1.125, abs=0.3)
 
 
@@ -196,7 +195,7 @@ def test_the_damping_of_an_exponential_window_is_taken_out_of_simulated_frfs(see
     assert rate > 2 * np.pi * 121 * 0.01  # the window damps the first mode more than the structure does
     peak = np.abs(true[:, 0, 0]).argmax()
     assert abs(found.values[peak, 0, 0] / true[peak, 0, 0] - 1) < 0.005
-    assert (np.abs(found.values - true) ** 2 / coherence_variance(found, 0.0)).mean() < 1.6
+    assert (np.abs(found.values - true) ** 2 / coherence_variance(found)).mean() < 1.6
 
 
 def test_the_decay_rate_is_that_of_the_slowest_mode():
@@ -283,7 +282,7 @@ def test_a_file_of_hits_gives_back_the_frfs_of_the_test(tmp_path):
     direct, out = virtual_case(table=table), tmp_path / "hits.uff"
     assert command(tmp_path, table + 'writes = "time"', "--out", str(out)).exit_code == 0
     settings = ImpactSettings(force_window_s=2 / 2500, f_min_hz=20, f_max_hz=2500)
-    (found,) = frfs_of_hits(read(out), settings)
+    (found,) = frfs_of_hits(read(out), settings).frfs
     (record,) = simulate(direct, None, np.random.default_rng(1))
     assert found.averages == record.averages == 3
     kept = lines_apart(found.frequency_hz, 10.0)

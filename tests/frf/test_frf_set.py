@@ -34,7 +34,7 @@ def test_arrays_are_copies_that_nobody_can_write_to():
     frf = frf_set(frequency_hz=frequency, values=values, coherence=coherence)
     frequency[0], values[0, 0, 0], coherence[0, 0, 0] = 9.0, 2.0, 0.1
     assert (frf.frequency_hz[0], frf.values[0, 0, 0], frf.coherence[0, 0, 0]) == (10.0, 1.0, 0.5)
-    for derived in (frf, frf.select(OUTPUTS[:2], INPUTS), frf.band(15.0, 40.0), frf.converted("receptance")):
+    for derived in (frf, frf.select(OUTPUTS[:2], INPUTS), frf.converted("receptance")):
         for array in (derived.frequency_hz, derived.values, derived.coherence):
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 0.0
@@ -61,16 +61,6 @@ def test_selection_keeps_the_given_order_and_everything_else():
     np.testing.assert_array_equal(chosen.coherence[..., 0], frf.coherence[:, [2, 0], 1])
     assert (chosen.quantity, chosen.averages, chosen.n_lines) == ("mobility", 5, 4)
     assert frf_set(coherence=None).select(("1:y",), ("3:y",)).coherence is None
-
-
-def test_a_band_holds_both_its_ends():
-    frf = frf_set()
-    cut = frf.band(20.0, 35.0)
-    assert cut.frequency_hz.tolist() == [20.0, 35.0]
-    np.testing.assert_array_equal(cut.values, frf.values[1:3])
-    np.testing.assert_array_equal(cut.coherence, frf.coherence[1:3])
-    assert (cut.quantity, cut.averages, cut.outputs, cut.inputs) == ("mobility", 5, OUTPUTS, INPUTS)
-    assert frf_set(coherence=None).band(20.0, 35.0).coherence is None
 
 
 def test_mobility_is_jw_and_accelerance_minus_w_squared_times_receptance():
@@ -127,9 +117,6 @@ REFUSED = {
     "NaN coherence": (lambda: frf_set(coherence=with_one(np.nan, dtype=float)), r"coherence in \[0, 1\]"),
     "coherence of another shape": (lambda: frf_set(coherence=np.ones((4, 3, 1))), r"of shape \(4, 3, 2\)"),
     "no average": (lambda: frf_set(averages=0), "found 0 averages"),
-    "empty band": (lambda: frf_set().band(36.0, 49.0), "no line between 36 and 49 Hz"),
-    "reversed band": (lambda: frf_set().band(40.0, 20.0), "10 to 50 Hz"),
-    "band above": (lambda: frf_set().band(51.0, 99.0), "widen the band"),
     "absent output": (lambda: frf_set().select(("2:y",), INPUTS), "found DOF '2:y'"),
     "absent input": (lambda: frf_set().select(OUTPUTS, ("6:y",)), "one of 11:y, 3:y"),
     "output selected twice": (lambda: frf_set().select(("6:y", "6:y"), INPUTS), "each label once"),

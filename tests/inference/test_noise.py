@@ -375,12 +375,6 @@ def test_residuals_over_an_estimated_variance_are_student_t() -> None:
     assert stats.kstest((np.abs(z) ** 2).ravel(), "expon").pvalue < 1e-6  # Gaussian they are not
 
 
-def test_variance_from_coherence_has_a_floor() -> None:
-    coherence = np.array([0.9, 1.0, 1.0])[:, None, None]
-    frf = FrfSet(np.arange(1.0, 4), np.full((3, 1, 1), 2j), ("1:y",), ("1:y",), "receptance", coherence, 5)
-    np.testing.assert_allclose(coherence_variance(frf, floor=0.01).ravel(), [4 / 36, 2 * 0.02**2, 2 * 0.02**2])
-
-
 @pytest.mark.parametrize(
     ("coherence", "averages", "message"),
     [
@@ -398,9 +392,3 @@ def test_coherence_that_tells_nothing_of_the_noise_is_refused(
     frf = FrfSet(np.array([1.0, 2.0]), np.ones((2, 1, 1)), ("1:y",), ("1:y",), "receptance", array, averages)
     with pytest.raises(MeasurementError, match=message):
         coherence_variance(frf)
-
-
-def test_a_negative_floor_is_refused() -> None:
-    frf = FrfSet(np.array([1.0]), np.ones((1, 1, 1)), ("1:y",), ("1:y",), "receptance", np.full((1, 1, 1), 0.5), 4)
-    with pytest.raises(MeasurementError, match="floor"):
-        coherence_variance(frf, floor=-1.0)

@@ -8,6 +8,7 @@ import pytest
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, quantity_factor
 from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.structure import LossFactor, Structure
 from tests.conftest import CLAMP, TABLE_3, rod
@@ -26,6 +27,10 @@ def loaded(masses: dict[str, float]) -> Structure:
     return replace(free, mass=mass)
 
 
+def without(frf: FrfSet, masses: dict[str, float], **how: bool) -> FrfSet:
+    return without_accelerometers(FrfMeasurement(frf, np.ones(frf.values.shape)), masses, **how).frf
+
+
 def measured(masses: dict[str, float], outputs=(TIP, MIDDLE), inputs=(TIP, MIDDLE), quantity="accelerance") -> FrfSet:
     values = DirectSolve(loaded(masses), CLAMP, Ports(LINES, outputs, inputs)).receptance(joint_matrix(TABLE_3))[0]
     return FrfSet(LINES, values * quantity_factor(LINES, quantity)[:, None, None], outputs, inputs, quantity)
@@ -35,7 +40,7 @@ def measured(masses: dict[str, float], outputs=(TIP, MIDDLE), inputs=(TIP, MIDDL
 @pytest.mark.parametrize("masses", [{TIP: 5 * GRAM}, {MIDDLE: 8 * GRAM}, {TIP: 5 * GRAM, MIDDLE: 8 * GRAM}])
 def test_frfs_of_the_bare_structure_are_recovered(masses, quantity):
     frf = measured(masses, quantity=quantity)
-    found, _ = without_accelerometers(frf, np.ones(frf.values.shape), masses)
+    found = without(frf, masses)
     bare = measured({}, quantity=quantity)
     assert np.abs(frf.values / bare.values - 1).max() > 0.1  # the mass matters
     np.testing.assert_allclose(found.values, bare.values, rtol=1e-8)
@@ -43,7 +48,7 @@ def test_frfs_of_the_bare_structure_are_recovered(masses, quantity):
 
 def test_reciprocity_stands_in_for_a_force_at_the_sensor():
     frf = measured({TIP: 5 * GRAM}, inputs=(TIP,))
-    found, _ = without_accelerometers(frf, np.ones(frf.values.shape), {TIP: 5 * GRAM})
+    found = without(frf, {TIP: 5 * GRAM})
     np.testing.assert_allclose(found.values, measured({}, inputs=(TIP,)).values, rtol=1e-8)
 
 
@@ -51,23 +56,22 @@ def test_a_roving_sensor_loads_only_its_own_frf():
     each = {dof: measured({dof: 6 * GRAM}, outputs=(dof,)).values for dof in (TIP, MIDDLE)}
     frf = FrfSet(LINES, np.concatenate([each[TIP], each[MIDDLE]], axis=1), (TIP, MIDDLE), (TIP, MIDDLE), "accelerance")
     masses = dict.fromkeys((TIP, MIDDLE), 6 * GRAM)
-    found, _ = without_accelerometers(frf, np.ones(frf.values.shape), masses, roving=True)
+    found = without(frf, masses, roving=True)
     np.testing.assert_allclose(found.values, measured({}).values, rtol=1e-8)
-    fixed, _ = without_accelerometers(frf, np.ones(frf.values.shape), masses)
+    fixed = without(frf, masses)
     assert np.abs(fixed.values / measured({}).values - 1).max() > 0.05
 
 
 def test_a_mass_without_a_force_at_its_dof_cannot_be_taken_out():
     frf = measured({MIDDLE: 8 * GRAM}, inputs=(TIP,))
     with pytest.raises(MeasurementError, match=r"no FRF of 3:y over a force at 3:y.*structure.accelerometer_mass_g"):
-        without_accelerometers(frf, np.ones(frf.values.shape), {MIDDLE: 8 * GRAM})
+        without(frf, {MIDDLE: 8 * GRAM})
 
 
 def test_no_mass_changes_nothing():
     frf = measured({})
-    found, variance = without_accelerometers(frf, np.ones(frf.values.shape), {TIP: 0.0})
-    assert found is frf
-    assert (variance == 1).all()
+    as_measured = FrfMeasurement(frf, np.ones(frf.values.shape))
+    assert without_accelerometers(as_measured, {TIP: 0.0}) is as_measured
 
 
 def test_the_variance_is_that_of_noise_sent_through_the_correction():
@@ -75,7 +79,8 @@ def test_the_variance_is_that_of_noise_sent_through_the_correction():
     frf = measured(masses)
     variance = (0.002 * np.abs(frf.values)) ** 2
     rng = np.random.default_rng(3)
-    clean, stated = without_accelerometers(frf, variance, masses)
+    corrected = without_accelerometers(FrfMeasurement(frf, variance), masses)
+    clean, stated = corrected.frf, corrected.variance
     scatter = np.zeros(variance.shape)
     count = 2000
     for _ in range(count):

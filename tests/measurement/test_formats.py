@@ -11,9 +11,10 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats import (
     FORMATS,
-    assemble,
     detect_format,
+    in_band,
     iter_records,
+    join_frfs,
     read_frf,
     records_of_frf,
     write_frf,
@@ -255,27 +256,30 @@ def records(**changes):
     return [dataclasses.replace(r, **changes) for r in records_of_frf(frf_set())]
 
 
+def joined(record, f_min_hz, f_max_hz=None):
+    return join_frfs([in_band(record, "a.uff", f_min_hz, f_max_hz)], "a.uff")
+
+
 def test_band_is_cut_before_anything_is_checked():
     lines = np.arange(0.0, 10.0)
     values = np.ones(10, complex)
     values[[1, 9]] = np.nan, 0
     record = FrfRecord("1:Z+", "2:Z+", lines, values, "mobility", where="data set 3")
-    assert assemble([record], "a.uff", f_min_hz=1.5, f_max_hz=8.5).frequency_hz.tolist() == list(range(2, 9))
-    for band, message in (
-        ({}, "a.uff: data set 3: found a line at 0 Hz; .*f_min_hz"),
-        ({"f_min_hz": 0.5}, "NaN or infinity at 1 Hz"),
-        ({"f_min_hz": 1.5}, "exactly 0 at 9 Hz"),
-        ({"f_min_hz": 50.0}, "no line between 50 and inf Hz"),
+    assert joined(record, 1.5, 8.5).frequency_hz.tolist() == list(range(2, 9))
+    for f_min_hz, message in (
+        (None, "a.uff: data set 3: found a line at 0 Hz; .*f_min_hz"),
+        (0.5, "NaN or infinity at 1 Hz"),
+        (1.5, "exactly 0 at 9 Hz"),
+        (50.0, "no line between 50 and inf Hz"),
     ):
         with pytest.raises(MeasurementError, match=message):
-            assemble([record], "a.uff", **band)
+            joined(record, f_min_hz)
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ([], "found no FRF"),
-        ([TimeRecord("x", 1.0, np.ones(3))], "found no FRF"),
         (records()[:-1], "found no FRF of 'acc tip' over 'Point:3:Z-'"),
         (records() + records()[:1], "again"),
         (records(quantity=None), "no word on what the FRF is"),
@@ -290,7 +294,7 @@ def test_band_is_cut_before_anything_is_checked():
 )
 def test_assembly_says_what_is_in_the_way(given, message):
     with pytest.raises(MeasurementError, match=message) as caught:
-        assemble(given, "a.uff")
+        join_frfs(given, "a.uff")
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("a.uff: ")
 
@@ -298,15 +302,16 @@ def test_assembly_says_what_is_in_the_way(given, message):
 def test_assembly_takes_the_least_averages_and_coherence_only_if_complete():
     first, *rest = records()
     mixed = [dataclasses.replace(first, averages=3, coherence=None), *rest]
-    frf = assemble(mixed, "a")
+    frf = join_frfs(mixed, "a")
     assert frf.averages == 3
     assert frf.coherence is None
-    assert assemble([dataclasses.replace(first, averages=None), *rest], "a").averages is None
+    assert join_frfs([dataclasses.replace(first, averages=None), *rest], "a").averages is None
 
 
 def test_coherence_of_single_precision_may_pass_one_by_a_hair():
-    assert assemble(records(coherence=np.full(40, 1 + 1e-7)), "a").coherence.max() == 1.0
+    assert join_frfs(records(coherence=np.full(40, 1 + 1e-7)), "a").coherence.max() == 1.0
 
 
-def test_quantity_can_be_overruled():
-    assert assemble(records(quantity=None), "a", quantity="mobility").quantity == "mobility"
+def test_quantity_can_be_overruled(tmp_path):
+    write_records(records(quantity=None), tmp_path / "a.npz", "npz")
+    assert read_frf(tmp_path / "a.npz", quantity="mobility").quantity == "mobility"

@@ -10,7 +10,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.signals.hits import HitSettings
-from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits, impact_frf, impact_frfs
+from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits, impact_frfs
 from jointbayes.measurement.signals.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
 from jointbayes.measurement.signals.windows import added_decay_rate
 from jointbayes.measurement.variance import coherence_variance
@@ -42,6 +42,11 @@ def rig(quantity="accelerance", inputs=("1:y",), block=BLOCK) -> Rig:
 
 def hammered(hammer: Hammer, noise: ChannelNoise = SILENT, seed: int = 1, **options: object):
     return list(hammer_records(rig(**options), hammer, noise, np.random.default_rng(seed)))
+
+
+def impact_frf(forces, response, settings=None):
+    """Result of one response."""
+    return impact_frfs(forces, [response], settings)[0]
 
 
 def one_test(records: list[TimeRecord]):
@@ -84,7 +89,7 @@ def test_the_damping_of_an_exponential_window_is_taken_out_by_the_modes_that_are
     records = hammered(Hammer(10, 2e-3), ChannelNoise(0.0005, 0.002), block=1024)
     settings = ImpactSettings(exponential_end=0.02, force_window_s=4e-3, f_min_hz=20, f_max_hz=400)
     a = added_decay_rate(0.02, 1024 / RATE)
-    for i, frf in enumerate(frfs_of_hits(records, settings)):
+    for i, frf in enumerate(frfs_of_hits(records, settings).frfs):
         true = rig().frf(frf.frequency_hz)[:, i, 0]
         shifted = 2j * np.pi * frf.frequency_hz + a
         windowed = plate(shifted)[:, i, 0] * shifted**2
@@ -282,7 +287,6 @@ def test_the_variance_from_coherence_is_the_scatter_of_simulated_impact_tests(hi
                     f.coherence[:, None, None],
                     hits,
                 ),
-                0.0,
             ).ravel()
             for f in found
         ],

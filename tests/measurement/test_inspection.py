@@ -59,7 +59,7 @@ def test_a_file_is_described(found):
     assert (count, kind) == (4, "FRF: accelerance, unit (m/s^2)/N; 1595 lines, 5.5 to 1599.5 Hz every 1 Hz")
     assert found.averages == (10,)
     assert 0 < found.coherence[0] < found.coherence[1] < 1
-    assert found.doubts == ()
+    assert found.warnings == ()
 
 
 def test_resonances_are_found_with_their_damping(found):
@@ -81,7 +81,7 @@ def test_the_command_prints_it_all_and_draws_a_figure(clean, tmp_path):
     assert len([e for e in root.iter() if e.get("id", "").startswith("axes_")]) == 3  # magnitude, phase, coherence
 
 
-def test_doubts_are_printed_with_place_and_remedy(clean, tmp_path):
+def test_warnings_are_printed_with_place_and_remedy(clean, tmp_path):
     path = tmp_path / "turned.uff"
     turned = records(np.random.default_rng(1), lines=COARSE)
     write_records([times(turned[0], -1), *turned[1:]], path, "uff58b")
@@ -100,7 +100,7 @@ def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
     text = "\n".join(text_of(found))
     assert "Point:1:Z+ hit 3: " in text
     assert "LEFT OUT: double hit, again after 2" in text
-    assert {d.key for d in found.doubts} == {"double_hit"}
+    assert {d.key for d in found.warnings} == {"double_hit"}
     (mode,) = found.modes
     assert mode.frequency_hz == pytest.approx(200.0, abs=max(4 * mode.frequency_sd_hz, 0.02))
     assert mode.damping_ratio == pytest.approx(0.02, abs=max(4 * mode.damping_sd, 2e-4))

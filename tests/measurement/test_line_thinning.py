@@ -6,13 +6,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
 from jointbayes.measurement.signals.line_thinning import (
     effective_averages,
     independent_step,
     line_correlation,
     lines_apart,
-    thinned,
 )
 from jointbayes.measurement.signals.windows import exponential_window
 
@@ -81,24 +79,6 @@ def test_lines_are_kept_apart_for_even_and_uneven_lines():
     assert_array_equal(lines_apart(np.arange(10.0, 20.0), 3.0), [0, 3, 6, 9])
     assert_array_equal(lines_apart(0.1 * np.arange(1, 8), 0.3), [0, 3, 6])  # 0.1 is not exact in binary
     assert_array_equal(lines_apart(np.array([1.0, 1.5, 3.0, 10.0, 10.5]), 2.0), [0, 2, 3])
-
-
-def test_a_thinned_set_keeps_values_and_coherence_of_its_lines():
-    lines = np.arange(1.0, 8.0)
-    frf = FrfSet(lines, lines[:, None, None] * 1j, ("1:y",), ("1:y",), "mobility", lines[:, None, None] / 10, 3)
-    kept = thinned(frf, 2.0)
-    assert_array_equal(kept.frequency_hz, [1, 3, 5, 7])
-    assert_array_equal(kept.values.ravel(), 1j * kept.frequency_hz)
-    assert_allclose(kept.coherence.ravel(), kept.frequency_hz / 10)
-    assert (kept.quantity, kept.averages) == ("mobility", 3)
-    assert thinned(FrfSet(lines, frf.values, ("1:y",), ("1:y",)), 2.0).coherence is None
-
-
-@pytest.mark.parametrize("spacing", [0.0, -1.0, np.nan])
-def test_no_spacing_is_refused(spacing):
-    frf = FrfSet([1.0], np.ones((1, 1, 1)), ("1:y",), ("1:y",))
-    with pytest.raises(MeasurementError, match="thinning"):
-        thinned(frf, spacing)
 
 
 def test_no_blocks_are_refused():

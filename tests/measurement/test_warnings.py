@@ -1,4 +1,4 @@
-"""Doubts: each has a file that raises it and a clean file that does not, and clean noisy files raise none."""
+"""Warnings: each has a file that raises it and a clean file that does not, and clean noisy files raise none."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from jointbayes.frf import quantity_factor
 from jointbayes.measurement.formats import iter_records, write_records
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.warnings.warnings import DoubtCollector, find_doubts
+from jointbayes.measurement.warnings.warnings import WarningCollector, find_warnings
 
 UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
 LINES = np.arange(10, 3201) * 0.5
@@ -88,7 +88,7 @@ def delayed(found):
     return [times(found[0], np.exp(-2j * np.pi * LINES * 1e-4))]
 
 
-#: Doubt, quantity of the clean file, and what makes a file of it that must raise the doubt.
+#: Warning, quantity of the clean file, and what makes a file of it that must raise the warning.
 BROKEN = {
     "mobility called accelerance": (
         "quantity_phase",
@@ -141,24 +141,24 @@ BROKEN = {
 
 
 def keys(found, **more):
-    return {doubt.key for doubt in find_doubts(found, **more)}
+    return {warning.key for warning in find_warnings(found, **more)}
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_file_that_is_wrong_raises_its_doubt_and_the_clean_one_does_not(name, tmp_path):
+def test_a_file_that_is_wrong_raises_its_warning_and_the_clean_one_does_not(name, tmp_path):
     key, quantity, breaks = BROKEN[name]
     clean = records(np.random.default_rng(1), quantity)
     for file, content, expected in (("clean", clean, False), ("broken", breaks(clean), True)):
         path = tmp_path / f"{file}.npz"
         write_records(content, path, "npz")
         assert (key in keys(iter_records(path))) is expected, file
-    for doubt in find_doubts(breaks(clean)):
-        assert doubt.where
-        assert "\n" not in doubt.where + doubt.sentence + doubt.remedy
+    for warning in find_warnings(breaks(clean)):
+        assert warning.where
+        assert "\n" not in warning.where + warning.sentence + warning.remedy
 
 
 @pytest.mark.parametrize("form", ["uff58", "uff58b"])
-def test_universal_files_carry_doubts_over(form, tmp_path):
+def test_universal_files_carry_warnings_over(form, tmp_path):
     clean = records(np.random.default_rng(2))
     for name, content, expected in (
         ("clean", clean, set()),
@@ -168,7 +168,7 @@ def test_universal_files_carry_doubts_over(form, tmp_path):
         assert keys(iter_records(tmp_path / name)) == expected
 
 
-def test_a_unit_that_contradicts_the_axis_types_or_is_not_there_is_doubted(tmp_path):
+def test_a_unit_that_contradicts_the_axis_types_or_is_not_there_is_warned_of(tmp_path):
     path = tmp_path / "tip.uff"
     write_records(records(np.random.default_rng(2))[:1], path, "uff58")
     text = path.read_text(encoding="ascii")
@@ -217,17 +217,17 @@ def test_what_one_frf_cannot_tell_is_not_claimed():
 
 def test_the_sentence_names_what_else_it_may_be():
     receptance = records(np.random.default_rng(5), "receptance")
-    (doubt,) = find_doubts([replace(receptance[0], quantity="accelerance", unit=UNITS["accelerance"])])
-    assert "or the FRF is receptance and not accelerance" in doubt.sentence
-    (mobility,) = find_doubts([times(records(np.random.default_rng(5), "mobility")[0], -1)])
+    (warning,) = find_warnings([replace(receptance[0], quantity="accelerance", unit=UNITS["accelerance"])])
+    assert "or the FRF is receptance and not accelerance" in warning.sentence
+    (mobility,) = find_warnings([times(records(np.random.default_rng(5), "mobility")[0], -1)])
     assert "or the FRF is" not in mobility.sentence
 
 
 def test_the_mass_of_a_free_structure_shows_an_accelerometer_in_g():
     free = records(np.random.default_rng(6), rigid_kg=4.0, floor=0.0)
     assert keys(free, mass_kg=4.0) == set()
-    (doubt,) = find_doubts([times(free[0], 1 / 9.80665)], mass_kg=4.0)
-    assert doubt.key == "g_against_ms2"
+    (warning,) = find_warnings([times(free[0], 1 / 9.80665)], mass_kg=4.0)
+    assert warning.key == "g_against_ms2"
     assert keys([times(free[0], 1 / 9.80665)]) == set()  # without the mass nobody can tell
 
 
@@ -246,11 +246,11 @@ def test_lines_above_what_the_time_histories_can_show_are_in_rad_per_s():
     assert keys([replace(frf, frequency_hz=2 * np.pi * lines), history]) == {"rad_per_s"}
 
 
-def test_one_doubt_stands_for_many_records():
+def test_one_warning_stands_for_many_records():
     clean = records(np.random.default_rng(9))
-    (doubt,) = find_doubts([replace(r, coherence=None) for r in clean])
-    assert doubt.where.startswith("data set 1 (Point:1:Z+/Point:1:Z+), ")
-    assert doubt.where.endswith(" and 1 more")
+    (warning,) = find_warnings([replace(r, coherence=None) for r in clean])
+    assert warning.where.startswith("data set 1 (Point:1:Z+/Point:1:Z+), ")
+    assert warning.where.endswith(" and 1 more")
 
 
 def test_the_first_line_at_zero_hz_is_named():
@@ -318,7 +318,7 @@ def raised(record):
 
 
 @pytest.mark.parametrize("name", BROKEN_TIMES)
-def test_a_time_history_that_is_wrong_raises_its_doubt_and_a_clean_one_none(name):
+def test_a_time_history_that_is_wrong_raises_its_warning_and_a_clean_one_none(name):
     key, clean, broken = BROKEN_TIMES[name]
     for seed in range(10):
         assert keys([clean(np.random.default_rng(seed))]) == set()
@@ -336,7 +336,7 @@ def test_of_many_records_only_sketches_are_kept():
     rng = np.random.default_rng(11)
     lines = np.arange(10, 20_010) * 0.125
     one = records(rng, lines=lines)[0]
-    collector = DoubtCollector()
+    collector = WarningCollector()
     for node in range(30):
         collector.add(replace(one, response=f"Point:{node + 1}:Z+"))
     kept = [s for sketches in collector._sketches.values() for s in sketches]

@@ -10,7 +10,6 @@ from jointbayes.measurement.signals.windows import (
     added_decay_rate,
     exponential_window,
     force_window,
-    true_modes,
     without_added_damping,
 )
 
@@ -66,13 +65,6 @@ def test_an_exponential_window_on_both_channels_shifts_the_laplace_variable_exac
     z = np.exp(-(s + a) / rate)  # the sampled system, at s + a
     exact = (1 / (1 - np.exp(pole / rate) * z) - 1 / (1 - np.exp(pole.conjugate() / rate) * z)) / 2j / rate
     assert_allclose(measured, exact, rtol=1e-6)
-
-
-def test_true_modes_come_back_from_those_fitted_behind_the_window():
-    frequency, ratio = true_modes(*windowed_modes(), RATE)
-    assert_allclose(frequency, FREQUENCY, rtol=1e-12)
-    assert_allclose(ratio, RATIO, rtol=1e-10)
-    assert (windowed_modes()[1] > RATIO + 0.9 * RATE / (2 * np.pi * FREQUENCY)).all()  # the window did matter
 
 
 @pytest.mark.parametrize(("quantity", "power"), [("receptance", 0), ("mobility", 1), ("accelerance", 2)])

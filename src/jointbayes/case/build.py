@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.case.schema import case as schema
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports
+from jointbayes.frf import NaturalFrequencies, Ports
 from jointbayes.inference import (
     JointPrior,
     Marginal,
@@ -64,10 +64,13 @@ _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
 
 
-def beam_recipe(spec: schema.StructureSpec, data: schema.DataSpec, loaded: tuple[str, ...] | None = None) -> BeamRecipe:
-    """The beam of a case; accelerometers sit where translations are measured, or at the DOFs that are `loaded`."""
-    if loaded is None:
-        loaded = data.outputs if isinstance(data, schema.SyntheticFrfSpec) else ()
+def beam_recipe(
+    spec: schema.StructureSpec, data: schema.DataSpec, measurement: Measurement | None = None
+) -> BeamRecipe:
+    """The beam of a case; accelerometers sit where translations are measured, as files or the case say."""
+    loaded = data.outputs if isinstance(data, schema.SyntheticFrfSpec) else ()
+    if measurement is not None and measurement.provenance is not None:
+        loaded = measurement.provenance.loaded
     kappa = None if spec.shear_coefficient == "cowper" else float(spec.shear_coefficient)
     return BeamRecipe(
         spec.length_mm * _MM,
@@ -246,11 +249,11 @@ def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:
 
 def measurement_of(
     recipe: BeamRecipe, joint: Joint, spec: schema.SyntheticFrfSpec | schema.NaturalFrequenciesSpec
-) -> tuple[Measurement, FrfSet | None]:
-    """The data, and for FRFs also those at the joint, which the paper's iteration needs."""
+) -> Measurement:
+    """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs."""
     if isinstance(spec, schema.NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
-        return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz)), None
+        return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
     at_joint = tuple(dof for dof in joint.dofs + joint.against if dof not in spec.outputs)
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
@@ -265,12 +268,7 @@ def measurement_of(
         rng,
         gain=spec.truth.gain,
     )
-    used = FrfMeasurement(
-        measured.frf.select(spec.outputs, spec.inputs),
-        measured.variance[:, : len(spec.outputs)],
-        synthetic=True,
-    )
-    return used, measured.frf
+    return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
 
 
 def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:

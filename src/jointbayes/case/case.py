@@ -18,7 +18,7 @@ from jointbayes.case.build import (
     stiffness_of,
     with_workshop_uncertainty,
 )
-from jointbayes.case.files import read_test, require_lowest, with_estimated_variance, with_measured_damping
+from jointbayes.case.files import plan_of, require_lowest, with_estimated_variance, with_measured_damping
 from jointbayes.case.plausibility import InputWarning, input_warnings
 from jointbayes.case.schema import case as schema
 from jointbayes.case.schema.measured import MeasuredSpec
@@ -26,8 +26,7 @@ from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint
-from jointbayes.measurement import FrequencyMeasurement
-from jointbayes.measurement.measured import MeasuredTest, Provenance
+from jointbayes.measurement import FrequencyMeasurement, Measurement
 from jointbayes.sampling import SamplerSettings
 
 __all__ = ["Case", "case_from_text", "load_case"]
@@ -49,8 +48,6 @@ class Case:
         The same, checked and typed.
     problem
         Structure, joint, data and prior; `replace` may put another one in its place.
-    provenance
-        Where data from files come from; None for other data.
     stated
         The problem that the text states; None where it was not built.
     """
@@ -59,7 +56,6 @@ class Case:
     text: str
     spec: "schema.CaseSpec"
     problem: Problem
-    provenance: Provenance | None = None
     stated: Problem | None = None
 
     def __repr__(self) -> str:
@@ -110,8 +106,7 @@ class Case:
         """
         if self.problem is not self.stated:
             return None
-        loaded = self.provenance.loaded if self.provenance else None
-        recipe = beam_recipe(self.spec.structure, self.spec.data, loaded)
+        recipe = beam_recipe(self.spec.structure, self.spec.data, self.problem.measurement)
         prior = with_workshop_uncertainty(self.problem.prior, self.spec, recipe, self.problem.measurement)
         return replace(self.problem, prior=prior, structure=family_of(recipe, prior))
 
@@ -149,7 +144,7 @@ def load_case(path: str | os.PathLike[str]) -> Case:
 
 
 def case_from_text(
-    name: str, text: str, *, directory: str | os.PathLike[str] = ".", test: MeasuredTest | None = None
+    name: str, text: str, *, directory: str | os.PathLike[str] = ".", measurement: Measurement | None = None
 ) -> Case:
     """Build a case from TOML text; errors as for `load_case`, with `name` for the file.
 
@@ -159,29 +154,29 @@ def case_from_text(
         Name of the case, and its text.
     directory
         Where measurement files are looked for.
-    test
+    measurement
         Data of a case with measurement files, as they were read before; the files are then not needed.
     """
-    return _build(name, text, schema.parse_case(text, name), name, Path(directory), test)
+    return _build(name, text, schema.parse_case(text, name), name, Path(directory), measurement)
 
 
 def _build(
-    name: str, text: str, spec: "schema.CaseSpec", where: str, directory: Path, test: MeasuredTest | None = None
+    name: str, text: str, spec: "schema.CaseSpec", where: str, directory: Path, measurement: Measurement | None = None
 ) -> Case:
     stated, line = spec, 1
     try:
-        if isinstance(spec.data, MeasuredSpec):
-            line = key_lines(text)["data",]
-            test = test or read_test(spec, directory)
-            spec = with_estimated_variance(with_measured_damping(spec, test), test)
-        recipe = beam_recipe(spec.structure, spec.data, test.provenance.loaded if test else None)
         joint = Joint(spec.joint.dofs, spec.joint.against)
         if isinstance(spec.data, MeasuredSpec):
-            assert test is not None
-            measurement, joint_frf = test.measurement, test.joint_frf
-            require_lowest(stated, recipe, joint, test.provenance.modes)
+            from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
+
+            line = key_lines(text)["data",]
+            measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
+            spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
+            recipe = beam_recipe(spec.structure, spec.data, measurement)
+            require_lowest(stated, recipe, joint, measurement)
         else:
-            measurement, joint_frf = measurement_of(recipe, joint, spec.data)
+            recipe = beam_recipe(spec.structure, spec.data)
+            measurement = measurement_of(recipe, joint, spec.data)
         prior = prior_of(spec, recipe, measurement)
         problem = Problem(
             family_of(recipe, prior),
@@ -191,7 +186,6 @@ def _build(
             noise_of(spec.noise, measurement)[0],
             spec.noise.residuals,
             first_guess(spec, recipe),
-            joint_frf,
             name,
         )
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
@@ -204,4 +198,4 @@ def _build(
             f"{where}:{line}: found numbers that are too far apart to be computed with ({error}); expected those of "
             "one machine; check sizes, material and stiffnesses"
         ) from error
-    return Case(name, text, spec, problem, test.provenance if test else None, problem)
+    return Case(name, text, spec, problem, problem)

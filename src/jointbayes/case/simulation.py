@@ -15,11 +15,12 @@ from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
 from jointbayes.joint import joint_matrix
+from jointbayes.measurement.formats import records_of_frf
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.signals.line_thinning import effective_averages, lines_apart
-from jointbayes.measurement.signals.spectra import ShakerSettings, by_force, shaker_frf
-from jointbayes.measurement.virtual.virtual_frf import frf_records, noisy_frf
+from jointbayes.measurement.signals.spectra import ShakerSettings, frfs_of_shaker
+from jointbayes.measurement.virtual.synthetic import channel_label, noisy_frf
 from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from jointbayes.structure import BeamFamily, LossFactor, ModalDamping, Structure
 
@@ -123,7 +124,8 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":
         true = truth.frf(np.array(truth.data.lines_hz()), outputs)
-        return list(frf_records(noisy_frf(true, noise_law(truth.data.noise), averages, rng)))
+        noisy = noisy_frf(true, noise_law(truth.data.noise), averages, rng)
+        return list(records_of_frf(noisy, channel_label, "virtual test"))
     rig = _rig(truth, test, outputs)
     return (
         _impact(truth, test, rig, averages, rng)
@@ -180,7 +182,7 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
         f_min_hz=low,
         f_max_hz=high,
     )
-    return [_at_step(record, truth) for record in frfs_of_hits(records, settings)]
+    return [_at_step(record, truth) for record in frfs_of_hits(records, settings).frfs]
 
 
 def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> list[Record]:
@@ -194,11 +196,7 @@ def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
     records = list(shaker_records(rig, rig.block + (blocks - 1) * hop, noise, rng))
     if test.writes == "time":
         return list(records)
-    return [
-        _at_step(shaker_frf(forces, response, settings).frf, truth)
-        for forces, responses in by_force(records)
-        for response in responses
-    ]
+    return [_at_step(record, truth) for record in frfs_of_shaker(records, settings).frfs]
 
 
 def _at_step(record: FrfRecord, truth: Truth) -> FrfRecord:

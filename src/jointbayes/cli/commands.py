@@ -130,7 +130,8 @@ def identify(config: Path) -> None:
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
-    if case.problem.joint_frf is not None:
+    provenance = case.problem.measurement.provenance
+    if case.problem.measurement.joint_frf is not None:
         history = iterate(case)
         heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
         click.echo(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
@@ -138,8 +139,8 @@ def identify(config: Path) -> None:
             values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
             click.echo(f"{step:>4} {norm:>10.3e} {values}")
         click.echo(f"The paper's iteration {history.reason}.")
-    elif case.provenance is not None and case.provenance.iteration:
-        click.echo(f"The paper's iteration is left out. {case.provenance.iteration}.")
+    elif provenance is not None and provenance.iteration:
+        click.echo(f"The paper's iteration is left out. {provenance.iteration}.")
     estimate = find_map(case, tell=_tell)
     found = zip(case.problem.quantities, estimate.stiffness, strict=True)
     click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in found))

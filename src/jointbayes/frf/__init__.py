@@ -1,4 +1,4 @@
-"""Frequency response functions: measured sets, the forward models that predict them, rotations."""
+"""Frequency response functions: measured sets, the forward models that predict them."""
 
 from jointbayes.frf.coupling import LowRankCoupling
 from jointbayes.frf.direct import DirectSolve
@@ -6,12 +6,6 @@ from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
 from jointbayes.frf.model import ReceptanceModel, receptance_model
 from jointbayes.frf.ports import Ports
-from jointbayes.frf.rotation import (
-    DifferenceScheme,
-    Transform,
-    rotation_from_translations,
-    transform_frf,
-)
 
 __all__ = [
     # data
@@ -26,9 +20,4 @@ __all__ = [
     "Ports",
     "ReceptanceModel",
     "receptance_model",
-    # rotations
-    "DifferenceScheme",
-    "Transform",
-    "rotation_from_translations",
-    "transform_frf",
 ]

@@ -14,14 +14,15 @@ __all__ = ["FrfSet", "Quantity", "quantity_factor"]
 Quantity = Literal["receptance", "mobility", "accelerance"]
 #: Some of the lines of an FRF: a mask or indices over them, or a slice.
 Lines = NDArray[np.bool_] | NDArray[np.intp] | slice
-_POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: Power of jω by which a quantity follows from the receptance.
+POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
 def quantity_factor(
     frequency_hz: NDArray[np.float64], to: Quantity, since: Quantity = "receptance"
 ) -> NDArray[np.complex128]:
     """Factor (jω)ⁿ per line that turns `since` into `to`, shape (lines,); ω = 2πf."""
-    power = _POWER_OF_JW[to] - _POWER_OF_JW[since]
+    power = POWER_OF_JW[to] - POWER_OF_JW[since]
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
     factor: NDArray[np.complex128] = np.array([1, 1j, -1, -1j])[power % 4] * omega**power
@@ -129,22 +130,6 @@ class FrfSet:
         cut = np.ix_(range(self.n_lines), rows, columns)
         coherence = None if self.coherence is None else self.coherence[cut]
         return replace(self, values=self.values[cut], outputs=tuple(outputs), inputs=tuple(inputs), coherence=coherence)
-
-    def band(self, f_min_hz: float, f_max_hz: float) -> "FrfSet":
-        """Return the lines with f_min_hz ≤ f ≤ f_max_hz.
-
-        Raises
-        ------
-        MeasurementError
-            If no line lies in the band.
-        """
-        inside = (self.frequency_hz >= f_min_hz) & (self.frequency_hz <= f_max_hz)
-        if not inside.any():
-            raise MeasurementError(
-                f"FRF set: found no line between {f_min_hz:g} and {f_max_hz:g} Hz; expected a band within "
-                f"{self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz; widen the band"
-            )
-        return self.at_lines(inside)
 
     def at_lines(self, which: "Lines") -> "FrfSet":
         """Return some of the lines: a mask or indices over lines, or a slice."""

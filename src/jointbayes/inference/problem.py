@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, receptance_model
+from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
@@ -46,9 +46,6 @@ class Problem:
         What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
     initial
         First guess of (k11, k12, k22), shape (3,); by default the middle of the prior.
-    joint_frf
-        FRFs at the measured DOFs and at the joint, rotation included, which the paper's iteration needs; None where
-        they are not known.
     name
         Short name, by which its results are known.
 
@@ -65,7 +62,6 @@ class Problem:
     noise: NoiseModel | None = None
     residual_kind: ResidualKind = "complex"
     initial: ArrayLike | None = None
-    joint_frf: FrfSet | None = None
     name: str = "problem"
 
     def __post_init__(self) -> None:

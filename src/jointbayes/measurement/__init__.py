@@ -1,7 +1,8 @@
 """Measurements and their noise."""
 
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, Measurement
-from jointbayes.measurement.virtual.synthetic import CoherenceNoise, NoiseLaw, RelativeNoise, synthesise_frf
+from jointbayes.measurement.variance import CoherenceNoise, NoiseLaw, RelativeNoise
+from jointbayes.measurement.virtual.synthetic import synthesise_frf
 
 __all__ = [
     "CoherenceNoise",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
+from jointbayes.measurement.data import FrfMeasurement
 
 __all__ = ["without_accelerometers"]
 
@@ -24,9 +25,9 @@ _STEP = 1e-6  # of the largest receptance of a line, in differences of a functio
 
 
 def without_accelerometers(
-    frf: FrfSet, variance: Array, masses: Mapping[str, float], *, roving: bool = False
-) -> tuple[FrfSet, Array]:
-    """FRFs of the structure without its accelerometers, and their variance.
+    measured: FrfMeasurement, masses: Mapping[str, float], *, roving: bool = False
+) -> FrfMeasurement:
+    """FRFs of the structure without its accelerometers.
 
     With masses m at sensors S the structure measured has the dynamic stiffness Z − ω²M; taking the masses away leaves
     H − H_oS (1/(ω²m) + H_SS)⁻¹ H_Si, in receptances H as measured. That is exact, but only as good as the FRFs: it
@@ -34,10 +35,8 @@ def without_accelerometers(
 
     Parameters
     ----------
-    frf
+    measured
         FRFs as measured; outputs and inputs are DOFs.
-    variance
-        σ² = E|δH|², shape as ``frf.values``.
     masses
         Mass in kg by DOF, all of them outputs.
     roving
@@ -46,10 +45,9 @@ def without_accelerometers(
 
     Returns
     -------
-    frf : FrfSet
-        Without coherence, which is that of the measured ones.
-    variance : ndarray
-        To first order in independent errors. Those of different FRFs are correlated where the correction is large.
+    FrfMeasurement
+        Without coherence, which is that of the measured FRFs. The variance is that to first order in independent
+        errors; those of different FRFs are correlated where the correction is large.
 
     Raises
     ------
@@ -62,25 +60,25 @@ def without_accelerometers(
     >>> from jointbayes.frf import FrfSet, quantity_factor
     >>> f = np.array([10.0])
     >>> mass = -1 / (2 * np.pi * f[:, None, None]) ** 2 / 1.002  # a free mass of 1 kg with 2 g on it
-    >>> found, _ = without_accelerometers(FrfSet(f, mass, ("1:y",), ("1:y",)), np.ones((1, 1, 1)), {"1:y": 0.002})
-    >>> bool(np.isclose(found.values, mass * 1.002))
+    >>> loaded = FrfMeasurement(FrfSet(f, mass, ("1:y",), ("1:y",)), np.ones((1, 1, 1)))
+    >>> bool(np.isclose(without_accelerometers(loaded, {"1:y": 0.002}).frf.values, mass * 1.002))
     True
     """
     given = {dof: mass for dof, mass in masses.items() if mass > 0}
     if not given:
-        return frf, variance
-    receptance = frf.converted("receptance")
-    factor = np.abs(quantity_factor(frf.frequency_hz, frf.quantity))[:, None, None]
-    values, measured_variance = receptance.values, variance / factor**2
-    clean, clean_variance = values.copy(), measured_variance.copy()
+        return measured
+    frf = measured.frf.converted("receptance")
+    factor = np.abs(quantity_factor(frf.frequency_hz, measured.frf.quantity))[:, None, None]
+    values, variance = frf.values, measured.variance / factor**2
+    clean, clean_variance = values.copy(), variance.copy()
     groups = [((dof,), (dof,)) for dof in given] if roving else [(tuple(given), frf.outputs)]
     for sensors, outputs in groups:
-        correction = _Correction(receptance, sensors, np.array([given[s] for s in sensors]), outputs)
+        correction = _Correction(frf, sensors, np.array([given[s] for s in sensors]), outputs)
         rows = [frf.outputs.index(output) for output in outputs]
         clean[:, rows] = correction(values)
-        clean_variance[:, rows] = _propagated(correction, values, measured_variance)
-    corrected = replace(receptance, values=clean, coherence=None).converted(frf.quantity)
-    return corrected, clean_variance * factor**2
+        clean_variance[:, rows] = _propagated(correction, values, variance)
+    corrected = replace(frf, values=clean, coherence=None).converted(measured.frf.quantity)
+    return replace(measured, frf=corrected, variance=clean_variance * factor**2)
 
 
 class _Correction:

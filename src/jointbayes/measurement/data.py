@@ -1,20 +1,22 @@
 """Measurements as inference takes them: values with the variance of their noise."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
+from jointbayes.frf import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.frf_set import read_only
+from jointbayes.measurement.provenance import Provenance
 
 __all__ = ["FrequencyMeasurement", "FrfMeasurement", "Measurement"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrfMeasurement:
-    """Measured FRFs and the variance of their noise.
+    """Measured FRFs, the variance of their noise, and where both come from.
 
     Parameters
     ----------
@@ -24,6 +26,13 @@ class FrfMeasurement:
         σ² = E|δH|² of the complex noise, half of it in each part, shape as ``frf.values``.
     synthetic
         True where the FRFs were computed, not measured.
+    variance_dof
+        Degrees of freedom from which the variance of each line was estimated; None where it is stated.
+    joint_frf
+        FRFs at the measured DOFs and at the joint, rotation included, which the paper's iteration needs; None where
+        they were not measured.
+    provenance
+        Where the data come from, and what was done to them; None for data that come from no file.
 
     Raises
     ------
@@ -34,6 +43,9 @@ class FrfMeasurement:
     frf: FrfSet
     variance: NDArray[np.float64]
     synthetic: bool = False
+    variance_dof: int | None = None
+    joint_frf: FrfSet | None = None
+    provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variance", read_only(self.variance))
@@ -52,10 +64,22 @@ class FrfMeasurement:
         """Highest frequency, Hz."""
         return float(self.frf.frequency_hz[-1])
 
+    def converted(self, quantity: Quantity) -> "FrfMeasurement":
+        """The same as receptance, mobility or accelerance."""
+        factor = np.abs(quantity_factor(self.frf.frequency_hz, quantity, self.frf.quantity))[:, None, None]
+        return replace(self, frf=self.frf.converted(quantity), variance=self.variance * factor**2)
+
+    def select(self, outputs: Sequence[str], inputs: Sequence[str]) -> "FrfMeasurement":
+        """The FRFs between the given DOFs only, in the order given."""
+        rows, columns = [self.frf.outputs.index(o) for o in outputs], [self.frf.inputs.index(i) for i in inputs]
+        return replace(self, frf=self.frf.select(outputs, inputs), variance=self.variance[:, rows][:, :, columns])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyMeasurement:
     """Measured natural frequencies, lowest first, with standard deviations; both shape (n,), Hz.
+
+    `provenance` as in `FrfMeasurement`.
 
     Raises
     ------
@@ -65,6 +89,7 @@ class FrequencyMeasurement:
 
     frequency_hz: NDArray[np.float64]
     sd_hz: NDArray[np.float64]
+    provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
@@ -87,6 +112,11 @@ class FrequencyMeasurement:
     def top_hz(self) -> float:
         """Highest frequency, Hz."""
         return float(self.frequency_hz[-1])
+
+    @property
+    def joint_frf(self) -> None:
+        """None: natural frequencies come without FRFs at the joint."""
+        return
 
 
 Measurement = FrfMeasurement | FrequencyMeasurement

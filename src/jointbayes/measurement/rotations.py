@@ -1,18 +1,35 @@
-"""Rotations from translations at neighbouring stations, each measurement counted once."""
+"""Rotations from translations at neighbouring stations, each measurement counted once.
+
+References
+----------
+Duarte, M. L. M., Ewins, D. J. (2000). Rotational degrees of freedom for structural coupling analysis via
+finite-difference technique with residual compensation. Mechanical Systems and Signal Processing 14(2),
+205-227. DOI 10.1006/mssp.1999.1241
+Schmitz, T. L., Smith, K. S. (2012). Mechanical Vibrations. Springer. DOI 10.1007/978-1-4614-0460-6
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.frf.rotation import DifferenceScheme, Transform, rotation_from_translations
+from jointbayes.measurement.data import FrfMeasurement
 
-__all__ = ["Rotation", "at_joint", "with_rotations"]
+__all__ = ["DifferenceScheme", "Rotation", "at_joint", "with_rotations"]
 
 Array = NDArray[np.float64]
+DifferenceScheme = Literal["first order", "second order, end", "second order, centre"]
+
+#: Weights over the stations, times the station spacing.
+_SCHEMES: dict[str, tuple[float, ...]] = {
+    "first order": (-1.0, 1.0),
+    "second order, end": (-1.5, 2.0, -0.5),
+    "second order, centre": (-0.5, 0.0, 0.5),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +43,23 @@ class Rotation:
     stations
         Translational DOFs in order along the structure: two for ``"first order"``, else three.
     spacing
-        Distance of neighbouring stations along the positive axis, m.
+        Distance s of neighbouring stations along the positive axis, m; negative where the stations run backwards, as at
+        the far end of a beam.
     scheme
-        See `jointbayes.frf.rotation.rotation_from_translations`.
+        ``"first order"`` (x1 − x0)/s at x0, ``"second order, end"`` (−3x0 + 4x1 − x2)/2s at x0, or
+        ``"second order, centre"`` (x2 − x0)/2s at x1.
     in_likelihood
         Whether the rotation, not its stations, is what the likelihood sees.
+
+    Raises
+    ------
+    MeasurementError
+        If the number of stations does not fit the scheme or the spacing is zero.
+
+    Notes
+    -----
+    For equal independent errors σ at the stations the rotation's error is √2 σ/s, √26 σ/2s and σ/(√2 s). At a
+    free end, where curvature and its slope vanish, first order has *less* bias than second order.
     """
 
     dof: str
@@ -39,20 +68,28 @@ class Rotation:
     scheme: DifferenceScheme
     in_likelihood: bool = False
 
+    def __post_init__(self) -> None:
+        if self.scheme not in _SCHEMES:
+            raise MeasurementError(f"rotation: found scheme {self.scheme!r}; expected one of {', '.join(_SCHEMES)}")
+        count = len(_SCHEMES[self.scheme])
+        if len(self.stations) != count or not np.isfinite(self.spacing) or self.spacing == 0.0:
+            raise MeasurementError(
+                f"rotation: found {len(self.stations)} stations {self.spacing:g} m apart; expected {count} stations a "
+                f"non-zero distance apart for scheme {self.scheme!r}; correct the stations or the scheme"
+            )
+
     @property
-    def transform(self) -> Transform:
-        """From the stations to the rotation alone."""
-        both = rotation_from_translations(self.stations, self.spacing, self.scheme, self.dof)
-        return Transform(both.since, (self.dof,), both.matrix[1:])
+    def weights(self) -> Array:
+        """Of the stations' translations, 1/m, shape (stations,)."""
+        return np.array(_SCHEMES[self.scheme]) / self.spacing
 
     def of(self, frf: FrfSet) -> FrfSet:
         """FRFs of the rotation from those of its stations."""
-        transform = self.transform
         chosen = frf.select(self.stations, frf.inputs)
-        return replace(chosen, values=transform.matrix @ chosen.values, outputs=(self.dof,), coherence=None)
+        return replace(chosen, values=self.weights[None] @ chosen.values, outputs=(self.dof,), coherence=None)
 
 
-def with_rotations(frf: FrfSet, variance: Array, rotations: Sequence[Rotation]) -> tuple[FrfSet, Array]:
+def with_rotations(measured: FrfMeasurement, rotations: Sequence[Rotation]) -> FrfMeasurement:
     """Rotations in the place of their stations, with variances T Σ Tᵀ: what a likelihood of independent errors may see.
 
     A station that a rotation was made from is taken out, because its error is also that of the rotation: counted
@@ -60,8 +97,8 @@ def with_rotations(frf: FrfSet, variance: Array, rotations: Sequence[Rotation]) 
 
     Parameters
     ----------
-    frf, variance
-        Measured FRFs and σ², shape (lines, outputs, inputs); errors of different FRFs independent.
+    measured
+        FRFs whose errors are independent of each other.
     rotations
         Those whose `in_likelihood` is not set are left alone.
 
@@ -70,12 +107,13 @@ def with_rotations(frf: FrfSet, variance: Array, rotations: Sequence[Rotation]) 
     MeasurementError
         If a station was not measured, two rotations share one, or the rotation itself was measured.
     """
+    frf, variance = measured.frf, measured.variance
     used: dict[str, str] = {}
-    outputs, values, variances = list(frf.outputs), [], []
-    for rotation in (r for r in rotations if r.in_likelihood):
+    values, variances = [], []
+    derived = [rotation for rotation in rotations if rotation.in_likelihood]
+    for rotation in derived:
         _require(frf, rotation)
-        weights = rotation.transform.matrix[0]
-        for station in (s for s, w in zip(rotation.stations, weights, strict=True) if w != 0):
+        for station in (s for s, w in zip(rotation.stations, rotation.weights, strict=True) if w != 0):
             if station in used:
                 raise MeasurementError(
                     f"rotation {rotation.dof}: found station {station} in {used[station]} as well; expected each "
@@ -85,13 +123,14 @@ def with_rotations(frf: FrfSet, variance: Array, rotations: Sequence[Rotation]) 
             used[station] = rotation.dof
         rows = [frf.outputs.index(s) for s in rotation.stations]
         values.append(rotation.of(frf).values)
-        variances.append(np.einsum("s,lsi->li", weights**2, variance[:, rows])[:, None])
-    kept = [i for i, output in enumerate(outputs) if output not in used]
-    labels = (*(outputs[i] for i in kept), *(r.dof for r in rotations if r.in_likelihood))
+        variances.append(np.einsum("s,lsi->li", rotation.weights**2, variance[:, rows])[:, None])
     if not used:
-        return frf, variance
-    moved = replace(frf, values=np.concatenate([frf.values[:, kept], *values], axis=1), outputs=labels, coherence=None)
-    return moved, np.concatenate([variance[:, kept], *variances], axis=1)
+        return measured
+    kept = [i for i, output in enumerate(frf.outputs) if output not in used]
+    labels = (*(frf.outputs[i] for i in kept), *(rotation.dof for rotation in derived))
+    values = [frf.values[:, kept], *values]
+    moved = replace(frf, values=np.concatenate(values, axis=1), outputs=labels, coherence=None)
+    return replace(measured, frf=moved, variance=np.concatenate([variance[:, kept], *variances], axis=1))
 
 
 def at_joint(

@@ -1,16 +1,16 @@
-"""Variance of measured FRFs: from coherence and averages, from repeated measurements, or stated."""
+"""Variance of measured FRFs: by a stated law, from coherence and averages, or from repeated measurements."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
-from jointbayes.measurement.virtual.synthetic import RelativeNoise
+from jointbayes.frf import FrfSet, quantity_factor
+from jointbayes.measurement.data import FrfMeasurement
 
-__all__ = ["coherence_variance", "mean_of_repeats", "measured_variance"]
+__all__ = ["CoherenceNoise", "NoiseLaw", "RelativeNoise", "coherence_variance", "mean_of_repeats"]
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,91 @@ Array = NDArray[np.float64]
 _ONE = 1 - 1e-12
 
 
-def coherence_variance(frf: FrfSet, floor: float = 1e-3) -> Array:
+@dataclass(frozen=True, slots=True)
+class RelativeNoise:
+    """Noise whose standard deviation, in each of real and imaginary part, is a fraction of |H| plus a floor.
+
+    Parameters
+    ----------
+    relative
+        Fraction of |H| at the line.
+    floor
+        Fraction of the median of |H| over the lines of the same FRF.
+
+    Raises
+    ------
+    MeasurementError
+        If a fraction is negative or both are zero.
+    """
+
+    relative: float
+    floor: float
+
+    def __post_init__(self) -> None:
+        if not (self.relative >= 0 and self.floor >= 0 and self.relative + self.floor > 0):
+            raise MeasurementError(
+                f"noise: found relative {self.relative:g} and floor {self.floor:g}; "
+                "expected both 0 or more and not both 0; correct them"
+            )
+
+    def sd_of_part(self, magnitude: Array) -> Array:
+        """Standard deviation of real and of imaginary part, shape as |H| (lines first)."""
+        return self.relative * magnitude + self.floor * np.median(magnitude, axis=0)
+
+    def variance(self, values: NDArray[np.complex128]) -> Array:
+        """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
+        return 2 * self.sd_of_part(np.abs(values)) ** 2
+
+    def variance_of_accelerance(self, frf: FrfSet) -> Array:
+        """σ² by the law of the accelerance, whatever quantity the FRFs are kept in; shape as ``frf.values``."""
+        factor = np.abs(quantity_factor(frf.frequency_hz, "accelerance", frf.quantity))[:, None, None]
+        return np.asarray(2 * (self.sd_of_part(np.abs(frf.values) * factor) / factor) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class CoherenceNoise:
+    """Noise that a coherence leaves after averaging: σ² = |H|²(1 − γ²)/(nγ²), both parts together.
+
+    Parameters
+    ----------
+    coherence
+        γ² at every line, between 0 and 1.
+    averages
+        Number n of averages, at least 2.
+    floor
+        Standard deviation added in each part, as a fraction of the median of |H| over the lines of the same FRF.
+
+    Raises
+    ------
+    MeasurementError
+        If a number is impossible.
+
+    References
+    ----------
+    Bendat, J. S., Piersol, A. G. (2010). Random Data, 4th ed., section 9.2. DOI 10.1002/9781118032428
+    """
+
+    coherence: float
+    averages: int
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 < self.coherence < 1 and self.averages >= 2 and self.floor >= 0):
+            raise MeasurementError(
+                f"noise: found coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}; expected "
+                "a coherence between 0 and 1, at least 2 averages and a floor of at least 0; correct them"
+            )
+
+    def variance(self, values: NDArray[np.complex128]) -> Array:
+        """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
+        relative = np.sqrt((1 - self.coherence) / (2 * self.averages * self.coherence))
+        return RelativeNoise(float(relative), self.floor).variance(values)
+
+
+NoiseLaw = RelativeNoise | CoherenceNoise
+
+
+def coherence_variance(frf: FrfSet) -> Array:
     """Variance σ² = E|δH|² of H1 estimates at each line, σ² = |H|²(1 − γ²)/((n − 1)γ²).
 
     Bendat and Piersol give 1/n with the true coherence γ². With the *estimated* one, which is what an analyser writes,
@@ -33,8 +117,6 @@ def coherence_variance(frf: FrfSet, floor: float = 1e-3) -> Array:
     ----------
     frf
         FRFs with coherence and number of averages, independent ones: overlapping windows count for less.
-    floor
-        Least standard deviation of each part, as a fraction of |H|: a coherence rounded to 1 says no more than this.
 
     Returns
     -------
@@ -45,15 +127,13 @@ def coherence_variance(frf: FrfSet, floor: float = 1e-3) -> Array:
     ------
     MeasurementError
         If the FRFs do not tell coherence and averages, there is one average only, the coherence of an FRF is 1
-        throughout, zero somewhere, or `floor` is negative.
+        throughout, or zero somewhere.
 
     References
     ----------
     Bendat, J. S., Piersol, A. G. (2010). Random Data, 4th ed., section 9.2. DOI 10.1002/9781118032428
     """
     where = "noise from coherence"
-    if not floor >= 0:
-        raise MeasurementError(f"{where}: found a floor of {floor:g}; expected 0 or more; correct it")
     if frf.coherence is None or frf.averages is None:
         missing = "no coherence" if frf.coherence is None else "no number of averages"
         raise MeasurementError(
@@ -77,11 +157,10 @@ def coherence_variance(frf: FrfSet, floor: float = 1e-3) -> Array:
         raise MeasurementError(
             f"{where}: found a coherence of 0 at {frf.frequency_hz[line]:g} Hz; expected values above 0; drop the line"
         )
-    variance = magnitude**2 * (1 - coherence) / ((frf.averages - 1) * coherence)
-    return np.maximum(variance, 2 * (floor * magnitude) ** 2)
+    return magnitude**2 * (1 - coherence) / ((frf.averages - 1) * coherence)
 
 
-def mean_of_repeats(frfs: Sequence[FrfSet], floor: float = 1e-3) -> tuple[FrfSet, Array]:
+def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) -> FrfMeasurement:
     """Mean of repeated measurements of the same FRFs, and its variance from their scatter.
 
     σ² = Σ|H_i − H̄|²/(m(m − 1)) for m repetitions, line by line. It counts all that differs from one to the next,
@@ -93,24 +172,21 @@ def mean_of_repeats(frfs: Sequence[FrfSet], floor: float = 1e-3) -> tuple[FrfSet
     ----------
     frfs
         At least two sets with the same lines, DOFs and quantity.
-    floor
-        Least standard deviation of each part, as a fraction of |H̄|.
+    least
+        Law of the accelerance's noise that no line falls below.
 
     Returns
     -------
-    mean : FrfSet
-        Without coherence: none belongs to a mean of FRFs. Averages are those of all sets together, where all tell.
-    variance : ndarray, shape (lines, outputs, inputs)
-        Variance of the mean, both parts together.
+    FrfMeasurement
+        The mean with its variance. Without coherence: none belongs to a mean of FRFs. Averages are those of all sets
+        together, where all tell.
 
     Raises
     ------
     MeasurementError
-        If there are fewer than two, they do not match, all are the same, or `floor` is negative.
+        If there are fewer than two, they do not match, or all are the same.
     """
     where = "noise from repeats"
-    if not floor >= 0:
-        raise MeasurementError(f"{where}: found a floor of {floor:g}; expected 0 or more; correct it")
     if len(frfs) < 2:
         raise MeasurementError(
             f"{where}: found {len(frfs)} measurement; expected two or more; measure again, or state the noise"
@@ -138,32 +214,5 @@ def mean_of_repeats(frfs: Sequence[FrfSet], floor: float = 1e-3) -> tuple[FrfSet
     counts = [frf.averages for frf in frfs]
     averages = None if None in counts else sum(n for n in counts if n is not None)
     combined = replace(first, values=mean, coherence=None, averages=averages)
-    return combined, np.maximum(scatter, 2 * (floor * np.abs(mean)) ** 2)
-
-
-def measured_variance(frf: FrfSet, law: RelativeNoise | None = None, floor: float = 1e-3) -> Array:
-    """Variance by coherence where it tells something, else by a stated law.
-
-    Parameters
-    ----------
-    frf
-        FRFs, with or without coherence and averages.
-    law
-        Stated noise for FRFs from one average, or whose coherence or averages the file does not tell; it is of no
-        effect otherwise.
-    floor
-        As for `coherence_variance`.
-
-    Returns
-    -------
-    ndarray, shape (lines, outputs, inputs)
-
-    Raises
-    ------
-    MeasurementError
-        As `coherence_variance` does; for a single average or missing coherence only without `law`.
-    """
-    silent = frf.coherence is None or frf.averages is None or frf.averages < 2
-    if silent and law is not None:
-        return law.variance(frf.values)
-    return coherence_variance(frf, floor)
+    variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
+    return FrfMeasurement(combined, variance, variance_dof=2 * (m - 1))

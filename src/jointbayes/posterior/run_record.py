@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrequencyMeasurement, Measurement
-from jointbayes.measurement.measured import Provenance
 
 __all__ = ["RunRecord", "SampledCase", "data_sha256"]
 
@@ -81,11 +80,6 @@ class SampledCase(Protocol):
     @property
     def workshop_problem(self) -> Problem | None:
         """The same problem with more quantities uncertain."""
-        ...
-
-    @property
-    def provenance(self) -> Provenance | None:
-        """Where data from files come from."""
         ...
 
     @property

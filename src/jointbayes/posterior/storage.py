@@ -16,7 +16,7 @@ from jointbayes.frf import FrfSet
 from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
-from jointbayes.measurement.measured import MeasuredTest, Provenance
+from jointbayes.measurement.provenance import Provenance
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
@@ -26,8 +26,7 @@ __all__ = [
     "estimate_from",
     "estimate_record",
     "read_record",
-    "stored_test",
-    "with_joint_frf",
+    "stored_measurement",
     "write_tree",
 ]
 
@@ -45,14 +44,15 @@ def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTre
     posterior = _values_dataset(problem, draws.theta)
     posterior = posterior.assign_coords(ensemble=("chain", draws.ensemble))
     stats = xr.Dataset({"lp": (("chain", "draw"), draws.log_density)}, coords=posterior.coords)
-    return xr.DataTree.from_dict(
-        {
-            "/posterior": posterior,
-            "/sample_stats": stats,
-            "/prior": _values_dataset(problem, prior_theta[None]),
-            "/observed_data": _observed(problem.measurement),
-        }
-    )
+    groups = {
+        "/posterior": posterior,
+        "/sample_stats": stats,
+        "/prior": _values_dataset(problem, prior_theta[None]),
+        "/observed_data": _observed(problem.measurement),
+    }
+    if problem.measurement.provenance is not None and problem.measurement.joint_frf is not None:
+        groups[_JOINT_FRF] = _frf_dataset(problem.measurement.joint_frf)  # the files may be gone later
+    return xr.DataTree.from_dict(groups)
 
 
 def _values_dataset(problem: Problem, theta: Array) -> xr.Dataset:
@@ -98,13 +98,7 @@ def _frf_from(dataset: xr.Dataset) -> FrfSet:
     return FrfSet(dataset["frequency"].values, values, outputs, inputs, dataset.attrs["quantity"])
 
 
-def with_joint_frf(tree: xr.DataTree, joint_frf: FrfSet) -> xr.DataTree:
-    """The groups of a posterior with one more: FRFs at the joint from files, which may be gone later."""
-    groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    return xr.DataTree.from_dict({**groups, _JOINT_FRF: _frf_dataset(joint_frf)})
-
-
-def stored_test(tree: xr.DataTree, provenance: Mapping[str, Any] | None) -> MeasuredTest | None:
+def stored_measurement(tree: xr.DataTree, provenance: Mapping[str, Any] | None) -> Measurement | None:
     """Data from measurement files as a posterior keeps them; None where its data came from elsewhere.
 
     Parameters
@@ -116,16 +110,13 @@ def stored_test(tree: xr.DataTree, provenance: Mapping[str, Any] | None) -> Meas
     """
     if provenance is None:
         return None
-    observed = tree["observed_data"].to_dataset()
-    measurement: Measurement
+    observed, known = tree["observed_data"].to_dataset(), Provenance.from_json(provenance)
     if "natural_frequency" in observed:
-        measurement = FrequencyMeasurement(
-            observed["natural_frequency"].values, observed["natural_frequency_sd"].values
-        )
-    else:
-        measurement = FrfMeasurement(_frf_from(observed), observed["frf_variance"].values)
+        frequency, sd = observed["natural_frequency"].values, observed["natural_frequency_sd"].values
+        return FrequencyMeasurement(frequency, sd, known)
     joint_frf = _frf_from(tree[_JOINT_FRF].to_dataset()) if _JOINT_FRF in tree.children else None
-    return MeasuredTest(measurement, joint_frf, Provenance.from_json(provenance))
+    variance = observed["frf_variance"].values
+    return FrfMeasurement(_frf_from(observed), variance, False, known.variance_dof, joint_frf, known)
 
 
 def estimate_record(estimate: MapEstimate) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
-from jointbayes.measurement.measured import Provenance
+from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge, summarise
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.model import Block, Callout, Report, Section

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from jointbayes.measurement.modal.fit import MeasuredMode
+from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.report.figures import svg
 from jointbayes.report.model import SERIES_COLOURS

@@ -88,7 +88,7 @@ def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> P
         measured_frequencies_hz=case.measured_frequencies_hz,
         freed=case.workshop_problem,
         paper_tables=case.paper_audit,
-        provenance=case.provenance,
+        provenance=posterior.problem.measurement.provenance,
         warnings=tuple(map(str, case.warnings)),
     )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())

@@ -9,7 +9,6 @@ The tables stand in modules of their own (`case_structure`, `case_joint`, `case_
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from typing import Annotated
 
@@ -69,7 +68,7 @@ from jointbayes.case.schema.structure import (
     TubeSpec,
 )
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
-from jointbayes.case.toml_text import parse_toml, read_text
+from jointbayes.case.toml_text import parse_toml
 from jointbayes.errors import CaseError
 
 __all__ = [
@@ -115,7 +114,6 @@ __all__ = [
     "VarianceSpec",
     "VirtualTestSpec",
     "parse_case",
-    "read_case_file",
 ]
 
 _TITLE = Field(
@@ -199,8 +197,3 @@ def parse_case(text: str, name: str = "case") -> CaseSpec:
     except pydantic.ValidationError as error:
         faults = fault_lines(error, CaseSpec, data, text, name)
     raise CaseError("\n".join(faults))
-
-
-def read_case_file(path: str | os.PathLike[str]) -> CaseSpec:
-    """Read a case file: `parse_case` for the text of a file, whose troubles are `CaseError` as well."""
-    return parse_case(read_text(path), os.fspath(path))

@@ -1,6 +1,7 @@
 """Records of a measurement file, whatever its format."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,12 +10,12 @@ from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.arrays.isolated import read_isolated
 from jointbayes.measurement.formats.arrays.layout import Arrays, records_of
 from jointbayes.measurement.formats.arrays.npz import read_npz
-from jointbayes.measurement.formats.assemble import assemble
 from jointbayes.measurement.formats.detect import detect_format
+from jointbayes.measurement.formats.grid import in_band, join_frfs
 from jointbayes.measurement.formats.lvm import read_lvm
 from jointbayes.measurement.formats.table import read_table
 from jointbayes.measurement.formats.uff.read import read_uff
-from jointbayes.measurement.records import Record
+from jointbayes.measurement.records import FrfRecord, Record
 
 __all__ = ["iter_records", "read_frf"]
 
@@ -78,9 +79,11 @@ def read_frf(
     Raises
     ------
     MeasurementError
-        As `iter_records` and `assemble`.
+        As `iter_records`, and if the FRFs do not form one set.
     """
-    return assemble(iter_records(path), str(path), f_min_hz=f_min_hz, f_max_hz=f_max_hz, quantity=quantity)
+    frfs = (record for record in iter_records(path) if isinstance(record, FrfRecord))
+    cut = (in_band(record, str(path), f_min_hz, f_max_hz) for record in frfs)
+    return join_frfs((replace(r, quantity=quantity) if quantity else r for r in cut), str(path))
 
 
 def _blocks(read: Callable[[Path], Iterator[tuple[str, Arrays]]]) -> Callable[[Path], Iterator[Record]]:

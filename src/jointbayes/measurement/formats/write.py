@@ -45,18 +45,19 @@ def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
     write_records(records_of_frf(frf), path, format)
 
 
-def records_of_frf(frf: FrfSet) -> tuple[FrfRecord, ...]:
-    """FRFs of a set one by one, inputs fastest."""
+def records_of_frf(frf: FrfSet, label: Callable[[str], str] = str, where: str = "") -> tuple[FrfRecord, ...]:
+    """FRFs of a set one by one, inputs fastest; `label` makes channel labels of DOFs, `where` is the records' place."""
     return tuple(
         FrfRecord(
-            output,
-            input_,
+            label(output),
+            label(input_),
             frf.frequency_hz,
             frf.values[:, i, j],
             frf.quantity,
             si_frf_unit(frf.quantity),
             None if frf.coherence is None else frf.coherence[:, i, j],
             frf.averages,
+            where,
         )
         for i, output in enumerate(frf.outputs)
         for j, input_ in enumerate(frf.inputs)

@@ -1,4 +1,4 @@
-"""What a measurement file holds: channels, FRFs, time histories, resonances, hits and doubts, in one pass."""
+"""What a measurement file holds: channels, FRFs, time histories, resonances, hits and warnings, in one pass."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.modal.fit import MeasuredMode, identify_modes
+from jointbayes.measurement.modal.fit import identify_modes
+from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.hits import Hit
 from jointbayes.measurement.warnings.of_frfs import pair_of, usable
 from jointbayes.measurement.warnings.of_records import hits_of
-from jointbayes.measurement.warnings.warnings import Doubt, DoubtCollector
+from jointbayes.measurement.warnings.warnings import WarningCollector
 
 __all__ = ["ChannelUse", "HitTrace", "Inspection", "inspect_file", "inspect_records"]
 
@@ -70,7 +71,7 @@ class Inspection:
         Resonances, of which FRFs they are, and why there are none.
     hits
         All hits of hammers, the first ones with the force to draw.
-    doubts
+    warnings
         What contradicts itself.
     """
 
@@ -86,7 +87,7 @@ class Inspection:
     modes_of: tuple[str, ...]
     modes_note: str
     hits: tuple[HitTrace, ...]
-    doubts: tuple[Doubt, ...]
+    warnings: tuple[MeasurementWarning, ...]
 
 
 def inspect_file(path: Path, mass_kg: float | None = None) -> Inspection:
@@ -112,12 +113,12 @@ def inspect_file(path: Path, mass_kg: float | None = None) -> Inspection:
 
 def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
     """As `inspect_file`, for records that come one by one."""
-    seen = _Seen(DoubtCollector(mass_kg))
+    seen = _Seen(WarningCollector(mass_kg))
     for record in records:
         seen.add(record)
     made, note = ([], "") if seen.frf_kept() else _frfs_of_hits(seen.histories if seen.complete else [])
     for record in made:
-        seen.doubts.add(record)
+        seen.warnings.add(record)
         seen.keep_frf(record)
     kept = seen.frf_kept()
     modes, modes_of, modes_note = _modes(kept) if kept else ((), (), note)
@@ -135,7 +136,7 @@ def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> 
         modes_of,
         modes_note,
         tuple(seen.hits),
-        seen.doubts.doubts(),
+        seen.warnings.warnings(),
     )
 
 
@@ -143,7 +144,7 @@ def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> 
 class _Seen:
     """Running summary of the records that went by."""
 
-    doubts: DoubtCollector
+    warnings: WarningCollector
     channels: dict[str, ChannelUse] = field(default_factory=dict)
     kinds: Counter[str] = field(default_factory=Counter)
     averages: set[int] = field(default_factory=set)
@@ -156,7 +157,7 @@ class _Seen:
     complete: bool = True
 
     def add(self, record: Record) -> None:
-        self.doubts.add(record)
+        self.warnings.add(record)
         self.notes.update(record.notes)
         if isinstance(record, TimeRecord):
             self._add_history(record)

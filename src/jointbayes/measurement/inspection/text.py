@@ -39,12 +39,12 @@ def text_of(found: Inspection) -> Iterator[str]:
             yield f"  {note}" + (f" ({count} times)" if count > 1 else "")
         yield from _more(len(found.notes))
     yield ""
-    if not found.doubts:
+    if not found.warnings:
         yield "No warnings."
         return
-    yield f"Warnings ({len(found.doubts)})"
-    for number, doubt in enumerate(found.doubts, 1):
-        yield f"  {number}. {doubt.where}: {doubt.sentence}. What to do: {doubt.remedy}. [{doubt.key}]"
+    yield f"Warnings ({len(found.warnings)})"
+    for number, warning in enumerate(found.warnings, 1):
+        yield f"  {number}. {warning.where}: {warning.sentence}. What to do: {warning.remedy}. [{warning.key}]"
 
 
 def _resonances(found: Inspection) -> Iterator[str]:

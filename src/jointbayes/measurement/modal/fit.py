@@ -10,30 +10,13 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.modal.pole_search import polynomial_poles, steady_poles
 from jointbayes.measurement.modal.problem import ModalProblem
-from jointbayes.measurement.variance import coherence_variance
+from jointbayes.measurement.provenance import MeasuredMode
+from jointbayes.measurement.variance import RelativeNoise, coherence_variance
 
-__all__ = ["MeasuredMode", "ModalFit", "fit_modes", "identify_modes"]
+__all__ = ["ModalFit", "fit_modes", "identify_modes"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredMode:
-    """One mode found in measured FRFs.
-
-    Parameters
-    ----------
-    frequency_hz, frequency_sd_hz
-        Undamped natural frequency |λ|/2π and its standard deviation, Hz.
-    damping_ratio, damping_sd
-        Damping ratio −Re λ/|λ| and its standard deviation.
-    """
-
-    frequency_hz: float
-    frequency_sd_hz: float
-    damping_ratio: float
-    damping_sd: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +106,8 @@ def fit_modes(
     values = frf.values[inside].reshape(n_lines, -1)
     stated = None if variance is None else variance[inside].reshape(n_lines, -1)
     order = min(max_order, n_lines // 4)
-    problem = ModalProblem(frequency, values, _first_weight(values) if stated is None else stated**-0.5, frf.quantity)
+    first = 1 / (_UNKNOWN.sd_of_part(np.abs(values)) + np.finfo(float).tiny) if stated is None else stated**-0.5
+    problem = ModalProblem(frequency, values, first, frf.quantity)
     by_order = polynomial_poles(frequency, values, problem.weight, order)
     poles = steady_poles(by_order, max(4, order // 5))
     if stated is not None:
@@ -149,13 +133,8 @@ def fit_modes(
 
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
 _FEWEST_LINES = 16
-
-
-def _first_weight(values: Complex) -> Array:
-    """One over the noise where nothing is known of it: 3 % of |H| and 1 % of its median."""
-    magnitude = np.abs(values)
-    weight: Array = 1 / (0.03 * magnitude + 0.01 * np.median(magnitude, axis=0) + np.finfo(float).tiny)
-    return weight
+#: Noise where nothing is known of it, and the least that a coherence is believed.
+_UNKNOWN, _LEAST = RelativeNoise(0.03, 0.01), RelativeNoise(1e-3, 0.0)
 
 
 def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_]) -> tuple[Array, int] | None:
@@ -169,7 +148,7 @@ def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_]) -> tuple[Array, int] 
         return None
     if not (coherence > 0).all() or (coherence >= 1 - 1e-12).all(axis=0).any():
         return None
-    square = coherence_variance(frf)[inside].reshape(int(inside.sum()), -1)
+    square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(int(inside.sum()), -1)
     return square, 1 + 2 * (20 // (2 * (averages - 1)))
 
 

@@ -13,7 +13,15 @@ from jointbayes.measurement.modal.fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, reject_overloads
 from jointbayes.measurement.signals.line_thinning import independent_step, line_correlation
-from jointbayes.measurement.signals.spectra import Estimator, by_force, estimate_frf, kept_lines, paired
+from jointbayes.measurement.signals.spectra import (
+    WINDOW_SAMPLES,
+    Estimator,
+    MadeFrfs,
+    by_force,
+    estimate_frf,
+    kept_lines,
+    paired,
+)
 from jointbayes.measurement.signals.windows import (
     added_decay_rate,
     exponential_window,
@@ -21,9 +29,7 @@ from jointbayes.measurement.signals.windows import (
     without_added_damping,
 )
 
-__all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "frfs_of_hits", "impact_frf", "impact_frfs"]
-
-_SAMPLES = 1024  # enough to tell how the lines of a window correlate
+__all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "frfs_of_hits", "impact_frfs"]
 
 Array = NDArray[np.float64]
 Records = TimeRecord | Sequence[TimeRecord]
@@ -75,35 +81,25 @@ class ImpactResult:
     added_decay_rate: float
 
 
-def impact_frf(force: Records, response: Records, settings: ImpactSettings | None = None) -> ImpactResult:
-    """FRF from records of a hammer's force and of one response.
+def impact_frfs(
+    force: Records, responses: Sequence[Records], settings: ImpactSettings | None = None
+) -> tuple[ImpactResult, ...]:
+    """FRFs of several responses to the same hits, in the order of the responses.
+
+    A hit that overloads one response is left out of all, so that all have the same averages.
 
     Parameters
     ----------
-    force, response
-        One record or several, the first response belonging to the first force and so on; each the block of one hit,
-        or a recording of several hits, as ``settings.hits.block_s`` says.
+    force, responses
+        One record or several, the first record of a response belonging to the first force and so on; each the block of
+        one hit, or a recording of several hits, as ``settings.hits.block_s`` says.
     settings
         Hits, windows and estimator; by default each record is a block.
-
-    Returns
-    -------
-    ImpactResult
 
     Raises
     ------
     MeasurementError
         If the records do not belong together, no hit can be kept, or kept hits differ in length.
-    """
-    return impact_frfs(force, [response], settings)[0]
-
-
-def impact_frfs(
-    force: Records, responses: Sequence[Records], settings: ImpactSettings | None = None
-) -> tuple[ImpactResult, ...]:
-    """FRFs of several responses to the same hits, in the order of the responses; errors as for `impact_frf`.
-
-    A hit that overloads one response is left out of all, so that all have the same averages.
     """
     chosen = settings or ImpactSettings()
     if not responses:
@@ -163,7 +159,7 @@ def _estimate(
     return ImpactResult(frf, hits, added)
 
 
-def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> list[FrfRecord]:
+def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> MadeFrfs:
     """All FRFs of the time records of an impact test, the damping of an exponential window taken out.
 
     Parameters
@@ -172,17 +168,29 @@ def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None 
         Forces and responses of one hammer on one place after the other; those of the same `TimeRecord.hit` belong
         together.
     settings
-        As for `impact_frf`.
+        As for `impact_frfs`.
 
     Returns
     -------
-    list of FrfRecord
-        One for each pair of a force channel and a response; errors as for `by_force`, `impact_frfs`, `corrected_frfs`.
+    MadeFrfs
+        One FRF for each pair of a force channel and a response; errors as for `by_force`, `impact_frfs`,
+        `corrected_frfs`.
     """
-    found: list[FrfRecord] = []
+    chosen = settings or ImpactSettings()
+    frfs: list[FrfRecord] = []
+    notes: list[str] = []
     for forces, responses in by_force(records):
-        found += corrected_frfs(impact_frfs(forces, responses, settings))
-    return found
+        results = impact_frfs(forces, responses, chosen)
+        frfs += corrected_frfs(results)
+        lost = [f"hit {hit.number} ({hit.reason})" for hit in results[0].hits if not hit.kept]
+        if lost:
+            notes.append(f"Left out of the hits on {forces[0].channel}: {', '.join(lost)}.")
+    return MadeFrfs(tuple(frfs), _line_step(chosen.exponential_end), tuple(notes))
+
+
+def _line_step(exponential_end: float) -> int:
+    """Every how many lines are independent behind an exponential window."""
+    return independent_step(line_correlation(exponential_window(WINDOW_SAMPLES, exponential_end), random=False))
 
 
 def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
@@ -240,8 +248,7 @@ def _with_honest_coherence(frf: FrfSet, rate: float) -> FrfSet:
     if frf.coherence is None or frf.n_lines < 2:
         return frf
     block_s = 1 / float(np.median(np.diff(frf.frequency_hz)))
-    window = exponential_window(_SAMPLES, float(np.exp(-rate * block_s)))
-    worth = independent_step(line_correlation(window, random=False))
+    worth = _line_step(float(np.exp(-rate * block_s)))
     return replace(frf, coherence=1 / (1 + worth * (1 / frf.coherence - 1)))
 
 

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
 
-__all__ = ["effective_averages", "independent_step", "line_correlation", "lines_apart", "thinned"]
+__all__ = ["effective_averages", "independent_step", "line_correlation", "lines_apart"]
 
 Array = NDArray[np.float64]
 
@@ -110,25 +109,3 @@ def lines_apart(frequency_hz: Array, spacing_hz: float) -> NDArray[np.intp]:
         if frequency_hz[i] - frequency_hz[kept[-1]] >= spacing_hz * (1 - 1e-6):
             kept.append(i)
     return np.array(kept, dtype=np.intp)
-
-
-def thinned(frf: FrfSet, spacing_hz: float) -> FrfSet:
-    """Keep lines that are at least `spacing_hz` apart, so that correlated ones are not counted twice.
-
-    Parameters
-    ----------
-    frf
-        FRFs at lines closer than that.
-    spacing_hz
-        Distance of lines that are independent, for example `independent_step` times the distance of the lines of a
-        block; Hz.
-
-    Raises
-    ------
-    MeasurementError
-        If the spacing is not above 0.
-    """
-    if not spacing_hz > 0:
-        raise MeasurementError(f"thinning: found a spacing of {spacing_hz:g} Hz; expected one above 0; correct it")
-    kept = lines_apart(frf.frequency_hz, spacing_hz)
-    return frf.at_lines(kept)

@@ -12,17 +12,19 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.signals.line_thinning import effective_averages
+from jointbayes.measurement.signals.line_thinning import effective_averages, independent_step, line_correlation
 
 __all__ = [
     "Estimator",
+    "MadeFrfs",
     "ShakerResult",
     "ShakerSettings",
+    "by_force",
     "estimate_frf",
+    "frfs_of_shaker",
     "kept_lines",
     "paired",
     "shaker_frf",
-    "by_force",
 ]
 
 Array = NDArray[np.float64]
@@ -36,6 +38,27 @@ _QUANTITY: dict[str, Quantity] = {
 }
 #: Above this share of the sample rate the anti-aliasing filters of analysers fall off.
 HIGHEST_LINE = 1 / 2.56
+#: Of a window on paper: the correlation of lines does not depend on their number.
+WINDOW_SAMPLES = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class MadeFrfs:
+    """FRFs that were made of time histories.
+
+    Parameters
+    ----------
+    frfs
+        One for each response and force.
+    line_step
+        Every how many lines are independent, with the windows that were used.
+    notes
+        What was done, and which hits were left out.
+    """
+
+    frfs: tuple[FrfRecord, ...]
+    line_step: int = 1
+    notes: tuple[str, ...] = ()
 
 
 def estimate_frf(
@@ -208,6 +231,17 @@ def shaker_frf(
         (f"{settings.estimator} from {sum(each)} blocks that count for {effective:.3g} averages",),
     )
     return ShakerResult(frf, sum(each), effective)
+
+
+def frfs_of_shaker(records: Sequence[TimeRecord], settings: ShakerSettings) -> MadeFrfs:
+    """All FRFs of the time records of a shaker test, one for each response; errors as for `by_force`, `shaker_frf`."""
+    tests = by_force(records)
+    results = [shaker_frf(forces, response, settings) for forces, responses in tests for response in responses]
+    window = scipy.signal.get_window(settings.window, WINDOW_SAMPLES)
+    hop = max(round(WINDOW_SAMPLES * (1 - settings.overlap)), 1)
+    blocks = min((result.blocks for result in results), default=1)
+    correlation = line_correlation(window, random=True, blocks=blocks, hop=hop)
+    return MadeFrfs(tuple(result.frf for result in results), independent_step(correlation))
 
 
 def kept_lines(

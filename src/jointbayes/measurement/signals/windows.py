@@ -1,23 +1,19 @@
 """Windows on force and response of an impact test, and what an exponential one adds to the damping."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
+from jointbayes.frf.frf_set import POWER_OF_JW
 
-__all__ = [
-    "added_decay_rate",
-    "exponential_window",
-    "force_window",
-    "true_modes",
-    "without_added_damping",
-]
+__all__ = ["added_decay_rate", "exponential_window", "force_window", "without_added_damping"]
 
 Array = NDArray[np.float64]
 
 _TAPER = 0.25  # of the force window's length, cosine-shaped, follows its end
-_POWER = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
 def force_window(samples: int, trigger: int, length: int) -> Array:
@@ -55,27 +51,6 @@ def added_decay_rate(end: float, block_s: float) -> float:
     return float(-np.log(end) / block_s)
 
 
-def true_modes(frequency_hz: Array, damping_ratio: Array, rate: float) -> tuple[Array, Array]:
-    """Natural frequencies and damping ratios without the window, from those fitted to windowed FRFs.
-
-    Exact for viscous damping: the fitted pole −ζω ± jω√(1−ζ²) is the true one less `rate`.
-
-    Parameters
-    ----------
-    frequency_hz, damping_ratio
-        Undamped natural frequencies, Hz, and ratios as fitted, shape (modes,).
-    rate
-        a of `added_decay_rate`, 1/s.
-
-    Returns
-    -------
-    frequency_hz, damping_ratio : ndarray, shape (modes,)
-        A ratio below zero means that the window alone explains more damping than was found.
-    """
-    pole = _poles(frequency_hz, damping_ratio) + rate
-    return np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
-
-
 def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array, rate: float) -> FrfSet:
     """FRFs with the damping of an exponential window taken out, by the modes that were fitted to them.
 
@@ -104,7 +79,7 @@ def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array
     MeasurementError
         If there are fewer lines than unknowns.
     """
-    omega, power = 2 * np.pi * frf.frequency_hz, _POWER[frf.quantity]
+    omega, power = 2 * np.pi * frf.frequency_hz, POWER_OF_JW[frf.quantity]
     wanted_at = np.asarray(1j * omega, dtype=np.complex128)
     measured_at = np.asarray(wanted_at + rate, dtype=np.complex128)
     true = _poles(frequency_hz, damping_ratio) + rate
@@ -124,7 +99,7 @@ def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array
         amplitude, *_ = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))
         corrected[:, i] = one + (after - before) @ (amplitude / scale)
     values = (corrected * wanted_at[:, None] ** power).reshape(frf.values.shape)
-    return FrfSet(frf.frequency_hz, values, frf.outputs, frf.inputs, frf.quantity, frf.coherence, frf.averages)
+    return replace(frf, values=values)
 
 
 def _poles(frequency_hz: Array, damping_ratio: Array) -> NDArray[np.complex128]:

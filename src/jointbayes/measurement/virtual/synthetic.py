@@ -1,6 +1,4 @@
-"""Synthetic measurements: the forward model by direct solve, plus seeded noise of a stated law."""
-
-from dataclasses import dataclass
+"""Synthetic FRFs: of the forward model or as an analyser writes them, with seeded noise of a stated law."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,89 +7,10 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.joint import Joint
 from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.variance import NoiseLaw
 from jointbayes.structure import Structure, StructureFamily
 
-__all__ = ["CoherenceNoise", "NoiseLaw", "RelativeNoise", "synthesise_frf"]
-
-
-@dataclass(frozen=True, slots=True)
-class RelativeNoise:
-    """Noise whose standard deviation, in each of real and imaginary part, is a fraction of |H| plus a floor.
-
-    Parameters
-    ----------
-    relative
-        Fraction of |H| at the line.
-    floor
-        Fraction of the median of |H| over the lines of the same FRF.
-
-    Raises
-    ------
-    MeasurementError
-        If a fraction is negative or both are zero.
-    """
-
-    relative: float
-    floor: float
-
-    def __post_init__(self) -> None:
-        if not (self.relative >= 0 and self.floor >= 0 and self.relative + self.floor > 0):
-            raise MeasurementError(
-                f"noise: found relative {self.relative:g} and floor {self.floor:g}; "
-                "expected both 0 or more and not both 0; correct them"
-            )
-
-    def variance(self, values: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
-        magnitude = np.abs(values)
-        sd_of_part = self.relative * magnitude + self.floor * np.median(magnitude, axis=0)
-        return 2 * sd_of_part**2
-
-
-@dataclass(frozen=True, slots=True)
-class CoherenceNoise:
-    """Noise that a coherence leaves after averaging: σ² = |H|²(1 − γ²)/(nγ²), both parts together.
-
-    Parameters
-    ----------
-    coherence
-        γ² at every line, between 0 and 1.
-    averages
-        Number n of averages, at least 2.
-    floor
-        Standard deviation added in each part, as a fraction of the median of |H| over the lines of the same FRF.
-
-    Raises
-    ------
-    MeasurementError
-        If a number is impossible.
-
-    References
-    ----------
-    Bendat, J. S., Piersol, A. G. (2010). Random Data, 4th ed., section 9.2. DOI 10.1002/9781118032428
-    """
-
-    coherence: float
-    averages: int
-    floor: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (0 < self.coherence < 1 and self.averages >= 2 and self.floor >= 0):
-            raise MeasurementError(
-                f"noise: found coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}; expected "
-                "a coherence between 0 and 1, at least 2 averages and a floor of at least 0; correct them"
-            )
-
-    def variance(self, values: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
-        magnitude = np.abs(values)
-        relative = np.sqrt((1 - self.coherence) / (2 * self.averages * self.coherence))
-        sd_of_part = relative * magnitude + self.floor * np.median(magnitude, axis=0)
-        variance: NDArray[np.float64] = 2 * sd_of_part**2
-        return variance
-
-
-NoiseLaw = RelativeNoise | CoherenceNoise
+__all__ = ["channel_label", "noisy_frf", "synthesise_frf"]
 
 
 def synthesise_frf(
@@ -145,3 +64,59 @@ def synthesise_frf(
         values = true + np.sqrt(variance / 2) * (real + 1j * imag)
     frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, quantity)
     return FrfMeasurement(frf, variance, synthetic=True)
+
+
+def noisy_frf(true: FrfSet, law: NoiseLaw, averages: int, rng: np.random.Generator) -> FrfSet:
+    """H1 estimates and their coherence from `averages` averages with noise at the output.
+
+    The noise of each average is n times that of the result, the input the same in each, as for a hammer. Then the mean
+    and the sum of squares about it are independent (Cochran), so that the averages themselves need not be drawn:
+    H1 = H + noise of variance σ², and γ² = |H1|²/(|H1|² + r) with r/σ² from a gamma distribution of shape n − 1.
+
+    Parameters
+    ----------
+    true
+        Exact FRFs.
+    law
+        Law of the noise that is left after averaging; its σ² is taken at the exact FRF.
+    averages
+        Number n of averages; a single one has no coherence that says anything, and gets none.
+    rng
+        Source of the noise.
+
+    Returns
+    -------
+    FrfSet
+        With coherence and averages.
+
+    Raises
+    ------
+    MeasurementError
+        If there is not at least one average.
+
+    References
+    ----------
+    Bendat, J. S., Piersol, A. G. (2010). Random Data, 4th ed., section 9.2. DOI 10.1002/9781118032428
+    """
+    if averages < 1:
+        raise MeasurementError(f"virtual test: found {averages} averages; expected 1 or more; correct it")
+    variance = law.variance(true.values)
+    real, imag = rng.standard_normal((2, *true.values.shape))
+    values = true.values + np.sqrt(variance / 2) * (real + 1j * imag)
+    coherence = None
+    if averages > 1:
+        rest = variance * rng.standard_gamma(averages - 1, true.values.shape)
+        coherence = np.abs(values) ** 2 / (np.abs(values) ** 2 + rest)
+    return FrfSet(true.frequency_hz, values, true.outputs, true.inputs, true.quantity, coherence, averages)
+
+
+def channel_label(dof: str) -> str:
+    """Label of a DOF as files of universal format have it.
+
+    Examples
+    --------
+    >>> channel_label("11:y"), channel_label("1:rz")
+    ('Point:11:Y+', 'Point:1:RZ+')
+    """
+    node, direction = dof.split(":")
+    return f"Point:{node}:{direction.upper()}+"

@@ -10,7 +10,7 @@ from scipy import fft
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.records import SensorQuantity, TimeRecord
-from jointbayes.measurement.virtual.virtual_frf import channel_label
+from jointbayes.measurement.virtual.synthetic import channel_label
 
 __all__ = ["ChannelNoise", "Hammer", "Rig", "half_sine", "hammer_records", "shaker_records"]
 

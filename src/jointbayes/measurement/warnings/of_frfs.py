@@ -12,9 +12,10 @@ from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.formats.labels import parse_dof
 from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.modal.peaks import prominent_peaks
+from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
 
-__all__ = ["Doubt", "Resonance", "doubts_of_frf", "doubts_of_notes", "noise_of", "pair_of", "resonances_of", "usable"]
+__all__ = ["Resonance", "noise_of", "pair_of", "resonances_of", "usable", "warnings_of_frf", "warnings_of_notes"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -27,28 +28,6 @@ _SIGNED, _UNSIGNED = 0.5, 0.35
 _RESOLVED = 3
 #: No phase error of a measuring chain makes a drive point less passive than this fraction of its magnitude.
 _PHASE_ERROR = 0.15
-
-
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """Something in a file that contradicts something else.
-
-    Parameters
-    ----------
-    key
-        Which kind of doubt, such as ``"sign_flip"``.
-    where
-        Channel or place in the file.
-    sentence
-        What was found, and why that cannot be right.
-    remedy
-        What to do.
-    """
-
-    key: str
-    where: str
-    sentence: str
-    remedy: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +97,8 @@ def resonances_of(frequency_hz: Array, mobility: Complex) -> tuple[Resonance, ..
     return tuple(found)
 
 
-def doubts_of_frf(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
-    """Key, sentence and remedy of each doubt about one FRF.
+def warnings_of_frf(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    """What one FRF contradicts by itself.
 
     Parameters
     ----------
@@ -142,29 +121,33 @@ def doubts_of_frf(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
         yield _quadrature(peaks, good.quantity)
 
 
-def _of_lines(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
     f = record.frequency_hz
     broken = ~(np.isfinite(f) & np.isfinite(record.values))
     if broken.any():
-        yield "not_finite", f"{int(broken.sum())} of {f.size} lines are NaN or infinite", "cut or repair these lines"
+        yield MeasurementWarning(
+            "not_finite", f"{int(broken.sum())} of {f.size} lines are NaN or infinite", "cut or repair these lines"
+        )
     zero = record.values == 0
     if zero.any():
         at = float(f[np.argmax(zero)])
-        yield (
+        yield MeasurementWarning(
             "zero_lines",
             f"the FRF is exactly 0 on {int(zero.sum())} of {f.size} lines, first at {at:g} Hz: nothing was measured",
             "cut these lines away with f_min_hz and f_max_hz",
         )
     f = f[np.isfinite(f)]
     if f.size and f[0] == 0:
-        yield "zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing", "cut it with f_min_hz"
+        yield MeasurementWarning(
+            "zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing", "cut it with f_min_hz"
+        )
         f = f[1:]
     if f.size < 3:
         return
     step = np.diff(f)
     if (step <= 0).any():
         line = int(np.argmax(step <= 0))
-        yield (
+        yield MeasurementWarning(
             "lines_out_of_order",
             f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz",
             "sort the lines, drop doubled ones",
@@ -172,7 +155,7 @@ def _of_lines(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
         return
     middle = float(np.median(step))
     if np.abs(step - middle).max() > 1e-3 * middle + 2e-6 * f[-1]:
-        yield (
+        yield MeasurementWarning(
             "uneven_lines",
             f"lines are {step.min():.4g} to {step.max():.4g} Hz apart; those of a Fourier transform are even",
             "look for lines that were left out, or for a sweep; noise of a sweep's lines has its own law",
@@ -181,14 +164,14 @@ def _of_lines(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
     yield from _of_step(f)
 
 
-def _of_step(f: Array) -> Iterator[tuple[str, str, str]]:
+def _of_step(f: Array) -> Iterator[MeasurementWarning]:
     step = float((f[-1] - f[0]) / (f.size - 1))
     rounding = float(np.abs(f - (f[0] + step * np.arange(f.size))).max() / f[-1])
     tolerance = max(1e-9, 2 * rounding * f[-1] / (step * f.size))
     if tolerance > 1e-6 or _is_round(step, tolerance):
         return
     if _is_round(step / (2 * np.pi), tolerance):
-        yield (
+        yield MeasurementWarning(
             "rad_per_s",
             f"lines are {step:.6g} Hz apart, which is 2π times the round number {step / (2 * np.pi):.6g}: the axis is "
             "probably in rad/s",
@@ -202,10 +185,10 @@ def _is_round(value: float, tolerance: float) -> bool:
     return any(abs(value / unit - round(value / unit)) * unit < tolerance * value for unit in (decade, 2.0**-14))
 
 
-def _of_coherence(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+def _of_coherence(record: FrfRecord) -> Iterator[MeasurementWarning]:
     coherence = record.coherence
     if coherence is None:
-        yield (
+        yield MeasurementWarning(
             "coherence_missing",
             "there is no coherence, so that the file does not say how noisy the FRF is",
             "export the coherence as well, or state the noise, or give repeated measurements",
@@ -214,35 +197,35 @@ def _of_coherence(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
     known = coherence[np.isfinite(coherence)]
     if known.size and (known >= 1 - 1e-9).all():
         once = ", as it always is with one average" if record.averages == 1 else ""
-        yield (
+        yield MeasurementWarning(
             "coherence_one",
             f"coherence is 1 on all lines{once}: it says nothing about the noise",
             "export it again, or state the noise, or give repeated measurements",
         )
     if known.size and ((known < -1e-6) | (known > 1 + 1e-6)).any():
-        yield (
+        yield MeasurementWarning(
             "coherence_range",
             f"coherence runs from {known.min():.4g} to {known.max():.4g}, not 0 to 1",
             "export again",
         )
     if record.averages is None:
-        yield (
+        yield MeasurementWarning(
             "averages_missing",
             "there is a coherence, but no number of averages: the variance needs both",
             "add the number of averages",
         )
 
 
-def _of_unit(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
+def _of_unit(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if record.quantity is None:
-        yield (
+        yield MeasurementWarning(
             "quantity_missing",
             "neither unit nor type says whether it is receptance, mobility or accelerance",
             "state the quantity",
         )
-    yield from doubts_of_notes(record.notes)
+    yield from warnings_of_notes(record.notes)
     if not record.unit.strip():
-        yield (
+        yield MeasurementWarning(
             "unit_missing",
             "the numbers have no unit and were taken as SI: a single FRF cannot tell m/s² from g or m from mm",
             "find out the unit of the sensor, and scale the channel by its gain if it is another",
@@ -250,25 +233,27 @@ def _of_unit(record: FrfRecord) -> Iterator[tuple[str, str, str]]:
         return
     said = frf_unit(record.unit)
     if said is not None and record.quantity is not None and said[1] != record.quantity:
-        yield (
+        yield MeasurementWarning(
             "quantity_units",
             f"the file says {record.quantity}, but its unit {record.unit} is that of {said[1]}",
             "find out which is right and state the quantity",
         )
 
 
-def doubts_of_notes(notes: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
-    """Doubts that a reader had already: units that it could not read, or of which the file says two things."""
+def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
+    """What a reader noted already: units that it could not read, or of which the file says two things."""
     for note in notes:
         if "not understood" in note:
-            yield "unit_unknown", note, "find out the unit, and scale the channel by its gain"
+            yield MeasurementWarning("unit_unknown", note, "find out the unit, and scale the channel by its gain")
         if "says otherwise" in note:
-            yield "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
+            yield MeasurementWarning(
+                "unit_system", note, "find out which is right, and scale the channel by its gain if it is the other"
+            )
 
 
 def _of_drive_point(
     f: Array, mobility: Complex, peaks: tuple[Resonance, ...], quantity: Quantity
-) -> Iterator[tuple[str, str, str]]:
+) -> Iterator[MeasurementWarning]:
     cosines = np.array([p.cosine for p in peaks])
     if cosines.size and (np.abs(cosines) < _UNSIGNED).all():
         yield _quadrature(peaks, quantity)
@@ -281,7 +266,7 @@ def _of_drive_point(
     wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
     if wrong_peaks or (run.any() and wrong.mean() > 0.03):
         at = wrong_peaks[0] if wrong_peaks else float(f[np.argmax(run)])
-        yield (
+        yield MeasurementWarning(
             "not_passive",
             f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would release "
             "more energy than it receives",
@@ -291,7 +276,7 @@ def _of_drive_point(
     for left, right in pairwise(peaks):
         # the phase turns by π at a resonance and back at an antiresonance: without one the next peak has the other sign
         if min(abs(left.cosine), abs(right.cosine)) > _SIGNED and left.cosine * right.cosine < 0:
-            yield (
+            yield MeasurementWarning(
                 "antiresonance_missing",
                 f"there is no antiresonance between {left.frequency_hz:.4g} and {right.frequency_hz:.4g} Hz; a drive "
                 "point has one between each two resonances",
@@ -300,7 +285,7 @@ def _of_drive_point(
             return
 
 
-def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> tuple[str, str, str]:
+def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     part, sign = {
         "accelerance": ("imaginary part of the accelerance", "negative"),
         "mobility": ("real part of the mobility", "negative"),
@@ -308,7 +293,7 @@ def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> tuple[str, str,
     }[quantity]
     other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
     instead = f", or the FRF is {other} and not {quantity}" if other else ""
-    return (
+    return MeasurementWarning(
         "sign_flip",
         f"the {part} of the drive point is {sign} at {_at(peaks)}, which no structure can do: force or response has "
         f"the wrong sign{instead}",
@@ -316,10 +301,10 @@ def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> tuple[str, str,
     )
 
 
-def _quadrature(peaks: tuple[Resonance, ...], quantity: Quantity) -> tuple[str, str, str]:
+def _quadrature(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
     part = "imaginary" if quantity == "mobility" else "real"
-    return (
+    return MeasurementWarning(
         "quantity_phase",
         f"the FRF is called {quantity}, but is {part} at {_at(peaks)}, as {likely} is",
         "find out the quantity of the sensor and state it",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.frf import quantity_factor
+from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.warnings.of_frfs import noise_of, pair_of, usable
 
@@ -54,10 +55,10 @@ def sketch_of(record: FrfRecord) -> Sketch | None:
     )
 
 
-def disagreement(one: Sketch, other: Sketch) -> tuple[str, str, str] | None:
-    """Kind, sentence and remedy where two FRFs that should be equal are not; None where they are or cannot be compared.
+def disagreement(one: Sketch, other: Sketch) -> MeasurementWarning | None:
+    """Warning where two FRFs that should be equal are not; None where they are or cannot be compared.
 
-    The kind is ``"sign"``, ``"g"``, ``"rad_per_s"``, ``"quantity"``, ``"factor"`` or ``"shape"``.
+    Its key is ``"sign"``, ``"g"``, ``"rad_per_s"``, ``"quantity"``, ``"factor"`` or ``"shape"``.
     """
     if one.frequency_hz.shape != other.frequency_hz.shape or not np.allclose(one.frequency_hz, other.frequency_hz):
         return None
@@ -71,7 +72,7 @@ def disagreement(one: Sketch, other: Sketch) -> tuple[str, str, str] | None:
     noise = np.hypot(one.noise.astype(float), other.noise.astype(float))
     apart = np.abs(a - b) > 4 * noise + 0.15 * larger
     if apart.mean() > 0.1:
-        return (
+        return MeasurementWarning(
             "shape",
             f"they differ by more than noise and 15 % on {100 * apart.mean():.0f} % of the lines",
             "look at labels and directions, the mass of the accelerometer, and whether the structure is linear",
@@ -79,7 +80,7 @@ def disagreement(one: Sketch, other: Sketch) -> tuple[str, str, str] | None:
     return None
 
 
-def _named_ratio(f: Array, ratio: Complex) -> tuple[str, str, str] | None:
+def _named_ratio(f: Array, ratio: Complex) -> MeasurementWarning | None:
     """What a ratio that is constant, or a power of jω, says."""
     omega = 2 * np.pi * f
     for power in (0, 1, -1, 2, -2):
@@ -91,7 +92,7 @@ def _named_ratio(f: Array, ratio: Complex) -> tuple[str, str, str] | None:
         if np.median(np.abs(scatter)) > _CONSTANT or np.median(np.abs(phase)) > _CONSTANT:
             continue
         if power:
-            return (
+            return MeasurementWarning(
                 "quantity",
                 f"their ratio grows like frequency to the power {power}: one quantity is not what is said",
                 "find out the quantity of each sensor and state it",
@@ -100,13 +101,13 @@ def _named_ratio(f: Array, ratio: Complex) -> tuple[str, str, str] | None:
     return None
 
 
-def _named_constant(level: float, turned: bool) -> tuple[str, str, str] | None:
+def _named_constant(level: float, turned: bool) -> MeasurementWarning | None:
     def near(value: float) -> bool:
         return abs(math.log(level / value)) < _NEAR
 
     opposite = " and the opposite sign" if turned else ""
     if near(_G) or near(1 / _G):
-        return (
+        return MeasurementWarning(
             "g",
             f"one is {max(level, 1 / level):.4g} times the other{opposite}: one is in g, the other in m/s²",
             "find out which channel is in g and give it the gain 9.80665",
@@ -114,17 +115,19 @@ def _named_constant(level: float, turned: bool) -> tuple[str, str, str] | None:
     for power in (1, 2):
         if near((2 * np.pi) ** power) or near((2 * np.pi) ** -power):
             factor = "2π" if power == 1 else "(2π)²"
-            return (
+            return MeasurementWarning(
                 "rad_per_s",
                 f"one is {factor} times the other once both are the same quantity{opposite}: the axis is in rad/s",
                 "divide the frequencies by 2π, or say rad/s in the header of the column",
             )
     if abs(math.log(level)) > 0.15:
-        return (
+        return MeasurementWarning(
             "factor",
             f"one is {max(level, 1 / level):.4g} times the other on all lines{opposite}",
             "compare sensitivities and units of the channels; 1000 is mm against m, 4.45 is lbf against N",
         )
     if turned:
-        return "sign", "they have opposite signs on all lines", 'turn one of the channels in the case file ("-11:y")'
+        return MeasurementWarning(
+            "sign", "they have opposite signs on all lines", 'turn one of the channels in the case file ("-11:y")'
+        )
     return None

@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, is_clipped
-from jointbayes.measurement.warnings.of_frfs import doubts_of_notes
+from jointbayes.measurement.warnings.of_frfs import warnings_of_notes
 
-__all__ = ["doubts_of_time", "hits_of"]
+__all__ = ["hits_of", "warnings_of_history"]
 
 #: A second contact within this time after the first is one hit gone wrong; later it is the next hit. s
 _REBOUND_S = 0.15
@@ -34,26 +35,28 @@ def hits_of(record: TimeRecord) -> tuple[Hit, ...]:
     return find_hits([record], HitSettings(block_s=_REBOUND_S if several else None))
 
 
-def doubts_of_time(record: TimeRecord) -> Iterator[tuple[str, str, str]]:
-    """Key, sentence and remedy of each doubt about one time history."""
+def warnings_of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
+    """What one time history contradicts."""
     x = record.values
     if not np.isfinite(x).all():
-        yield "not_finite", f"{int((~np.isfinite(x)).sum())} of {x.size} samples are NaN or infinite", "drop the record"
+        yield MeasurementWarning(
+            "not_finite", f"{int((~np.isfinite(x)).sum())} of {x.size} samples are NaN or infinite", "drop the record"
+        )
         return
     if x.size < 16:
         return
     if record.quantity == "unknown":
-        yield (
+        yield MeasurementWarning(
             "quantity_missing",
             "neither unit nor type says whether it is a force or a motion",
             "name the unit of the channel",
         )
     if np.ptp(x) == 0:
-        yield "dead_channel", f"all samples are {x[0]:g}", "look at cable and channel"
+        yield MeasurementWarning("dead_channel", f"all samples are {x[0]:g}", "look at cable and channel")
         return
-    yield from doubts_of_notes(record.notes)
+    yield from warnings_of_notes(record.notes)
     if is_clipped(x) or _at_its_ends(x):
-        yield (
+        yield MeasurementWarning(
             "overload",
             f"the signal stays at its largest value, {np.abs(x).max():.4g}, again and again: it was cut off",
             "leave this hit out, and measure with a larger range",
@@ -61,7 +64,7 @@ def doubts_of_time(record: TimeRecord) -> Iterator[tuple[str, str, str]]:
     for hit in hits_of(record):
         if hit.reason.startswith("double hit"):
             number = hit.number if record.hit is None else record.hit
-            yield "double_hit", f"hit {number} is a {hit.reason}", "leave this hit out"
+            yield MeasurementWarning("double_hit", f"hit {number} is a {hit.reason}", "leave this hit out")
     yield from _offset(x)
 
 
@@ -74,13 +77,13 @@ def _at_its_ends(x: NDArray[np.float64]) -> bool:
     return False
 
 
-def _offset(x: NDArray[np.float64]) -> Iterator[tuple[str, str, str]]:
+def _offset(x: NDArray[np.float64]) -> Iterator[MeasurementWarning]:
     largest = float(np.abs(x - np.median(x)).max())
     spread = float(np.median(np.abs(x - np.median(x))))
     # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike
     level = min(np.median(x), np.mean(x), key=abs)
     if largest > 0 and np.median(x) * np.mean(x) > 0 and abs(level) > _OFFSET * largest + spread:
-        yield (
+        yield MeasurementWarning(
             "offset",
             f"the signal rests at {level:.4g}, {100 * abs(level) / largest:.2g} % of its largest swing, and not at 0",
             "take the offset away, or couple the channel AC",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.measurement.channels import ChannelUse
-from jointbayes.measurement.measured import NotedDoubt, Provenance
+from jointbayes.measurement.provenance import MeasurementWarning, Provenance
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
 from jointbayes.report.format import number
@@ -60,7 +60,7 @@ def measurement_section(provenance: Provenance) -> Section:
             f" It is itself an estimate, with {p.variance_dof} degrees of freedom at each line, so the standardised "
             "residuals follow Student's t distribution with as many, unless [noise] states another."
         )
-    blocks: list[Block] = [Callout("caution", f"**Check {d.where}.** {_sentence(d)}") for d in p.doubts]
+    blocks: list[Block] = [Callout("caution", f"**Check {w.where}.** {_sentence(w)}") for w in p.warnings]
     blocks.append(Paragraph(text))
     files = tuple((file.name, f"{file.size}", f"`{file.sha256}`") for file in p.files)
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))
@@ -74,8 +74,8 @@ def measurement_section(provenance: Provenance) -> Section:
     return Section("measurement", "Measurement", tuple(blocks))
 
 
-def _sentence(doubt: NotedDoubt) -> str:
-    return f"{doubt.sentence[0].upper()}{doubt.sentence[1:]}; {doubt.remedy}."
+def _sentence(warning: MeasurementWarning) -> str:
+    return f"{warning.sentence[0].upper()}{warning.sentence[1:]}; {warning.remedy}."
 
 
 def _row(use: ChannelUse) -> tuple[str, ...]:

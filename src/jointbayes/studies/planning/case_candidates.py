@@ -49,7 +49,7 @@ class _Maker:
     def __init__(self, case: Case, measurement: FrfMeasurement) -> None:
         data = case.spec.data
         self._case, self._data, self._spec = case, measurement.frf, case.spec
-        self._recipe = beam_recipe(case.spec.structure, data, case.provenance.loaded if case.provenance else None)
+        self._recipe = beam_recipe(case.spec.structure, data, case.problem.measurement)
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
         if isinstance(data, schema.SyntheticFrfSpec):

@@ -1,4 +1,4 @@
-"""Records of a file put together: one set of FRFs on one grid, or an error that says what is in the way."""
+"""FRFs of files put together: one set on one grid, or an error that says what is in the way."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -7,35 +7,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet, Quantity
-from jointbayes.measurement.records import FrfRecord, Record
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.records import FrfRecord
 
-__all__ = ["assemble"]
+__all__ = ["in_band", "join_frfs"]
 
 #: A coherence stored in single precision may pass 1 by this much.
 _ROUNDING = 1e-6
 
 
-def assemble(
-    records: Iterable[Record],
-    where: str,
-    *,
-    f_min_hz: float | None = None,
-    f_max_hz: float | None = None,
-    quantity: Quantity | None = None,
-) -> FrfSet:
-    """FRFs of a file as one set: the same lines for all, every output with every input.
+def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
+    """FRFs as one set: the same lines for all, every output with every input.
 
     Parameters
     ----------
     records
-        What `iter_records` gives; time histories are passed over.
+        One for each pair of output and input.
     where
         Name of the file, for messages.
-    f_min_hz, f_max_hz
-        Lines outside the band are cut away before anything is checked.
-    quantity
-        What the FRFs are, whatever the file says; None takes the file's word.
 
     Returns
     -------
@@ -46,33 +35,35 @@ def assemble(
     Raises
     ------
     MeasurementError
-        If there is no FRF, a pair is missing or occurs twice, lines or quantities differ, or a line in the band is at
-        0 Hz, out of order, NaN or exactly zero.
+        If there is no FRF, a pair is missing or occurs twice, lines or quantities differ, or a line is at 0 Hz, out of
+        order, NaN or exactly zero.
     """
     frfs: dict[tuple[str, str], FrfRecord] = {}
     first: FrfRecord | None = None
     for record in records:
-        if not isinstance(record, FrfRecord):
-            continue
-        cut = _checked(_in_band(record, where, f_min_hz, f_max_hz), where)
-        if quantity is not None:
-            cut = replace(cut, quantity=quantity)
-        pair = (cut.response, cut.reference)
+        checked = _checked(record, where)
+        pair = (checked.response, checked.reference)
         if pair in frfs:
             raise MeasurementError(
-                f"{where}: {cut.where}: found the FRF of {pair[0]!r} over {pair[1]!r} again, first in "
+                f"{where}: {checked.where}: found the FRF of {pair[0]!r} over {pair[1]!r} again, first in "
                 f"{frfs[pair].where}; expected each pair once; split repeated measurements into files"
             )
-        if first is None:
-            first = cut
-        _same_kind(cut, first, where)
-        frfs[pair] = cut
+        first = first or checked
+        _same_kind(checked, first, where)
+        frfs[pair] = checked
     if first is None:
         raise MeasurementError(f"{where}: found no FRF; expected at least one; time histories must be turned into FRFs")
     return _grid(frfs, first, where)
 
 
-def _in_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
+def in_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
+    """The lines of an FRF from `f_min_hz` to `f_max_hz`, either of which may be open.
+
+    Raises
+    ------
+    MeasurementError
+        If no line lies in the band.
+    """
     if f_min_hz is None and f_max_hz is None:
         return record
     lines = record.frequency_hz

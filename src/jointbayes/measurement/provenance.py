@@ -1,15 +1,12 @@
-"""A test from measurement files: the data, and what was done to the files to get them."""
+"""Where measured data come from: files, channels, modes they show, and what is doubtful about them."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from jointbayes.frf import FrfSet
 from jointbayes.measurement.channels import ChannelUse
-from jointbayes.measurement.data import Measurement
-from jointbayes.measurement.modal.fit import MeasuredMode
 
-__all__ = ["MeasuredFile", "MeasuredTest", "NotedDoubt", "Provenance"]
+__all__ = ["MeasuredFile", "MeasuredMode", "MeasurementWarning", "Provenance"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +19,43 @@ class MeasuredFile:
 
 
 @dataclass(frozen=True, slots=True)
-class NotedDoubt:
-    """A doubt about the data, where it arose, and what may be done."""
+class MeasuredMode:
+    """One mode found in measured FRFs.
 
-    where: str
+    Parameters
+    ----------
+    frequency_hz, frequency_sd_hz
+        Undamped natural frequency |λ|/2π and its standard deviation, Hz.
+    damping_ratio, damping_sd
+        Damping ratio −Re λ/|λ| and its standard deviation.
+    """
+
+    frequency_hz: float
+    frequency_sd_hz: float
+    damping_ratio: float
+    damping_sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementWarning:
+    """Something in measured data that contradicts something else.
+
+    Parameters
+    ----------
+    key
+        Which kind of contradiction, such as ``"sign_flip"``.
+    sentence
+        What was found, and why that cannot be right.
+    remedy
+        What to do.
+    where
+        Channel or place in the file.
+    """
+
+    key: str
     sentence: str
     remedy: str
+    where: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +84,7 @@ class Provenance:
         Degrees of freedom from which the variance of each line was estimated; None where it is stated.
     notes
         What was changed on the way, in words.
-    doubts
+    warnings
         What about the files is doubtful.
     modes
         Modes that the FRFs show, by rising frequency.
@@ -75,7 +103,7 @@ class Provenance:
     left_out: tuple[str, ...]
     variance: str
     notes: tuple[str, ...] = ()
-    doubts: tuple[NotedDoubt, ...] = ()
+    warnings: tuple[MeasurementWarning, ...] = ()
     modes: tuple[MeasuredMode, ...] = ()
     loaded: tuple[str, ...] = ()
     iteration: str = ""
@@ -88,35 +116,15 @@ class Provenance:
     @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> "Provenance":
         """From what `as_json` gave, also after a way through a JSON text."""
-        parts: dict[str, type] = {
+        kinds = {
             "files": MeasuredFile,
             "channels": ChannelUse,
-            "doubts": NotedDoubt,
+            "warnings": MeasurementWarning,
             "modes": MeasuredMode,
         }
         given: dict[str, Any] = {
             key: tuple(value) if isinstance(value, list) else value for key, value in record.items()
         }
-        for key, kind in parts.items():
-            given[key] = tuple(kind(**entry) for entry in given[key])
-        return cls(**given)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredTest:
-    """Data of a test.
-
-    Parameters
-    ----------
-    measurement
-        What inference takes.
-    joint_frf
-        FRFs at the measured DOFs and at the joint, rotation included, for the paper's iteration; None where the files
-        lack them, which `Provenance.iteration` explains.
-    provenance
-        Where they come from.
-    """
-
-    measurement: Measurement
-    joint_frf: FrfSet | None
-    provenance: Provenance
+        if "doubts" in given:  # as files of version 0.1 call them, without their kind
+            given["warnings"] = tuple({"key": "", **entry} for entry in given.pop("doubts"))
+        return cls(**given | {key: tuple(kind(**entry) for entry in given[key]) for key, kind in kinds.items()})

@@ -1,0 +1,317 @@
+"""From the records of measurement files to a measurement: FRFs between DOFs of the model, and their noise.
+
+One way for all data from files: FRFs of the records, channels to DOFs, band and lines, variance, masses of
+accelerometers, modes, rotations.
+"""
+
+import difflib
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.accelerometer import without_accelerometers
+from jointbayes.measurement.channels import ChannelMap, map_records
+from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement.formats import in_band, iter_records, join_frfs
+from jointbayes.measurement.modal.fit import fit_modes, identify_modes
+from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
+from jointbayes.measurement.provenance import MeasuredFile, MeasuredMode, Provenance
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.rotations import at_joint, with_rotations
+from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
+from jointbayes.measurement.signals.spectra import MadeFrfs, frfs_of_shaker
+from jointbayes.measurement.variance import RelativeNoise, coherence_variance, mean_of_repeats
+from jointbayes.measurement.warnings.warnings import find_warnings
+
+__all__ = ["assemble_measurement", "estimate_variance", "read_measurement"]
+
+#: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
+_EXPLAINED = 10.0
+
+
+def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPlan) -> Measurement:
+    """Read measurement files and assemble what they hold.
+
+    Parameters
+    ----------
+    names
+        Of the files, relative to the directory.
+    directory
+        From which the names count.
+    plan
+        What is asked for.
+
+    Raises
+    ------
+    MeasurementError
+        If a file is missing or wrong, or does not hold what the plan says.
+    """
+    files = tuple(_fingerprint(directory / name, name) for name in names)
+    return assemble_measurement(_records(directory, names), plan, files)
+
+
+def assemble_measurement(
+    records: Iterable[Record], plan: MeasurementPlan, files: Sequence[MeasuredFile] = ()
+) -> Measurement:
+    """Assemble a measurement from records.
+
+    Parameters
+    ----------
+    records
+        Of all files, one after the other.
+    plan
+        What is asked for.
+    files
+        Where they come from, for provenance and messages.
+
+    Returns
+    -------
+    FrfMeasurement or FrequencyMeasurement
+        Natural frequencies where ``plan.frequencies`` is set.
+
+    Raises
+    ------
+    MeasurementError
+        If the records do not hold what the plan says.
+    """
+    where = ", ".join(file.name for file in files) or "records"
+    made = MadeFrfs(()) if plan.signals is None else _frfs_of_histories(records, plan, where)
+    stored = (record for record in records if isinstance(record, FrfRecord))
+    mapped = map_records(stored if plan.signals is None else made.frfs, plan.channels, where)
+    known, contradicted = _with_quantity(mapped.records, plan, where)
+    notes = [*made.notes, *dict.fromkeys(note for record in known for note in record.notes), *contradicted]
+    notes += [
+        f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "
+        f"{use.factor:g}."
+        for use in mapped.uses
+        if use.reversed_direction
+    ]
+    cut = [in_band(record, where, plan.f_min_hz, plan.f_max_hz) for record in known]
+    repeated = plan.variance is not None and plan.variance.source == "repeats"
+    sets = [join_frfs(group, where) for group in _repetitions(cut, where, allowed=repeated)]
+    step = plan.line_step or made.line_step
+    if step > 1:
+        why = "" if plan.line_step else ", since with the window that was used neighbouring lines depend on each other"
+        notes.append(f"Of {step} lines one was kept{why}.")
+    sets = [frf.at_lines(slice(None, None, step)) for frf in sets]
+    measured, words = estimate_variance(sets, plan.variance, where)
+    masses = {use.dof: use.accelerometer_mass for use in mapped.uses if use.accelerometer_mass > 0}
+    if masses:
+        measured = without_accelerometers(measured, masses, roving=plan.roving)
+        each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
+        notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
+    modes, without_modes = _modes(measured, plan)
+    frf = measured.frf
+    provenance = Provenance(
+        tuple(files),
+        frf.quantity,
+        frf.n_lines,
+        (float(frf.frequency_hz[0]), float(frf.frequency_hz[-1])),
+        frf.averages,
+        mapped.uses,
+        mapped.left_out,
+        words,
+        (*notes, *without_modes),
+        find_warnings(cut),
+        modes,
+        variance_dof=measured.variance_dof,
+        loaded=tuple(output for output in frf.outputs if ":r" not in output),
+    )
+    if plan.frequencies is not None:
+        return replace(_frequencies(plan.frequencies, modes, where), provenance=provenance)
+    return _chosen(replace(measured, provenance=provenance), plan, where)
+
+
+def _fingerprint(path: Path, name: str) -> MeasuredFile:
+    if not path.is_file():
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], 1, 0.6)
+        found = "a directory" if path.is_dir() else "no such file"
+        remedy = f'did you mean "{near[0]}"?' if near else "names count from the directory of the case file"
+        raise MeasurementError(f"data.file: {name}: found {found}; expected a measurement file; {remedy}")
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return MeasuredFile(name, path.stat().st_size, digest)
+
+
+def _records(directory: Path, names: Sequence[str]) -> Iterator[Record]:
+    """All records of all files, one after the other."""
+    for name in names:
+        for record in iter_records(directory / name):
+            yield record if len(names) == 1 else replace(record, where=f"{name}, {record.where}".rstrip(", "))
+
+
+def _frfs_of_histories(records: Iterable[Record], plan: MeasurementPlan, where: str) -> MadeFrfs:
+    """FRFs made of the time histories of the mapped channels."""
+    channels = ChannelMap(plan.channels)
+    histories = [record for record in records if isinstance(record, TimeRecord)]
+    channels.require_all([record.channel for record in histories], where)
+    histories = [record for record in histories if channels.find(record.channel)]
+    try:
+        if isinstance(plan.signals, ImpactSettings):
+            return frfs_of_hits(histories, plan.signals)
+        assert plan.signals is not None
+        return frfs_of_shaker(histories, plan.signals)
+    except MeasurementError as error:
+        raise MeasurementError(f"{where}: {error}") from error
+
+
+def _with_quantity(
+    records: Iterable[FrfRecord], plan: MeasurementPlan, where: str
+) -> tuple[list[FrfRecord], list[str]]:
+    """Records with the quantity that the plan states, if any, and notes on what contradicts it."""
+    known, notes = [], {}
+    for record in records:
+        if plan.quantity is None and record.quantity is None:
+            raise MeasurementError(
+                f'{_place(record, where)}: found an FRF that does not say what it is (unit "{record.unit}"); expected '
+                'receptance, mobility or accelerance; write for example quantity = "accelerance" in [data]'
+            )
+        if plan.quantity is not None and record.quantity not in (None, plan.quantity):
+            unit = f" in {record.unit}" if record.unit else ""
+            notes[f"The file says {record.quantity}{unit}; the case says {plan.quantity}, and was followed."] = True
+        known.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
+    return known, list(notes)
+
+
+def _place(record: FrfRecord, where: str) -> str:
+    return f"{where}: {record.where}" if record.where else where
+
+
+def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list[list[FrfRecord]]:
+    """Records apart by repetition: the first FRF of each pair of DOFs, the second, and so on."""
+    by_pair: dict[tuple[str, str], list[FrfRecord]] = defaultdict(list)
+    for record in records:
+        by_pair[record.response, record.reference].append(record)
+    counts = {pair: len(group) for pair, group in by_pair.items()}
+    most = max(counts.values())
+    if most > 1 and not allowed:
+        pair = max(counts, key=lambda p: counts[p])
+        raise MeasurementError(
+            f"{_place(by_pair[pair][1], where)}: found another FRF of {pair[0]} over {pair[1]}; expected each once; "
+            'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
+        )
+    for pair, count in counts.items():
+        if count != most:
+            raise MeasurementError(
+                f"{where}: found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others; expected as many "
+                "repetitions of each; leave the surplus out"
+            )
+    return [[group[k] for group in by_pair.values()] for k in range(most)]
+
+
+def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, where: str) -> tuple[FrfMeasurement, str]:
+    """FRFs with their variance, and where that comes from, in words.
+
+    Parameters
+    ----------
+    sets
+        FRFs; more than one where measurements were repeated, of which the mean is taken.
+    choice
+        Where the variance comes from; None leaves it open: the same everywhere.
+    where
+        The files, for messages.
+
+    Raises
+    ------
+    MeasurementError
+        If the FRFs do not tell what is to be taken from them.
+    """
+    frf = sets[0]
+    if choice is None:
+        return FrfMeasurement(frf, np.ones(frf.values.shape)), "estimated from what the modal fit leaves"
+    if choice.averages is not None:
+        frf = replace(frf, averages=choice.averages)
+    law = choice.law
+    least = f", but at least a standard deviation of {100 * law.relative:g} % of |H| in each part" if law else ""
+    if choice.source == "repeats":
+        words = f"from the scatter of {len(sets)} repeated measurements, whose mean is used{least}"
+        return mean_of_repeats(sets, law), words
+    if law and (choice.source == "relative" or (frf.averages == 1 and choice.law_for_one_average)):
+        alone = "" if choice.source == "relative" else " (of one average coherence says nothing)"
+        words = f"as stated: {100 * law.relative:g} % of |H| and {100 * law.floor:g} % of the median accelerance{alone}"
+        smooth = _smoothed(frf, law)
+        if smooth is None:
+            return FrfMeasurement(frf, law.variance_of_accelerance(frf)), words
+        variance = law.variance_of_accelerance(smooth)
+        return FrfMeasurement(frf, variance), f"{words}; |H| is that of a modal fit, without the noise"
+    try:
+        variance = coherence_variance(frf)
+    except MeasurementError as error:
+        raise MeasurementError(f"{where}: {error}") from error
+    if law:
+        variance = np.maximum(variance, law.variance_of_accelerance(frf))
+    assert frf.averages is not None
+    measured = FrfMeasurement(frf, variance, variance_dof=2 * (frf.averages - 1))
+    return measured, f"from the coherence of {frf.averages} averages{least}"
+
+
+def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
+    """FRFs of a modal fit, without the noise of the measured ones; None where none comes close to them.
+
+    A variance in proportion to the *measured* |H|² favours lines that the noise made small, so that everything fitted
+    comes out too small by the variance relative to |H|², which many lines do not average away.
+    """
+    accelerance = FrfMeasurement(frf, law.variance_of_accelerance(frf)).converted("accelerance")
+    try:
+        fit = fit_modes(accelerance.frf, accelerance.variance)
+    except MeasurementError:
+        return None
+    if not fit.modes or fit.misfit > _EXPLAINED:
+        return None
+    return replace(accelerance.frf, values=fit.values, coherence=None).converted(frf.quantity)
+
+
+def _modes(measured: FrfMeasurement, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
+    """Modes that the FRFs show, and a note where they cannot be looked for.
+
+    They are fitted to the accelerance, so that they do not depend on the quantity of a file.
+    """
+    accelerance = measured.converted("accelerance")
+    try:
+        return identify_modes(accelerance.frf, None if plan.variance is None else accelerance.variance), ()
+    except MeasurementError as error:
+        if plan.frequencies is not None:
+            raise
+        return (), (f"Natural frequencies were not looked for: {error}.",)
+
+
+def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyMeasurement:
+    wanted = plan.modes or max(len(modes), 1)
+    if len(modes) < wanted:
+        raise MeasurementError(
+            f"{where}: found {len(modes)} modes; expected at least {wanted}; lower data.modes or widen the band"
+        )
+    frequency = np.array([mode.frequency_hz for mode in modes[:wanted]])
+    fitted = np.array([mode.frequency_sd_hz for mode in modes[:wanted]])
+    return FrequencyMeasurement(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
+
+
+def _chosen(measured: FrfMeasurement, plan: MeasurementPlan, where: str) -> FrfMeasurement:
+    """The FRFs that the likelihood sees, with those at the joint."""
+    assert measured.provenance is not None
+    used = with_rotations(measured, plan.rotations)
+    derived = {rotation.dof for rotation in plan.rotations if rotation.in_likelihood}
+    for key, stated, present in (("outputs", plan.outputs, used.frf.outputs), ("inputs", plan.inputs, used.frf.inputs)):
+        for label in stated:
+            if label not in present:
+                replaced = key == "outputs" and label in measured.frf.outputs
+                taken = ", which a rotation in the likelihood replaces" if replaced else ""
+                raise MeasurementError(
+                    f"data.{key}: found {label}{taken}; expected one of {', '.join(present)} of {where}; remove it"
+                )
+    outputs = tuple(o for o in used.frf.outputs if not plan.outputs or o in plan.outputs or o in derived)
+    inputs = tuple(i for i in used.frf.inputs if not plan.inputs or i in plan.inputs)
+    joint_frf, missing = None, ""
+    try:
+        every = measured.frf.select(measured.frf.outputs, inputs)
+        joint_frf = at_joint(every, plan.rotations, outputs, plan.joint_dofs)
+    except MeasurementError as error:
+        missing = str(error)
+    provenance = replace(measured.provenance, iteration=missing)
+    return replace(used.select(outputs, inputs), joint_frf=joint_frf, provenance=provenance)
