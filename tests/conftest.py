@@ -20,6 +20,10 @@ CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)  # Table 1
 TABLE_3 = np.array([5.05e9, 3.44e7, 1.52e6])
 CLAMP = Joint(("1:y", "1:rz"))
+#: A run that ends without having converged, in half a second.
+FEW_STEPS = SamplerSettings(walkers=16, max_steps=200)
+#: Enough for a cheap case to converge, the ends of its intervals less well known than by default.
+TO_CONVERGE = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
 
 
 def rod(
@@ -96,6 +100,11 @@ def cheap_case() -> Case:
 
 
 @pytest.fixture(scope="session")
+def frequency_case() -> Case:
+    return case_from_text("frequencies", cheap_frequencies_text())
+
+
+@pytest.fixture(scope="session")
 def cheap_posterior(cheap_case: Case) -> Posterior:
     """A converged FRF posterior of a few seconds; nobody may change it."""
     settings = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.03)
@@ -103,7 +112,7 @@ def cheap_posterior(cheap_case: Case) -> Posterior:
 
 
 @pytest.fixture(scope="session")
-def frequency_posterior() -> Posterior:
+def frequency_posterior(frequency_case: Case) -> Posterior:
     """A natural-frequency posterior in which k12 has both signs; nobody may change it."""
     settings = SamplerSettings(walkers=8, max_steps=8000, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
-    return sample(case_from_text("frequencies", cheap_frequencies_text()), seed=1, settings=settings)
+    return sample(frequency_case, seed=1, settings=settings)

@@ -22,7 +22,7 @@ from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.signals.line_thinning import lines_apart
 from jointbayes.measurement.variance import coherence_variance
 from jointbayes.measurement.virtual.synthetic import noisy_frf
-from tests.conftest import TABLE_3, cheap_frequencies_text, cheap_text, edited
+from tests.conftest import TABLE_3, cheap_text, edited
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"
 
@@ -115,10 +115,9 @@ def test_the_same_seed_gives_the_same_test():
     assert (first != other).all()
 
 
-def test_a_case_without_a_truth_cannot_be_simulated():
-    case = case_from_text("natural", cheap_frequencies_text())
-    with pytest.raises(CaseError, match='natural: found data of kind = "natural_frequencies"'):
-        simulate(case, None, np.random.default_rng(1))
+def test_a_case_without_a_truth_cannot_be_simulated(frequency_case):
+    with pytest.raises(CaseError, match='frequencies: found data of kind = "natural_frequencies"'):
+        simulate(frequency_case, None, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize(

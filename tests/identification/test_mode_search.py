@@ -24,12 +24,7 @@ from jointbayes.identification.starts import FrequencyMatch
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.sampling import fit_proposal
-from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
-
-
-@pytest.fixture(scope="module")
-def cheap():
-    return jb.case_from_text("cheap", cheap_text())
+from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited
 
 
 def natural(problem, stiffness=TABLE_3, count=4):
@@ -47,9 +42,9 @@ def one_mode(frequency_hz, natural_hz, ratio=0.005, noise=0.0, seed=0):
     return FrfMeasurement(frf, np.full((w.size, 1, 1), sd**2))
 
 
-def test_resonances_are_those_of_the_joint_that_made_the_data(cheap):
-    found = resonances_hz(cheap.problem.measurement)
-    assert_allclose(found, natural(cheap.problem, count=found.size), rtol=2e-3)
+def test_resonances_are_those_of_the_joint_that_made_the_data(cheap_case):
+    found = resonances_hz(cheap_case.problem.measurement)
+    assert_allclose(found, natural(cheap_case.problem, count=found.size), rtol=2e-3)
     assert found.size == 3
 
 
@@ -86,8 +81,8 @@ def test_lines_too_few_or_all_zero_show_no_resonance():
         ([1, 2], [1, 2], 1),
     ],
 )
-def test_modes_that_show_no_resonance_are_skipped(cheap, shown, partners, unseen):
-    match = FrequencyMatch(cheap.problem)
+def test_modes_that_show_no_resonance_are_skipped(cheap_case, shown, partners, unseen):
+    match = FrequencyMatch(cheap_case.problem)
     theta = np.log(TABLE_3)[None]
     predicted = match.predicted_hz(theta)
     match.resonances_hz = predicted[0, shown] * 1.001
@@ -96,26 +91,26 @@ def test_modes_that_show_no_resonance_are_skipped(cheap, shown, partners, unseen
     assert missing[0] == unseen
 
 
-def test_a_resonance_that_no_mode_explains_is_given_up(cheap):
-    match = FrequencyMatch(cheap.problem)
+def test_a_resonance_that_no_mode_explains_is_given_up(cheap_case):
+    match = FrequencyMatch(cheap_case.problem)
     predicted = match.predicted_hz(np.log(TABLE_3)[None])
     between = np.sqrt(predicted[0, 1] * predicted[0, 2])
     match.resonances_hz = np.array([predicted[0, 0], predicted[0, 1], between, predicted[0, 2]])
     assert match._assigned(predicted)[0][0].tolist() == [0, 1, -1, 2]
 
 
-def test_the_best_frequency_start_has_the_natural_frequencies_of_the_data(cheap):
-    starts = frequency_starts(cheap.problem, np.random.default_rng(1))
+def test_the_best_frequency_start_has_the_natural_frequencies_of_the_data(cheap_case):
+    starts = frequency_starts(cheap_case.problem, np.random.default_rng(1))
     assert 1 <= len(starts) <= 12
-    assert np.isfinite(cheap.problem.log_posterior(starts)).all()
-    best = natural(cheap.problem, cheap.problem.prior.stiffness(starts[0]), 3)
-    assert_allclose(best, resonances_hz(cheap.problem.measurement), rtol=5e-3)
-    again = frequency_starts(cheap.problem, np.random.default_rng(1))
+    assert np.isfinite(cheap_case.problem.log_posterior(starts)).all()
+    best = natural(cheap_case.problem, cheap_case.problem.prior.stiffness(starts[0]), 3)
+    assert_allclose(best, resonances_hz(cheap_case.problem.measurement), rtol=5e-3)
+    again = frequency_starts(cheap_case.problem, np.random.default_rng(1))
     assert np.array_equal(again, starts)
 
 
-def test_frequencies_as_data_are_matched_directly():
-    problem = jb.case_from_text("frequencies", cheap_frequencies_text()).problem
+def test_frequencies_as_data_are_matched_directly(frequency_case):
+    problem = frequency_case.problem
     starts = frequency_starts(problem, np.random.default_rng(1))
     found = natural(problem, problem.prior.stiffness(starts[0]), 3)
     assert_allclose(found, problem.measurement.frequency_hz, rtol=5e-3)
@@ -130,23 +125,23 @@ def test_uncertain_errors_of_frequencies_are_set_so_that_resonances_agree():
     assert_allclose(found[0], data, rtol=1e-6)
 
 
-def test_data_without_a_resonance_give_no_frequency_starts(cheap):
-    measured = cheap.problem.measurement
+def test_data_without_a_resonance_give_no_frequency_starts(cheap_case):
+    measured = cheap_case.problem.measurement
     noisy = replace(measured, variance=np.full_like(measured.variance, np.abs(measured.frf.values).max() ** 2))
-    assert frequency_starts(replace(cheap.problem, measurement=noisy), np.random.default_rng(1)).shape == (0, 3)
+    assert frequency_starts(replace(cheap_case.problem, measurement=noisy), np.random.default_rng(1)).shape == (0, 3)
 
 
-def test_climbs_together_end_where_each_ends_alone(cheap):
-    squares = PosteriorSquares(cheap.problem.log_posterior)
+def test_climbs_together_end_where_each_ends_alone(cheap_case):
+    squares = PosteriorSquares(cheap_case.problem.log_posterior)
     starts = np.log(TABLE_3) + np.array([[0.3, -0.1, 0.02], [-0.4, 0.1, -0.03], [0.0, 0.2, 0.01]])
     together, value = climb_all(squares, starts, 40)
     alone = np.array([climb_all(squares, start[None], 40)[0][0] for start in starts])
     assert np.array_equal(together, alone)
-    estimate = jb.find_map(cheap)
+    estimate = jb.find_map(cheap_case)
     assert_allclose(value, estimate.log_posterior, atol=1e-2)
 
 
-def test_a_climb_stops_at_the_edge_of_the_prior_and_goes_on_along_it(cheap):
+def test_a_climb_stops_at_the_edge_of_the_prior_and_goes_on_along_it(cheap_case):
     text = edited(cheap_text(), ("high = 1.0e8", "high = 1.4e6"))  # k22 of the data is 1.52e6
     problem = jb.case_from_text("edge", text).problem
     estimate = jb.find_map(jb.case_from_text("edge", text))
@@ -179,11 +174,11 @@ def wrong_summit(case):
     return search
 
 
-def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the_mode(cheap):
-    truth = jb.find_map(cheap)
-    search, lines = wrong_summit(cheap), []
+def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the_mode(cheap_case):
+    truth = jb.find_map(cheap_case)
+    search, lines = wrong_summit(cheap_case), []
     assert search.best[1] < truth.log_posterior - 100
-    went = search_further(search, cheap.problem, 1, lines.append)
+    went = search_further(search, cheap_case.problem, 1, lines.append)
     assert search.best[1] == pytest.approx(truth.log_posterior, abs=1e-3)
     assert went.rounds == len(lines) == 1
     assert went.gain > 100
@@ -192,9 +187,9 @@ def test_a_search_whose_end_does_not_explain_the_data_goes_on_until_it_finds_the
     assert "round 1 of at most 3" in lines[0]
 
 
-def test_a_search_that_explains_the_data_does_not_go_on(cheap):
+def test_a_search_that_explains_the_data_does_not_go_on(cheap_case):
     lines: list[str] = []
-    estimate = jb.find_map(cheap, tell=lines.append)
+    estimate = jb.find_map(cheap_case, tell=lines.append)
     assert not lines
     assert estimate.effort.rounds == 0
     assert estimate.effort.squares == pytest.approx(1.0, abs=0.2)
@@ -230,19 +225,19 @@ def test_where_the_search_stands_is_kept_with_the_posterior(cheap_posterior, tmp
     assert loaded.estimate.sentence == moved.sentence
 
 
-def test_the_weights_of_a_flattened_density_take_noise_for_a_fraction_of_the_frf(cheap):
-    measured = cheap.problem.measurement
-    weights = effort._weights(cheap.problem)
+def test_the_weights_of_a_flattened_density_take_noise_for_a_fraction_of_the_frf(cheap_case):
+    measured = cheap_case.problem.measurement
+    weights = effort._weights(cheap_case.problem)
     sd, size = np.sqrt(measured.variance)[:, 0], np.abs(measured.frf.values)[:, 0]
     assert_allclose(weights[0], sd / np.hypot(sd, size), rtol=1e-12)
     theta = np.log(TABLE_3)[None]
     plain, flat = (
-        PosteriorSquares(cheap.problem.log_posterior),
-        PosteriorSquares(cheap.problem.log_posterior, weights[0]),
+        PosteriorSquares(cheap_case.problem.log_posterior),
+        PosteriorSquares(cheap_case.problem.log_posterior, weights[0]),
     )
     z = plain.residuals(theta).reshape(-1, 2)
     assert_allclose(flat.residuals(theta).reshape(-1, 2), z * weights[0], rtol=1e-12)
-    expected = cheap.problem.prior.log_density(theta) - 0.5 * ((z * weights[0]) ** 2).sum()
+    expected = cheap_case.problem.prior.log_density(theta) - 0.5 * ((z * weights[0]) ** 2).sum()
     assert_allclose(flat.value(theta), expected, rtol=1e-12)
 
 

@@ -37,12 +37,10 @@ from jointbayes.report import render_html, render_pdf
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Report, Table
 from jointbayes.report.sections.lead import lead
-from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
-from tests.conftest import cheap_text, edited
+from tests.conftest import TO_CONVERGE, cheap_text, edited
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-SHORT = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
 
 
 def with_cached(posterior: Posterior, **cached: object) -> Posterior:
@@ -349,7 +347,7 @@ def test_wider_priors_that_could_not_be_drawn_leave_nothing_identified(cheap_pos
 
 def test_a_lower_bound_on_k11_is_not_silently_better():
     text = edited(cheap_text(), ("high = 1.0e11", "high = 1.0e10"))
-    posterior = sample(case_from_text("lowered", text), settings=SHORT)
+    posterior = sample(case_from_text("lowered", text), settings=TO_CONVERGE)
     assert posterior.interval("k11")[1] < 1e10
     known = posterior.identifiability("k11")
     assert known.verdict == "bounded below"
@@ -361,7 +359,7 @@ def test_a_normal_prior_that_does_the_work_is_named():
     block = 'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\nlow = 1.0e6\n'
     narrow = 'distribution = "log_normal"\nmedian = 5.0e9\nsd_log = 0.2\n'
     text = edited(cheap_text(), (f"{block}high = 1.0e11", narrow))
-    posterior = sample(case_from_text("narrow", text), settings=SHORT)
+    posterior = sample(case_from_text("narrow", text), settings=TO_CONVERGE)
     assert posterior.widened is not None
     known = posterior.identifiability("k11")
     assert known.verdict == "not identified"
@@ -373,7 +371,7 @@ def test_a_normal_prior_that_does_the_work_is_named():
 )
 def test_a_stiffness_beyond_its_prior_is_never_identified(wanted):
     one = next(case for case in outside_cases("tip") if case.name == f"tip, {wanted}")
-    posterior = sample(case_from_text("beyond", one.text), settings=SHORT)
+    posterior = sample(case_from_text("beyond", one.text), settings=TO_CONVERGE)
     known = posterior.identifiability(one.stiffness)
     assert known.verdict in ("bounded below", "bounded above", "not identified")
     assert "bound" in verdict_line(posterior, one.stiffness)

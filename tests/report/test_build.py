@@ -16,9 +16,8 @@ from jointbayes.report import Figure, ReportInputs, build_report, render_html, r
 from jointbayes.report.format import number, rounded, rounded_interval
 from jointbayes.report.model import Callout, Code, Paragraph, Table
 from jointbayes.report.sections.lead import chain_figures, coupling_sentence
-from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import identify, sample
-from tests.conftest import cheap_text, edited
+from tests.conftest import TO_CONVERGE, cheap_text, edited
 
 DATE = datetime.date(2026, 1, 5)
 INITIAL = (1e8, 0.0, 0.0)
@@ -261,7 +260,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
     at, end = text.index("[prior.k12]"), text.index("[prior.k22]")
     rho = '[prior.rho]\ndistribution = "uniform"\nlow = -1.0\nhigh = 1.0\n\n'
     case = case_from_text("signed", text[:at] + rho + text[end:])
-    posterior = sample(case, settings=SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05))
+    posterior = sample(case, settings=TO_CONVERGE)
     assert posterior.converged  # or there is no sentence on the coupling
     assert (posterior.values("k12") > 0).all()  # although the prior allows either sign
     assert (posterior.prior_values("k12") < 0).any()

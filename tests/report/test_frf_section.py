@@ -11,12 +11,11 @@ from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report.model import Figure
 from jointbayes.report.sections.frfs import fit_section, frf_unit
-from jointbayes.sampling import Draws, SamplerSettings
+from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
-from tests.conftest import TABLE_3, cheap_text, edited
+from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
 
 INITIAL = (1e8, 0.0, 0.0)
-FEW = SamplerSettings(walkers=16, max_steps=200)
 TRUTH = "[data.noise]"
 GAIN = edited(cheap_text(), (TRUTH, f"gain = 26.0\n{TRUTH}")) + (
     "\n[uncertain.gain]\nlow_factor = 0.01\nhigh_factor = 100.0\n"
@@ -44,7 +43,7 @@ def near_the_truth(case, truth):
 @pytest.fixture(scope="module", params=["gain of 26", "heavy accelerometer on a longer beam"])
 def fitted(request):
     if request.param == "gain of 26":
-        return sample(case_from_text("gain", GAIN), seed=1, settings=FEW)
+        return sample(case_from_text("gain", GAIN), seed=1, settings=FEW_STEPS)
     case = case_from_text("heavy", HEAVY)
     assert [n.name for n in case.problem.prior.nuisances] == ["length", "accelerometer_mass"]
     return near_the_truth(case, [391.0 / 383.0, 120.0 / 60.0])

@@ -8,7 +8,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.errors import ReportError
-from tests.conftest import cheap_text
+from tests.conftest import FEW_STEPS, cheap_text
 
 #: What is built once in a run and must not be built again for its report: module, function.
 BUILT = {
@@ -38,12 +38,9 @@ def counted(monkeypatch):
     return calls
 
 
-SETTINGS = jb.SamplerSettings(walkers=16, max_steps=200)
-
-
 def test_a_posterior_just_sampled_is_reported_from_what_it_carries(counted, tmp_path):
     case = jb.case_from_text("cheap", cheap_text())
-    posterior = jb.sample(case, seed=1, settings=SETTINGS)
+    posterior = jb.sample(case, seed=1, settings=FEW_STEPS)
     assert counted == dict.fromkeys(BUILT, 1)
     jb.write_report(posterior, tmp_path / "run")
     assert counted == dict.fromkeys(BUILT, 1)

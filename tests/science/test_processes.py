@@ -5,19 +5,16 @@ import dataclasses
 import pytest
 
 from jointbayes import load_case
-from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, FEW_STEPS
 
 pytestmark = pytest.mark.science
-
-ONE = SamplerSettings(walkers=16, max_steps=200)
 
 
 @pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_two_processes_give_the_same_bits_as_one(config):
     case = load_case(config)
-    one = sample(case, seed=1, settings=ONE)
-    two = sample(case, seed=1, settings=dataclasses.replace(ONE, processes=2))
+    one = sample(case, seed=1, settings=FEW_STEPS)
+    two = sample(case, seed=1, settings=dataclasses.replace(FEW_STEPS, processes=2))
     assert one.theta.tobytes() == two.theta.tobytes()
     assert one.log_density.tobytes() == two.log_density.tobytes()

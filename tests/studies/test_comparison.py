@@ -179,11 +179,10 @@ def test_cases_of_other_data_are_refused_by_name(cases):
     require_same_data(cases)
 
 
-def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data():
-    plain = case_from_text("plain", cheap_text())
+def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data(cheap_case):
     magnitude = case_from_text("magnitude", cheap_text() + '\n[noise]\nresiduals = "log_magnitude"\n')
-    with pytest.raises(CaseError, match="magnitude than in plain"):
-        require_same_data([plain, magnitude])
+    with pytest.raises(CaseError, match="magnitude than in cheap"):
+        require_same_data([cheap_case, magnitude])
 
 
 # ---- prior edges
@@ -207,9 +206,9 @@ def test_a_posterior_inside_its_prior_is_not_marked(comparison):
 
 
 @pytest.fixture(scope="module")
-def rotation():
+def rotation(cheap_case):
     """An FRF problem of one coordinate, with fine noise: every line counts."""
-    return under(case_from_text("cheap", cheap_text()).problem, "rotation")
+    return under(cheap_case.problem, "rotation")
 
 
 def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
@@ -234,8 +233,8 @@ def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
     assert found.se == pytest.approx(np.sqrt(found.elpd_i.size) * found.elpd_i.std())
 
 
-def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood():
-    problem = under(case_from_text("cheap", cheap_text()).problem, "rigid")
+def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_case):
+    problem = under(cheap_case.problem, "rigid")
     found = leave_one_out(problem, np.empty((50, 0)), 1.0)
     assert found.elpd == pytest.approx(problem.log_posterior(np.empty(0))[0])
     assert not found.pareto_k.any()
