@@ -23,7 +23,7 @@ from benchmarks.calibration_data import VARIANTS, case_of, draw_data
 from benchmarks.calibration_page import SUMMARY, write_figure, write_page
 from benchmarks.record import kept_lines, merged
 from jointbayes.errors import JointBayesError
-from jointbayes.posterior.calibration import CalibrationResult, calibrate, rank_statistic
+from jointbayes.studies.calibration import CalibrationResult, calibrate, rank_statistic
 
 __all__ = ["DENSITY", "KEPT", "SETTINGS", "Outcome", "analyse", "outcomes", "results", "summary"]
 

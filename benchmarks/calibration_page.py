@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.calibration_data import VARIANTS
 from benchmarks.page import table
-from jointbayes.posterior.calibration import CalibrationResult
+from jointbayes.studies.calibration import CalibrationResult
 
 __all__ = ["FIGURES", "PAGE", "SUMMARY", "between", "section", "write_figure", "write_page"]
 

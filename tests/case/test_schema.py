@@ -1,5 +1,6 @@
 """Every fault in a case file is one line that names file, line, key, expectation and remedy."""
 
+import os
 import re
 import subprocess
 import sys
@@ -484,6 +485,10 @@ def test_no_value_of_any_key_of_the_fullest_case_causes_another_exception(key, v
 @given(st.text(max_size=60), st.integers(0, len(GOOD)))
 def test_no_text_causes_another_exception(text, at):
     check_never_another_exception(GOOD[:at] + text + GOOD[at:], 1000)
+
+
+def read_case_file(path):
+    return parse_case(read_text(path), os.fspath(path))
 
 
 def file_fault(path):

@@ -102,8 +102,7 @@ class _FreeReceptance:
 
     def denominator(self, unknown: Array, scale: Array) -> NDArray[np.complex128]:
         """D per line, relative to its scale, shape (lines,)."""
-        relative: NDArray[np.complex128] = (self._factors() @ (unknown * scale) + self._determinant()) / scale[3]
-        return relative
+        return (self._factors() @ (unknown * scale) + self._determinant()) / scale[3]
 
     def equations(
         self, measured: NDArray[np.complex128], scale: Array
@@ -136,8 +135,7 @@ class _FreeReceptance:
         return np.stack([self.jj[:, 1, 1], -2 * self.jj[:, 0, 1], self.jj[:, 0, 0], one], axis=-1)
 
     def _determinant(self) -> NDArray[np.complex128]:
-        determinant: NDArray[np.complex128] = self.jj[:, 0, 0] * self.jj[:, 1, 1] - self.jj[:, 0, 1] ** 2
-        return determinant
+        return self.jj[:, 0, 0] * self.jj[:, 1, 1] - self.jj[:, 0, 1] ** 2
 
 
 def _unique(labels: tuple[str, ...]) -> tuple[str, ...]:

@@ -224,8 +224,7 @@ def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | N
 
     def inside(joint: ArrayLike) -> Array:
         whole = np.concatenate([parametrisation.coordinates(parametrisation.nearest(joint)), rest])
-        clipped: Array = np.clip(whole, low + inner, high - inner)
-        return clipped
+        return np.clip(whole, low + inner, high - inner)
 
     theta = inside(stiffness)
     if not prior.feasible(theta):  # moving a stiffness to the edge may leave the coupling too large

@@ -52,8 +52,7 @@ class IterationHistory:
     @property
     def stiffness(self) -> Array:
         """Last (k11, k12, k22), shape (3,)."""
-        last: Array = self.stiffness_history[-1]
-        return last
+        return self.stiffness_history[-1]
 
     @property
     def steps(self) -> int:
@@ -169,8 +168,7 @@ def _step(to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = 1.0
     solution, *_ = np.linalg.lstsq(matrix / scale, right, rcond=None)
-    change: Array = solution / scale
-    return change
+    return solution / scale
 
 
 def _history(stiffness: Array, norms: Array, threshold: float) -> IterationHistory:

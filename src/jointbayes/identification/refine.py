@@ -112,8 +112,7 @@ class _Coordinates:
         """θ, shape (n, d), of the free coordinates, shape (n, f); beyond an edge of the support the edge."""
         whole = np.tile(self.place, (len(moving), 1))
         whole[:, self.free] = moving
-        inside: Array = np.clip(whole if self.ridge is None else self.ridge.inverse(whole)[0], self.low, self.high)
-        return inside
+        return np.clip(whole if self.ridge is None else self.ridge.inverse(whole)[0], self.low, self.high)
 
     def density(self, log_posterior: LogPosterior) -> Callable[[Array], Array]:
         """Log density as a function of the free coordinates, (n, f) to (n,)."""
@@ -126,8 +125,7 @@ class _Coordinates:
             step = 1e-6 * slope
             theta = self.ridge.inverse(self.place[None])[0]
             slope = ((self.ridge.forward(theta + step) - self.ridge.forward(theta - step)) / 2e-6).T
-        turned: Array = (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
-        return turned
+        return (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
 
 
 def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, Array] | None:
@@ -250,5 +248,4 @@ def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:
         if up[i] > down[i]:
             hessian[i] = -(log_posterior.gradient(up) - log_posterior.gradient(down)) / (up[i] - down[i])
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(sd, sd))
-    covariance: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)
-    return covariance
+    return (vectors / np.maximum(values, 1.0)) @ vectors.T * np.outer(sd, sd)

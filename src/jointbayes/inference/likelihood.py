@@ -187,8 +187,7 @@ class FrfLikelihood(Likelihood):
         # E|z|² = 1 of a complex residual, half of it in each part
         white = math.sqrt(2) * self.noise.scores(self.standardised(stiffness, factors), self.hyper(factors))
         flat = np.ascontiguousarray(white).reshape(len(white), -1)
-        real: Array = flat.view(np.float64) if np.iscomplexobj(flat) else flat
-        return real
+        return flat.view(np.float64) if np.iscomplexobj(flat) else flat
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, lines, pairs), where residuals are independent.

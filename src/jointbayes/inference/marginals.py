@@ -57,13 +57,11 @@ class Normal:
 
     def cdf(self, theta: Array) -> Array:
         """Probability below θ; of any shape."""
-        probability: Array = ndtr((theta - self.mean) / self.sd)
-        return probability
+        return ndtr((theta - self.mean) / self.sd)
 
     def ppf(self, probability: Array) -> Array:
         """θ below which there is so much probability; of any shape."""
-        theta: Array = self.mean + self.sd * ndtri(probability)
-        return theta
+        return self.mean + self.sd * ndtri(probability)
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,)."""

@@ -143,13 +143,11 @@ class JointPrior:
 
     def factors(self, theta: ArrayLike) -> Array:
         """Value over nominal value of each nuisance, shape (..., q), of θ, shape (..., d)."""
-        factors: Array = np.exp(np.asarray(theta, dtype=float)[..., len(self.marginals) :])
-        return factors
+        return np.exp(np.asarray(theta, dtype=float)[..., len(self.marginals) :])
 
     def nuisance_values(self, theta: ArrayLike) -> Array:
         """Value of each nuisance in its unit, shape (..., q), of θ, shape (..., d)."""
-        values: Array = self.factors(theta) * np.array([n.nominal for n in self.nuisances])
-        return values
+        return self.factors(theta) * np.array([n.nominal for n in self.nuisances])
 
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite and every nuisance within its range, shape (...)."""

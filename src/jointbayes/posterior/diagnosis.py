@@ -282,8 +282,7 @@ def _levels(have: Complex, want: Complex, ratios: Array) -> Array:
 def _level_scatter(scatter: Array) -> Array:
     """Standard deviation of ln level of each FRF, the mean over its resonances, shape (pairs,)."""
     seen = np.maximum(np.isfinite(scatter).sum(axis=0), 1)
-    spread: Array = np.sqrt(np.nansum(scatter**2, axis=0)) / seen
-    return spread
+    return np.sqrt(np.nansum(scatter**2, axis=0)) / seen
 
 
 def _all_off(log_level: Array, scatter: Array) -> bool:

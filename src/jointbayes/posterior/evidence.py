@@ -44,8 +44,7 @@ class WeightedDraws:
     def weight(self) -> Array:
         """Weights that sum to one, shape (n,)."""
         weight = np.exp(self.log_weight - self.log_weight.max())
-        normalised: Array = weight / weight.sum()
-        return normalised
+        return weight / weight.sum()
 
     def resample(self, rng: np.random.Generator, n: int) -> Array:
         """Equally weighted draws from the posterior, shape (n, d); some occur more than once."""

@@ -134,8 +134,7 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
     residual, jacobian = problem.log_posterior.residuals(theta)
     exact, _ = reference.log_posterior.residuals(theta)
     # where the richer elements have residual e + δ, the mode of these lies at θ − Σ Jᵀδ
-    moved: Array = covariance @ (jacobian.T @ (exact - residual))
-    return moved
+    return covariance @ (jacobian.T @ (exact - residual))
 
 
 def _found_anew(problem: Problem, theta: Array) -> Array:

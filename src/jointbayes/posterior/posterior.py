@@ -152,8 +152,7 @@ class Posterior:
         prior = self.problem.prior
         rest = [np.log(self.values(n.name).ravel() / n.nominal) for n in prior.nuisances]
         joint = prior.parametrisation.coordinates(self.stiffness)
-        theta: Array = np.concatenate([joint, *(column[:, None] for column in rest)], axis=1)
-        return theta
+        return np.concatenate([joint, *(column[:, None] for column in rest)], axis=1)
 
     @property
     def log_density(self) -> Array:
@@ -184,8 +183,7 @@ class Posterior:
         """
         values = self.values(name)
         ensembles = len(np.unique(self.draws["ensemble"].values))
-        draws: Array = values.reshape(ensembles, -1, values.shape[1]).swapaxes(1, 2)
-        return draws
+        return values.reshape(ensembles, -1, values.shape[1]).swapaxes(1, 2)
 
     @cached_property
     def widened(self) -> WidenedPosterior | None:
@@ -287,8 +285,7 @@ class Posterior:
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
         rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
-        chosen: Array = self.theta[rows]
-        return chosen
+        return self.theta[rows]
 
     def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""

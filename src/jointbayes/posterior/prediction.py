@@ -78,8 +78,7 @@ def frfs_as_measured(
     names = [nuisance.name for nuisance in problem.prior.nuisances]
     if "gain" in names:
         receptance = receptance * known[:, names.index("gain"), None, None, None]
-    found: NDArray[np.complex128] = receptance * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
-    return found
+    return receptance * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
 
 
 def predict_frf(

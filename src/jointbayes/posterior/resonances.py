@@ -55,8 +55,7 @@ class SharedResonances:
     def ratios(self, values: Complex) -> Array:
         """ln of frequency, damping and level over the predicted ones, shape (modes, pairs, 3); NaN where unseen."""
         fits = np.array([self._fits(values, m) for m, _ in self._matched]).reshape(self._predicted.shape)
-        difference: Array = fits - self._predicted
-        return difference
+        return fits - self._predicted
 
     def scatter(self, rng: np.random.Generator) -> Array:
         """Standard deviation of the same from noise alone, shape (modes, pairs, 3)."""
@@ -80,8 +79,7 @@ def _peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
     power = np.log((scaled**2).mean(axis=1)) / 2
     found = prominent_peaks(power, _PROMINENCE)
     clear = (np.abs(values[found]) > _ABOVE_NOISE * sd[found]).any(axis=1)
-    lines: NDArray[np.intp] = found[clear]
-    return lines
+    return found[clear]
 
 
 def _matched(f: Array, measured: NDArray[np.intp], predicted: NDArray[np.intp]) -> list[tuple[int, int]]:
@@ -129,5 +127,4 @@ def median_seen(values: Array, axis: int) -> Array:
     """Median without NaN along an axis; NaN where there is nothing else."""
     some = np.isfinite(values).any(axis=axis)
     filled = np.where(np.expand_dims(some, axis), values, 0.0)
-    found: Array = np.where(some, np.nanmedian(filled, axis=axis), np.nan)
-    return found
+    return np.where(some, np.nanmedian(filled, axis=axis), np.nan)

@@ -213,8 +213,7 @@ class Summary:
             "data_sha256": self.data_sha256,
             "measurement": record.provenance,
         }
-        cleaned: dict[str, Any] = _json_ready(summary)
-        return cleaned
+        return _json_ready(summary)
 
 
 def summarise(

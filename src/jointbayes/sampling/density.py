@@ -141,5 +141,4 @@ def covariance_roots(covariance: Array, least: float) -> Array:
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sd[sd == 0.0] = 1.0
     values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
-    roots: Array = sd[:, None] * vectors * np.sqrt(np.maximum(values, least))
-    return roots
+    return sd[:, None] * vectors * np.sqrt(np.maximum(values, least))

@@ -137,8 +137,7 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
 
 
 def _chebyshev(low: float, high: float, n: int) -> Array:
-    nodes: Array = (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(n) + 0.5) * np.pi / n)
-    return nodes
+    return (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(n) + 0.5) * np.pi / n)
 
 
 def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:

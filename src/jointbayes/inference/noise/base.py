@@ -170,8 +170,7 @@ class GaussianSpread(NoiseModel):
     def pointwise(self, z: Residuals, hyper: ArrayLike) -> Array:
         """Log density of each value, shape (n, lines, pairs), without the constant."""
         spread = self.spread(hyper, len(z))
-        value: Array = -squares_of(z) / spread**2 - self.parts * np.log(spread)
-        return value
+        return -squares_of(z) / spread**2 - self.parts * np.log(spread)
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, lines, pairs), without the constant; −inf where a residual is not finite."""
@@ -189,8 +188,7 @@ class GaussianSpread(NoiseModel):
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), one for each row of `hyper` (n, q)."""
         n = len(np.atleast_2d(hyper))
-        replicated: Residuals = self.spread(hyper, n) * white(rng, (n, lines, pairs), self.parts)
-        return replicated
+        return self.spread(hyper, n) * white(rng, (n, lines, pairs), self.parts)
 
 
 def check_positive(where: str, what: str, value: float) -> None:
@@ -224,8 +222,7 @@ def from_columns(columns: Array, parts: int) -> Residuals:
 
 def squares_of(z: Residuals) -> Array:
     """|z|², shape as z."""
-    value: Array = z.real**2 + z.imag**2 if np.iscomplexobj(z) else z**2
-    return value
+    return z.real**2 + z.imag**2 if np.iscomplexobj(z) else z**2
 
 
 def finite_or_impossible(value: Array) -> Array:

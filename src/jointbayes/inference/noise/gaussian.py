@@ -165,5 +165,4 @@ class IntegratedScale(NoiseModel):
         a, b = self._shape_rate()
         n = len(np.atleast_2d(hyper))
         scale = np.sqrt(b / rng.standard_gamma(a, n))[:, None, None]
-        replicated: Residuals = scale * white(rng, (n, lines, pairs), self.parts)
-        return replicated
+        return scale * white(rng, (n, lines, pairs), self.parts)

@@ -91,8 +91,7 @@ class StudentNoise(NoiseModel):
         scale = self._scale(hyper, len(z))
         peak, exponent = self._peak_exponent()
         tail = np.log1p(squares_of(z) / (scale**2 * self.dof / 2))
-        value: Array = peak - exponent * tail - self.parts * np.log(scale)
-        return value
+        return peak - exponent * tail - self.parts * np.log(scale)
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, lines, pairs), without the constant; −inf where a residual is not finite."""
@@ -121,12 +120,10 @@ class StudentNoise(NoiseModel):
             beyond = np.maximum(special.stdtr(self.dof, -math.sqrt(2) * size), 1e-300)
             equal = -special.ndtri(beyond) / math.sqrt(2)
         ratio = np.divide(equal, size * scale, out=np.zeros_like(size), where=size > 0)
-        scored: Residuals = from_columns(columns_of(z, self.parts), self.parts) * ratio
-        return scored
+        return from_columns(columns_of(z, self.parts), self.parts) * ratio
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), one for each row of `hyper` (n, 0 or 1)."""
         shape = (len(np.atleast_2d(hyper)), lines, pairs)
         stretch = self._scale(hyper, shape[0]) / np.sqrt(rng.chisquare(self.dof, shape) / self.dof)
-        replicated: Residuals = stretch * white(rng, shape, self.parts)
-        return replicated
+        return stretch * white(rng, shape, self.parts)

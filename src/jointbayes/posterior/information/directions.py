@@ -266,13 +266,11 @@ class _Search:
     def _gradient(self, quantity: Combination) -> Array:
         """∂ ln q/∂ coordinates at the draw in the middle, shape (p,); of q itself for a coordinate."""
         if quantity.single:
-            unit: Array = np.eye(len(self.names))[self.names.index(quantity.name)]
-            return unit
+            return np.eye(len(self.names))[self.names.index(quantity.name)]
         step = _STEP * np.eye(len(self.names))
         ends = np.concatenate([self._middle + step, self._middle - step])
         up, down = np.split(np.log(np.abs(quantity.of(self._parametrisation.stiffness(ends)))), 2)
-        slope: Array = (up - down) / (2 * _STEP)
-        return slope
+        return (up - down) / (2 * _STEP)
 
     def _share(self, quantity: Combination, axes: Array) -> float:
         """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
@@ -316,8 +314,7 @@ class _Search:
 
 def _beside(gradient: Array, axes: Array) -> Array:
     """What is left of a gradient, shape (p,), without its parts along orthonormal axes, shape (m, p)."""
-    left: Array = gradient - axes.T @ (axes @ gradient)
-    return left
+    return gradient - axes.T @ (axes @ gradient)
 
 
 def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:

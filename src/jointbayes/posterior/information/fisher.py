@@ -83,8 +83,7 @@ class FisherInformation:
             If there is no such parameter, or one is named twice.
         """
         rows = self._rows(free)
-        block: Array = (self.data + self.prior)[np.ix_(rows, rows)]
-        return block
+        return (self.data + self.prior)[np.ix_(rows, rows)]
 
     def covariance(self, free: Sequence[str] | None = None) -> Array:
         """Inverse of `total`, shape (f, f): the smallest covariance that an unbiased estimate can have.

@@ -293,8 +293,7 @@ class _Climb:
 
         def gradient(u: Array) -> Array:
             residual, jacobian = self._both(whole(u))
-            slope: Array = residual @ jacobian[:, free] * scale
-            return slope
+            return residual @ jacobian[:, free] * scale
 
         found = optimize.minimize(
             value,

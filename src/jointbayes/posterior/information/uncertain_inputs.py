@@ -261,8 +261,7 @@ class _Part:
             if name in names:
                 tried[:, i] = known[:, names.index(name)]
         points: Array = tried[:, self._free]
-        best: Array = points[int(np.argmax(self.log_density(points)))]
-        return best
+        return points[int(np.argmax(self.log_density(points)))]
 
     def covariance(self, theta: Array) -> Array:
         """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
@@ -274,8 +273,7 @@ class _Part:
         finite = np.where(np.isfinite(found), found, 0.0)
         np.fill_diagonal(finite, variance)
         shrink = np.minimum(1.0, sd / np.sqrt(variance))
-        bounded: Array = finite * np.outer(shrink, shrink)
-        return bounded
+        return finite * np.outer(shrink, shrink)
 
 
 def _draws(

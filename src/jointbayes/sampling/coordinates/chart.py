@@ -108,5 +108,4 @@ class BoxChart:
         """ln |∂θ/∂φ|, shape (n,): the width times the normal density of each score."""
         score = self.forward(theta)[:, self._boxed]
         each = np.log(self._width[self._boxed]) - 0.5 * score**2 - _LOG_ROOT_2PI
-        volume: Array = each.sum(axis=1)
-        return volume
+        return each.sum(axis=1)

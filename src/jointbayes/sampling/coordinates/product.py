@@ -40,5 +40,4 @@ class ProductChart:
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,)."""
-        volume: Array = self.first.log_volume(theta[:, : self.count]) + self.rest.log_volume(theta[:, self.count :])
-        return volume
+        return self.first.log_volume(theta[:, : self.count]) + self.rest.log_volume(theta[:, self.count :])

@@ -60,8 +60,7 @@ class StraightChart:
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): that of the other chart and of its scale; straightening keeps volumes."""
-        volume: Array = self._base.log_volume(theta) + np.log(self._scale).sum()
-        return volume
+        return self._base.log_volume(theta) + np.log(self._scale).sum()
 
 
 def straightened(base: Chart, theta: Array) -> StraightChart:

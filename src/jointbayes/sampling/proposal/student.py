@@ -78,20 +78,17 @@ class StudentT:
         """Independent draws, shape (n, d), by either kind of generator: emcee knows only the older one."""
         normal = random.standard_normal((n, self.mean.size)) @ self._factor.T
         stretch = np.sqrt(self.dof / random.chisquare(self.dof, n))
-        draws: Array = self.mean + normal * stretch[:, None]
-        return draws
+        return self.mean + normal * stretch[:, None]
 
     def squared_distance(self, x: Array) -> Array:
         """(x − mean)ᵀ scale⁻¹ (x − mean), shape (n,), at x, shape (n, d)."""
         z = (x - self.mean) @ self._whiten.T
-        distance: Array = np.einsum("ni,ni->n", z, z)
-        return distance
+        return np.einsum("ni,ni->n", z, z)
 
     def log_density(self, x: Array) -> Array:
         """Log of the normalised density, shape (n,), at x, shape (n, d)."""
         exponent = -(self.dof + self.mean.size) / 2
-        density: Array = self._log_peak + exponent * np.log1p(self.squared_distance(x) / self.dof)
-        return density
+        return self._log_peak + exponent * np.log1p(self.squared_distance(x) / self.dof)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,18 +147,15 @@ class StudentMixture:
         which = random.choice(len(self.weights), n, p=self.weights)
         normal = random.standard_normal((n, self._means.shape[1]))
         stretch = np.sqrt(self._dof[which] / random.chisquare(self._dof[which]))
-        draws: Array = self._means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None]
-        return draws
+        return self._means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None]
 
     def log_densities(self, x: Array) -> Array:
         """Log of weight times density of each component, shape (n, components), at x, shape (n, d)."""
         each = np.stack([component.log_density(x) for component in self.components], axis=1)
-        weighted: Array = each + np.log(self.weights)
-        return weighted
+        return each + np.log(self.weights)
 
     def log_density(self, x: Array) -> Array:
         """Log of the normalised density, shape (n,), at x, shape (n, d)."""
         each = self.log_densities(x)
         top = each.max(axis=1)
-        density: Array = top + np.log(np.exp(each - top[:, None]).sum(axis=1))
-        return density
+        return top + np.log(np.exp(each - top[:, None]).sum(axis=1))

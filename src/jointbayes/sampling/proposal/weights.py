@@ -94,8 +94,7 @@ def resampled(weight: Array, n: int, rng: np.random.Generator) -> NDArray[np.int
     [0, 0, 2, 2]
     """
     steps = np.cumsum(weight)
-    found: NDArray[np.intp] = np.searchsorted(steps / steps[-1], (np.arange(n) + rng.random()) / n)
-    return found
+    return np.searchsorted(steps / steps[-1], (np.arange(n) + rng.random()) / n)
 
 
 def truncated(log_weight: Array, n: int) -> Array:
@@ -113,8 +112,7 @@ def truncated(log_weight: Array, n: int) -> Array:
     E. L. Ionides, Truncated importance sampling (2008), DOI 10.1198/106186008X320456.
     """
     limit = np.logaddexp.reduce(log_weight) - 0.5 * np.log(n)
-    cut: Array = np.minimum(log_weight, limit)
-    return cut
+    return np.minimum(log_weight, limit)
 
 
 def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -200,8 +198,7 @@ class Pool:
     @property
     def log_weight(self) -> Array:
         """ln of the importance weight of each draw, up to a constant, shape (n,)."""
-        weight: Array = self._value - self._log_mixture
-        return weight
+        return self._value - self._log_mixture
 
 
 def _over_theta(density: Distribution, chart: Chart, theta: Array) -> Array:

@@ -44,5 +44,4 @@ def model_probabilities(log_z: ArrayLike) -> NDArray[np.float64]:
     """
     values = np.asarray(log_z, dtype=float)
     weight = np.exp(values - values.max())
-    probability: NDArray[np.float64] = weight / weight.sum()
-    return probability
+    return weight / weight.sum()

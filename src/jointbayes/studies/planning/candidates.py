@@ -187,5 +187,4 @@ def _noise(problem: Problem, theta: Array, exact: FrfMeasurement, rng: np.random
     # noise is made in both parts even where only the magnitude is looked at
     shape = exact.frf.values.shape
     drawn = noise.fitted_to(exact, 2).draw(rng, hyper, shape[0], math.prod(shape[1:]))
-    residual: ComplexArray = drawn[0].reshape(shape)
-    return residual
+    return drawn[0].reshape(shape)

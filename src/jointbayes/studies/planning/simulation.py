@@ -76,8 +76,7 @@ class WithFurther:
 
     def new_log_likelihood(self, theta: Array) -> Array:
         """ln L of the further data alone, shape (n,), of θ, shape (n, d), inside the prior's support."""
-        total: Array = sum((one.log_likelihood(theta) for one in self._further), np.zeros(len(theta)))
-        return total
+        return sum((one.log_likelihood(theta) for one in self._further), np.zeros(len(theta)))
 
 
 class Simulator:

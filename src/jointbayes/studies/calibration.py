@@ -71,8 +71,7 @@ def rank_statistic(truth: ArrayLike, draws: ArrayLike, kept: int, rng: np.random
         raise ModelError("rank: found a truth or a draw that is not finite; expected numbers; correct them")
     picked = values[rng.choice(len(values), kept, replace=False)]
     below, ties = (picked < true).sum(axis=0), (picked == true).sum(axis=0)
-    ranks: IntArray = below + rng.integers(0, ties + 1)
-    return ranks
+    return below + rng.integers(0, ties + 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,8 +159,7 @@ def _inside_probability(n: int, position: Array, low: IntArray, high: IntArray) 
 def ecdf(ranks: ArrayLike, draws: int) -> Array:
     """Share of ranks, shape (n,), at or below 0, 1, …, draws − 1, shape (draws,): at the positions of the band."""
     counts = np.bincount(np.asarray(ranks, dtype=np.int64), minlength=draws + 1)
-    shares: Array = np.cumsum(counts)[:draws] / counts.sum()
-    return shares
+    return np.cumsum(counts)[:draws] / counts.sum()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import ModelError
-from jointbayes.posterior.calibration import calibrate, coverage, ecdf, ecdf_band, rank_statistic
+from jointbayes.studies.calibration import calibrate, coverage, ecdf, ecdf_band, rank_statistic
 
 DRAWS, DATA_SETS = 63, 500
 
