@@ -361,5 +361,5 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
 def package_versions() -> dict[str, str]:
     """Version of Python and of every package that numbers depend on."""
     numbers = ("jointbayes", "numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
-    packages = (*numbers, "matplotlib", "corner", "typst")
+    packages = (*numbers, "matplotlib", "typst")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}

@@ -192,7 +192,7 @@ def test_every_figure_has_its_alternative_text_in_html():
         "Receptance over frequency. Nothing to see.",
         "No interactive twin",
     ]
-    assert all(image["src"].startswith("data:image/svg+xml;base64,") for image in page.all("img"))
+    assert all(image["src"].startswith("data:image/svg+xml,") for image in page.all("img"))
 
 
 def test_table_cells_say_what_they_are():
@@ -302,8 +302,7 @@ def test_series_refuses_what_json_cannot_say(field, bad):
 
 def test_series_takes_arrays():
     series = Series("s", np.arange(3), np.ones(3, dtype=np.float32))
-    assert series.x == (0.0, 1.0, 2.0)
-    assert all(type(value) is float for value in series.y)
+    assert [part.tolist() for part in series.columns] == [[0.0, 1.0, 2.0], [1.0, 1.0, 1.0], [], []]
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,22 @@
 """Figures of a report as SVG text, drawn with matplotlib; no file, no screen, the same bytes in every run."""
 
 import io
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from jointbayes.report.model import SERIES_COLOURS
+from jointbayes.report.thinning import extremes
 
 __all__ = [
     "MOST_CURVES",
@@ -29,6 +34,15 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
+_BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
+#: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
+_STRETCHES = 700
+#: At most so many points of a trace, each of one or more neighbouring draws.
+_TRACE_POINTS = 120
+_BINS = 40
+_RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
+#: Lines that a figure shows as one point each.
+_POINTS = 3000
 #: Curves that one figure can tell apart by colour.
 MOST_CURVES = len(SERIES_COLOURS)
 _STYLE: Any = {
@@ -45,15 +59,48 @@ _STYLE: Any = {
 }
 
 
-def svg(
-    draw: Callable[[Canvas], None], width: float, height: float, layout: Literal["constrained"] | None = "constrained"
-) -> str:
+def svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
+    """SVG text of what `draw` puts on a canvas of so many inches."""
     with rc_context(_STYLE):
-        canvas = Canvas(figsize=(width, height), layout=layout)
+        canvas = Canvas(figsize=(width, height))
         draw(canvas)
         buffer = io.StringIO()
         canvas.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
+    # a hundredth of a point is finer than any page shows
+    return _BEYOND_HUNDREDTHS.sub("", buffer.getvalue())
+
+
+def panels(
+    canvas: Canvas,
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    left: float = 0.72,
+    bottom: float = 0.45,
+    top: float = 0.12,
+    apart: tuple[float, float] = (0.1, 0.1),
+    **options: Any,  # noqa: ANN401 (those of Figure.subplots)
+) -> Any:  # noqa: ANN401 (array of Axes, shape (rows, columns))
+    """Axes on a canvas, shape (rows, columns), with margins and room between rows and columns in inches.
+
+    Laid out by hand: a layout that looks for itself draws every figure a second time.
+    """
+    width, height = canvas.get_size_inches()
+    each = (height - bottom - top - (rows - 1) * apart[0]) / rows
+    wide = (width - left - _RIGHT - (columns - 1) * apart[1]) / columns
+    place = {"left": left / width, "right": 1 - _RIGHT / width, "bottom": bottom / height, "top": 1 - top / height}
+    room = {"hspace": apart[0] / each, "wspace": apart[1] / wide}
+    return canvas.subplots(rows, columns, squeeze=False, gridspec_kw=place | room, **options)
+
+
+def room_for(labels: Sequence[str]) -> float:
+    """Left margin, inches, for labels of the vertical axis."""
+    return 0.3 + 0.07 * max(map(len, labels))
+
+
+def legend_above(axes: Axes) -> None:
+    """A legend in one line above the axes, which need a top margin of 0.3 inches."""
+    axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,32 +119,54 @@ def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) 
     """Measured, first guess, and MAP with its 95 % band; colours in the order of the interactive twin."""
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
+        axes = panels(canvas, top=0.3)[0, 0]
         band, measured, guess, best = SERIES_COLOURS[:4]
-        axes.fill_between(data.frequency_hz, data.low, data.high, color=band, alpha=0.35, lw=0, label="95 % band")
-        axes.plot(data.frequency_hz, data.measured, color=measured, lw=0.8, label=measured_label)
-        axes.plot(data.frequency_hz, data.guess, color=guess, lw=0.9, ls="--", label="first guess")
-        axes.plot(data.frequency_hz, data.best, color=best, lw=0.9, label="MAP")
+        f = data.frequency_hz
+        low, high = extremes(data.low, _STRETCHES // 2), extremes(data.high, _STRETCHES // 2)
+        edge = np.union1d(low, high)
+        axes.fill_between(f[edge], data.low[edge], data.high[edge], color=band, alpha=0.35, lw=0, label="95 % band")
+        for curve, colour, style, label in (
+            (data.measured, measured, {"lw": 0.8}, measured_label),
+            (data.guess, guess, {"lw": 0.9, "ls": "--"}, "first guess"),
+            (data.best, best, {"lw": 0.9}, "MAP"),
+        ):
+            shown = extremes(curve, _STRETCHES)
+            axes.plot(f[shown], curve[shown], color=colour, label=label, **style)
         if log:
             axes.set_yscale("log")
         axes.set_xlabel("Frequency (Hz)")
         axes.set_ylabel(y_label)
-        axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend_above(axes)
 
     return svg(draw, 7.2, 3.4 if log else 2.4)
 
 
 def squares_by_line(frequency_hz: Array, square: Array) -> str:
-    """Squared residuals over their expectation by frequency, with a running mean; both of shape (lines,)."""
+    """Squared residuals over their expectation by frequency, with a running mean; both of shape (lines,).
+
+    One point for each line, or where there are more than a page can show a stroke from the lowest to the highest of
+    each stretch.
+    """
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
-        axes.semilogy(frequency_hz, np.maximum(square, 1e-4), ".", ms=1.5, color=_BLUE, alpha=0.5)
+        axes = panels(canvas)[0, 0]
+        stretches = square.size if square.size <= _POINTS else _STRETCHES
+        ends = np.array([[s[0], s[-1]] for s in np.array_split(np.arange(square.size), stretches)])
+        shown = np.maximum(square, 1e-4)
+        low, high = (f.reduceat(shown, ends[:, 0]) for f in (np.minimum, np.maximum))
+        strokes = np.stack([np.repeat(frequency_hz[ends].mean(axis=1), 2), np.ravel([low, high], "F")], axis=1)
+        # one path with round caps: a marker for each point takes ten times the room
+        points = Path(strokes, np.tile([Path.MOVETO, Path.LINETO], len(low)))
+        axes.add_patch(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
+        axes.set_yscale("log")
+        axes.set_xlim(frequency_hz[0], frequency_hz[-1])
+        axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)
         width = max(5, square.size // 100)
         if square.size > 3 * width:
             mean = np.convolve(square, np.full(width, 1 / width), "valid")
             middle = np.convolve(frequency_hz, np.full(width, 1 / width), "valid")
-            axes.semilogy(middle, mean, lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
+            kept = extremes(mean, _STRETCHES)
+            axes.plot(middle[kept], mean[kept], lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
             axes.legend(loc="upper right")
         axes.axhline(1.0, color=_GREEN, ls="--", lw=1)
         axes.set_xlabel("Frequency (Hz)")
@@ -110,13 +179,14 @@ def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
     """Profile likelihoods side by side: label of the axis, values on it and ln ratio, each of shape (points,)."""
 
     def draw(canvas: Canvas) -> None:
-        panels = np.atleast_1d(canvas.subplots(1, len(curves), sharey=True))
-        for axes, (label, value, log_ratio) in zip(panels, curves, strict=True):
+        row = panels(canvas, columns=len(curves), sharey=True)[0]
+        for axes, (label, value, log_ratio) in zip(row, curves, strict=True):
             axes.plot(value, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
             axes.axhline(-1.92, color=_ORANGE, ls="--", lw=1)  # half the 95 % point of χ² with one degree of freedom
             axes.set_ylim(-5, 0.3)
+            axes.xaxis.set_major_locator(MaxNLocator(4))
             axes.set_xlabel(label)
-        panels[0].set_ylabel("ln likelihood ratio")
+        row[0].set_ylabel("ln likelihood ratio")
 
     return svg(draw, 7.4, 2.4)
 
@@ -125,7 +195,7 @@ def residual_norm(norm: Array) -> str:
     """The paper's Fig. 7: norm of the residual FRF over iteration steps."""
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
+        axes = panels(canvas)[0, 0]
         axes.semilogy(np.arange(norm.size), norm, "o-", ms=3, lw=1, color=_BLUE)
         axes.set_xlabel("Iteration step")
         axes.set_ylabel("‖ε‖ / ‖Hˣ‖")
@@ -137,49 +207,66 @@ def histories(titles: Sequence[str], history: Array, published: Array | None) ->
     """The paper's Fig. 8: each stiffness over iteration steps; `history` of shape (steps + 1, parameters)."""
 
     def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(1, len(titles))
-        for i, axes in enumerate(panels):
+        row = panels(canvas, columns=len(titles), left=0.45, top=0.3, apart=(0.1, 0.45))[0]
+        for i, axes in enumerate(row):
             axes.plot(np.arange(len(history)), history[:, i], "o-", ms=2.5, lw=1, color=_BLUE)
             if published is not None:
                 axes.axhline(published[i], color=_ORANGE, ls="--", lw=1, label="published")
             axes.set_title(titles[i], fontsize=9)
             axes.set_xlabel("Iteration step")
         if published is not None:
-            panels[-1].legend(loc="lower right")
+            row[-1].legend(loc="lower right")
 
     return svg(draw, 7.4, 2.5)
 
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
     """Marginals and pairs of draws, shape (n, parameters), with prior, mode and published values in the same terms."""
-    import corner  # late: it brings ArviZ along, a second of import
 
     def draw(canvas: Canvas) -> None:
-        span = [_range(posterior[:, i], None if published is None else published[i]) for i in range(posterior.shape[1])]
-        corner.corner(
-            posterior,
-            fig=canvas,
-            labels=list(labels),
-            range=span,
-            bins=40,
-            color=_BLUE,
-            plot_datapoints=False,
-            plot_density=False,
-            smooth=1.0,
-            levels=(0.393, 0.675, 0.95),
-            hist_kwargs={"density": True},
-            max_n_ticks=4,
-            label_kwargs={"fontsize": 9},
-        )
-        axes = np.array(canvas.axes).reshape(posterior.shape[1], -1)
-        for i in range(len(axes)):
-            _prior_line(axes[i, i], prior[:, i], span[i])
-            for j in range(i + 1):
-                _mark(axes[i, j], j, i, mode, _ORANGE, "-", "o")
-                if published is not None:
-                    _mark(axes[i, j], j, i, published, _GREEN, "--", "s")
+        count = len(labels)
+        span = [_range(posterior[:, i], None if published is None else published[i]) for i in range(count)]
+        grid = panels(canvas, count, count, left=0.6, bottom=0.6, apart=(0.08, 0.08))
+        for i, j in np.ndindex(count, count):
+            axes = grid[i, j]
+            if j > i:
+                axes.remove()
+                continue
+            axes.set_xlim(span[j])
+            if i == j:
+                axes.hist(posterior[:, i], bins=_BINS, range=span[i], density=True, histtype="step", color=_BLUE)
+                _prior_line(axes, prior[:, i])
+            else:
+                _pair(axes, posterior[:, j], posterior[:, i], span[j], span[i])
+            _mark(axes, j, i, mode, _ORANGE, "-", "o")
+            if published is not None:
+                _mark(axes, j, i, published, _GREEN, "--", "s")
+            axes.grid(visible=False)
+            axes.xaxis.set_major_locator(MaxNLocator(4))
+            axes.tick_params(axis="x", rotation=45, labelbottom=i == count - 1)
+            axes.tick_params(axis="y", left=j < i, labelleft=j == 0 < i)
+            if i == count - 1:
+                axes.set_xlabel(labels[j])
+            if j == 0 < i:
+                axes.yaxis.set_major_locator(MaxNLocator(4))
+                axes.set_ylabel(labels[i])
 
-    return svg(draw, 6.2, 6.2, layout=None)
+    return svg(draw, 6.2, 6.2)
+
+
+def _pair(axes: Axes, x: Array, y: Array, x_span: tuple[float, float], y_span: tuple[float, float]) -> None:
+    """Contours that hold 39, 68 and 95 % of the draws."""
+    count, *edges = np.histogram2d(y, x, bins=_BINS, range=(y_span, x_span))
+    place = np.arange(_BINS)
+    weight = np.exp(-0.5 * (place[:, None] - place) ** 2)  # smoothed by one bin
+    weight /= weight.sum(axis=1, keepdims=True)
+    density = weight @ count @ weight.T
+    ranked = np.sort(density, axis=None)[::-1]
+    held = np.cumsum(ranked) / ranked.sum()
+    levels = np.unique([ranked[np.searchsorted(held, share)] for share in (0.95, 0.68, 0.393)])
+    centres = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
+    axes.contour(centres[1], centres[0], density, levels=levels, colors=_BLUE, linewidths=1.0)
+    axes.set_ylim(y_span)
 
 
 def _range(values: Array, reference: float | None) -> tuple[float, float]:
@@ -190,11 +277,10 @@ def _range(values: Array, reference: float | None) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _prior_line(axes: Axes, prior: Array, span: tuple[float, float]) -> None:
+def _prior_line(axes: Axes, prior: Array) -> None:
     # bins as wide as the prior needs, not as narrow as the posterior: its density is smooth on that scale
     density, edges = np.histogram(prior, bins=60, density=True)
     axes.stairs(density, edges, color="0.35", lw=1, ls=":")
-    axes.set_xlim(span)
 
 
 def _mark(axes: Axes, column: int, row: int, point: Array, colour: str, style: str, marker: str) -> None:
@@ -208,18 +294,19 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> st
     """Draws over steps, shape (chains, draws, parameters): the median and 95 % range of each ensemble's walkers."""
 
     def draw(canvas: Canvas) -> None:
-        panels = canvas.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-        for i, axes in enumerate(panels):
+        column = panels(canvas, len(names), bottom=0.42, sharex=True)[:, 0]
+        groups = np.array_split(np.arange(theta.shape[1]), min(theta.shape[1], _TRACE_POINTS))
+        steps = [group.mean() for group in groups]
+        for i, axes in enumerate(column):
             for e in np.unique(ensemble):
-                of_ensemble = theta[ensemble == e, :, i]
-                low, middle, high = np.quantile(of_ensemble, [0.025, 0.5, 0.975], axis=0)
+                one = theta[ensemble == e, :, i]
+                low, middle, high = np.transpose([np.quantile(one[:, group], [0.025, 0.5, 0.975]) for group in groups])
                 colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
-                steps = np.arange(theta.shape[1])
                 axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)
                 axes.plot(steps, middle, color=colour, lw=0.8, label=f"ensemble {int(e) + 1}")
             axes.set_ylabel(names[i])
-        panels[-1].set_xlabel("Kept draw")
-        panels[0].legend(ncols=4, loc="upper right")
+        column[-1].set_xlabel("Kept draw")
+        column[0].legend(ncols=4, loc="upper right")
 
     return svg(draw, 7.2, max(4.6, 0.9 + 0.8 * len(names)))
 
@@ -231,7 +318,7 @@ def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
+        axes = panels(canvas)[0, 0]
         lags = min(theta.shape[1] - 1, 60)
         for i, name in enumerate(names):
             axes.plot(
@@ -260,7 +347,7 @@ def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) ->
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
+        axes = panels(canvas)[0, 0]
         mode = np.arange(1, measured.size + 1)
         if sd is not None:
             axes.errorbar(mode, 0 * mode, yerr=196 * sd / measured, fmt="none", ecolor="0.6", elinewidth=8, alpha=0.5,
@@ -288,7 +375,7 @@ def evidences(labels: Sequence[str], log_z: Array, error: Array, reach: float) -
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
+        axes = panels(canvas, left=room_for(labels), top=0.3)[0, 0]
         best, place = log_z.max(), np.arange(log_z.size)
         seen = log_z >= best - reach
         axes.errorbar(log_z[seen], place[seen], xerr=2 * error[seen], fmt="o", ms=5, lw=1.2, capsize=3, color=_BLUE)

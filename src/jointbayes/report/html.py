@@ -7,19 +7,28 @@ data would not run even if the escaping failed.
 import base64
 import hashlib
 import json
-from dataclasses import asdict
 from importlib.resources import files
 from itertools import count
 from typing import Any
+from urllib.parse import quote
 
 import jinja2
+import numpy as np
 from markupsafe import Markup, escape
+from numpy.typing import NDArray
 
 from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain
-from jointbayes.report.model import SERIES_COLOURS, Figure, LinePlot, Report
+from jointbayes.report.model import SERIES_COLOURS, Figure, LinePlot, Report, Series
+from jointbayes.report.thinning import extremes, points_of_polyline
 
 __all__ = ["render_html"]
 
+#: Of the vertical range of an interactive plot: by this a curve may miss points that are left out.
+_TOLERANCE = 2e-4
+#: Points of a curve beyond which the lowest and highest of each stretch stand for it, even zoomed in.
+_MOST_POINTS = 20_000
+#: Numbers from which they are packed into bytes.
+_LONG = 100
 _SPOKEN = {"good": "Good:", "caution": "Caution:", "bad": "Problem:"}
 
 
@@ -100,28 +109,75 @@ def _rich(text: str) -> Markup:
 
 def _data_uri(svg: str) -> str:
     """Address of an SVG as an image: isolated, so that ids and styles of two drawings cannot mix."""
-    return "data:image/svg+xml;base64," + base64.b64encode(clean(svg).encode()).decode()
+    return "data:image/svg+xml," + quote(clean(svg).replace("\n", " "), safe=" /:;=,.()!-_'")
 
 
 def _payload(plot: LinePlot) -> Markup:
     """JSON of an interactive plot, safe inside a script element."""
-    series: list[dict[str, Any]] = []
-    for index, one in enumerate(plot.series):
-        entry = asdict(one) | {
-            "name": plain(one.name),
-            "colour": SERIES_COLOURS[index % len(SERIES_COLOURS)],
-        }
-        for field in ("y", "y_low", "y_high"):
-            # Six digits are finer than a pixel at any zoom that makes sense, and halve the file.
-            entry[field] = [float(f"{value:.6g}") for value in entry[field]]
-        series.append(entry)
+    ordinates = np.concatenate([part for one in plot.series for part in one.columns[1:]])
+    reach = np.log10(ordinates) if plot.log_y else ordinates
+    tolerance = _TOLERANCE * float(np.ptp(reach))
     data = {
         "x_label": plain(plot.x_label),
         "y_label": plain(plot.y_label),
         "log_x": plot.log_x,
         "log_y": plot.log_y,
-        "series": series,
+        "series": [
+            {
+                "name": plain(one.name),
+                "kind": one.kind,
+                "dashed": one.dashed,
+                "colour": SERIES_COLOURS[index % len(SERIES_COLOURS)],
+                **_points(one, tolerance, log=plot.log_y),
+            }
+            for index, one in enumerate(plot.series)
+        ],
     }
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     # "</script>" and "<!--" are the only ways out of a script element, and both begin with "<".
     return Markup(text.replace("<", "\\u003c"))
+
+
+def _points(series: Series, tolerance: float, *, log: bool) -> dict[str, Any]:
+    """Coordinates of a series as the page's script reads them, without the points that a straight line passes.
+
+    Zoomed in by ten, a curve is off by less than a pixel; peaks are always there.
+    """
+    x, *ordinates = series.columns
+    drawn = [np.log10(part) if log else part for part in ordinates if part.size]
+    kept = points_of_polyline(x, np.stack(drawn, axis=1), tolerance) if series.kind != "points" else np.arange(x.size)
+    if kept.size > _MOST_POINTS:
+        kept = np.unique(np.concatenate([extremes(part, _MOST_POINTS // (2 * len(drawn))) for part in drawn]))
+    packed = {
+        name: _packed(part[kept] if part.size else part, log=log)
+        for name, part in zip(("y", "y_low", "y_high"), ordinates, strict=True)
+    }
+    return {"x": _packed_x(x, kept), **packed}
+
+
+def _packed_x(x: NDArray[np.float64], kept: NDArray[np.intp]) -> Any:  # noqa: ANN401 (JSON)
+    """Abscissae of the kept points: of evenly spaced ones the gaps between them, a byte each."""
+    if x.size >= _LONG:
+        step = (x[-1] - x[0]) / (x.size - 1)
+        gaps = np.diff(kept, prepend=0)
+        if np.abs(x - x[0] - step * np.arange(x.size)).max() < 1e-6 * step and gaps.max() < 256:
+            return {"first": float(x[0]), "step": float(step), "gaps": _base64(gaps.astype(np.uint8))}
+    return [float(f"{value:.9g}") for value in x[kept]]
+
+
+def _packed(values: NDArray[np.float64], *, log: bool) -> Any:  # noqa: ANN401 (JSON)
+    """Ordinates: a few as they are, many as 16-bit fractions of their range, which is finer than four digits."""
+    if values.size < _LONG:
+        return [float(f"{value:.6g}") for value in values]
+    scaled = np.log10(values) if log else values
+    low, span = float(scaled.min()), float(np.ptp(scaled)) or 1.0
+    return {
+        "low": low,
+        "span": span,
+        "log": log,
+        "codes": _base64(np.rint(65535 * (scaled - low) / span).astype("<u2")),
+    }
+
+
+def _base64(array: NDArray[Any]) -> str:
+    return base64.b64encode(array.tobytes()).decode()

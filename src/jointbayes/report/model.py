@@ -6,11 +6,13 @@ may carry ``**bold**`` and `` `code` `` and nothing else (see :mod:`jointbayes.r
 """
 
 import datetime
-import math
 import re
 from dataclasses import dataclass
-from itertools import chain, pairwise
+from itertools import chain
 from typing import ClassVar, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "SERIES_COLOURS",
@@ -147,7 +149,7 @@ class Table:
         return "r" if filled and all(map(_NUMERIC_CELL.fullmatch, filled)) else "l"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Series:
     """One curve, set of points or band of an interactive plot.
 
@@ -155,13 +157,13 @@ class Series:
     ----------
     name : str
         Legend entry.
-    x : tuple of float, shape (n,)
+    x : array_like, shape (n,)
         Strictly increasing abscissae; series of one plot need not share them.
-    y : tuple of float, shape (n,), optional
+    y : array_like, shape (n,), optional
         Ordinates. A band may leave it empty, or give the centre line.
     kind : {"line", "points", "band"}
         How to draw it.
-    y_low, y_high : tuple of float, shape (n,), optional
+    y_low, y_high : array_like, shape (n,), optional
         Edges of a band, and only of a band.
     dashed : bool
         Draw the line dashed.
@@ -173,11 +175,11 @@ class Series:
     """
 
     name: str
-    x: tuple[float, ...]
-    y: tuple[float, ...] = ()
+    x: ArrayLike
+    y: ArrayLike = ()
     kind: SeriesKind = "line"
-    y_low: tuple[float, ...] = ()
-    y_high: tuple[float, ...] = ()
+    y_low: ArrayLike = ()
+    y_high: ArrayLike = ()
     dashed: bool = False
 
     def __post_init__(self) -> None:
@@ -186,24 +188,30 @@ class Series:
             known = ", ".join(get_args(SeriesKind))
             raise ValueError(f"{where}: kind {self.kind!r}, expected one of {known}")
         for field in ("x", "y", "y_low", "y_high"):
-            # NumPy scalars would not survive json.dumps, so anything iterable becomes plain floats here.
-            values = tuple(float(value) for value in getattr(self, field))
-            if not all(map(math.isfinite, values)):
+            values = np.array(getattr(self, field), dtype=float)
+            values.setflags(write=False)
+            if not np.isfinite(values).all():
                 raise ValueError(f"{where}: {field} has NaN or infinite values; leave those points out")
             object.__setattr__(self, field, values)
         self._check_shapes(where)
 
+    @property
+    def columns(self) -> tuple[NDArray[np.float64], ...]:
+        """x, y, y_low and y_high as read-only arrays, shape (n,) each, or (0,) where there are none."""
+        x, y, low, high = (np.asarray(values) for values in (self.x, self.y, self.y_low, self.y_high))
+        return x, y, low, high
+
     def _check_shapes(self, where: str) -> None:
-        size = len(self.x)
-        if size == 0:
+        x, y, low, high = self.columns
+        if x.size == 0:
             raise ValueError(f"{where}: no points")
-        if any(right <= left for left, right in pairwise(self.x)):
+        if (np.diff(x) <= 0).any():
             raise ValueError(f"{where}: x must increase strictly")
-        edges = size if self.kind == "band" else 0
-        if len(self.y_low) != edges or len(self.y_high) != edges:
+        edges = x.size if self.kind == "band" else 0
+        if low.size != edges or high.size != edges:
             raise ValueError(f"{where}: expected {edges} values in y_low and in y_high")
-        if len(self.y) != size and not (self.kind == "band" and not self.y):
-            raise ValueError(f"{where}: {len(self.y)} values in y, expected {size}")
+        if y.size != x.size and (self.kind != "band" or y.size):
+            raise ValueError(f"{where}: {y.size} values in y, expected {x.size}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,9 +243,10 @@ class LinePlot:
         if not self.series:
             raise ValueError(f"plot of {self.y_label!r}: no series")
         for one in self.series:
-            if self.log_x and one.x[0] <= 0:
+            x, *ordinates = one.columns
+            if self.log_x and x[0] <= 0:
                 raise ValueError(f"series {one.name!r}: x must be positive on a logarithmic axis")
-            if self.log_y and min(chain(one.y, one.y_low, one.y_high)) <= 0:
+            if self.log_y and np.concatenate(ordinates).min() <= 0:
                 raise ValueError(f"series {one.name!r}: y must be positive on a logarithmic axis")
 
 

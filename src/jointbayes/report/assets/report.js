@@ -169,8 +169,28 @@
     return [`${plot.x_label}: ${number(u.data[0][index], 6)}`, ...parts].join(" · ");
   };
 
+  // Long columns come as bytes (see html.py): gaps between evenly spaced abscissae, and 16-bit fractions of a range.
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const abscissae = (x) => {
+    if (Array.isArray(x)) return x;
+    let at = 0;
+    return Array.from(bytes(x.gaps), (gap) => Number((x.first + x.step * (at += gap)).toPrecision(12)));
+  };
+  const ordinates = (y) => {
+    if (Array.isArray(y)) return y;
+    const scaled = Array.from(new Uint16Array(bytes(y.codes).buffer), (code) => y.low + y.span * code / 65535);
+    return y.log ? scaled.map((value) => 10 ** value) : scaled;
+  };
+  const unpack = (plot) => {
+    for (const one of plot.series) {
+      one.x = abscissae(one.x);
+      for (const name of ["y", "y_low", "y_high"]) one[name] = ordinates(one[name]);
+    }
+    return plot;
+  };
+
   const draw = (paper) => {
-    const plot = JSON.parse(paper.querySelector("script.plot").textContent);
+    const plot = unpack(JSON.parse(paper.querySelector("script.plot").textContent));
     const live = paper.querySelector(".live");
     const { data, series, bands, groups } = prepare(plot);
     const loose = plot.series.some((one) => one.kind === "points" || one.x.length === 1);

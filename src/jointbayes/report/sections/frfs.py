@@ -82,15 +82,15 @@ def _phase(band: FrfPrediction, at: Any, curves: tuple[NDArray[np.complex128], .
 
 
 def _figure(identifier: str, data: figures.Overlay, label: str, title: str, y_label: str, *, log: bool) -> Figure:
-    x = tuple(data.frequency_hz.tolist())
+    x = data.frequency_hz
     plot = LinePlot(
         "Frequency (Hz)",
         y_label,
         (
-            Series("95 % band", x, kind="band", y_low=_short(data.low), y_high=_short(data.high)),
-            Series(label, x, _short(data.measured)),
-            Series("first guess", x, _short(data.guess), dashed=True),
-            Series("MAP", x, _short(data.best)),
+            Series("95 % band", x, kind="band", y_low=data.low, y_high=data.high),
+            Series(label, x, data.measured),
+            Series("first guess", x, data.guess, dashed=True),
+            Series("MAP", x, data.best),
         ),
         log_y=log,
     )
@@ -101,7 +101,3 @@ def _figure(identifier: str, data: figures.Overlay, label: str, title: str, y_la
         figures.frf_overlay(data, label, y_label, log=log),
         plot,
     )
-
-
-def _short(values: NDArray[np.float64]) -> tuple[float, ...]:
-    return tuple(float(f"{v:.5g}") for v in values)

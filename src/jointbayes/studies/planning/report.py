@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.information.directions import spread_in_words
-from jointbayes.report.figures import svg
+from jointbayes.report.figures import legend_above, panels, room_for, svg
 from jointbayes.report.format import number
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
 from jointbayes.studies.planning.plan import Plan
@@ -110,7 +110,8 @@ def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
     """One line for each measurement, best on top, on a logarithmic axis."""
 
     def draw(canvas: Canvas) -> None:
-        axes = canvas.subplots()
+        labels = [" + ".join(e["names"]) for e in entries]
+        axes = panels(canvas, left=room_for(labels), top=0.3)[0, 0]
         place = np.arange(len(entries))[::-1]
         colour = SERIES_COLOURS[0]
         for y, entry in zip(place, entries, strict=True):
@@ -124,9 +125,9 @@ def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
                 axes.plot(entry["linearised"]["median"], y, "x", ms=6, color="0.4")
         axes.axvline(now["sd"], color="0.4", ls="--", lw=1, label="now")
         axes.set_xscale("log")
-        axes.set_yticks(place, [" + ".join(e["names"]) for e in entries])
+        axes.set_yticks(place, labels)
         axes.set_ylim(-0.6, len(entries) - 0.4)
         axes.set_xlabel(f"Standard deviation of ln {parameter}")
-        axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend_above(axes)
 
     return svg(draw, 6.2, 1.2 + 0.3 * len(entries))
