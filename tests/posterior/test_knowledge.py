@@ -1,6 +1,7 @@
 """How far the numbers carry: a failed check leads, freed quantities are the case's own or said to be assumed."""
 
 import datetime
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -247,3 +248,19 @@ def test_the_summary_without_knowledge_still_holds_the_check(cheap_posterior):
 )
 def test_uncertain_quantities_have_short_labels(name, label):
     assert nuisance_label(name) == label
+
+
+def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, monkeypatch):
+    freed = uncertain.case.workshop_problem
+    found = gather_knowledge(uncertain, freed)
+    kept = json.loads(json.dumps(found.kept()))
+    assert set(kept) == {"profiles", "freed"}
+    for name in ("_profiles", "effect_of_uncertain_inputs"):
+        monkeypatch.setattr(f"jointbayes.posterior.information.knowledge.{name}", lambda *_: pytest.fail("found anew"))
+    again = gather_knowledge(replace(uncertain, kept_knowledge=kept), freed)
+    assert repr(again.freed) == repr(found.freed)
+    for one, other in zip(again.profiles, found.profiles, strict=True):
+        assert one.name == other.name
+        assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)
+        np.testing.assert_array_equal(one.theta, other.theta)
+        np.testing.assert_array_equal(one.log_ratio, other.log_ratio)

@@ -112,8 +112,8 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
     target = out or Path("reports") / case.name
     require_writable(target)
     posterior = _sample(case, seed)
-    with draws_kept(posterior, target) as kept:
-        _note_written(write_run(posterior, target, kept))
+    with draws_kept(posterior, target):
+        _note_written(write_run(posterior, target))
     _print_summary(posterior)
     click.echo(posterior.check.sentence)
     if not posterior.check.explains:

@@ -1,9 +1,10 @@
 """The posterior: draws in physical units, the mode, and everything needed to judge and to repeat the run."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import xarray as xr
@@ -25,6 +26,9 @@ from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
 from jointbayes.posterior.verdicts import judge_stiffness
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.information.knowledge import Knowledge
 
 __all__ = ["Posterior"]
 
@@ -53,6 +57,8 @@ class Posterior:
         How the draws came about.
     case
         The case that was sampled, for its report; None where there was none.
+    kept_knowledge
+        What `gather_knowledge` once found, as it was read with the draws; None where nothing was kept.
     """
 
     problem: Problem
@@ -62,6 +68,7 @@ class Posterior:
     mode_log_density: float
     record: RunRecord
     case: SampledCase | None = None
+    kept_knowledge: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
@@ -291,8 +298,16 @@ class Posterior:
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
         return to_arviz(self.tree)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], knowledge: "Knowledge | None" = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        knowledge
+            What `gather_knowledge` found, kept with the draws so that a later report need not find it again; by
+            default what was kept with them already.
 
         Raises
         ------
@@ -303,6 +318,7 @@ class Posterior:
             "record": asdict(self.record),
             "mode": {"theta": self.mode_theta.tolist(), "log_density": self.mode_log_density},
             "map": estimate_record(self.estimate),
+            "knowledge": self.kept_knowledge if knowledge is None else knowledge.kept(),
         }
         write_tree(self.tree, record, path)
 
@@ -317,6 +333,7 @@ class Posterior:
             np.array(mode["theta"]),
             mode["log_density"],
             RunRecord(**record["record"]),
+            kept_knowledge=record.get("knowledge"),
         )
 
 

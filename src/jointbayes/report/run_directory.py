@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +59,12 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     """
     target = Path(directory)
     require_writable(target)
-    with draws_kept(posterior, target) as kept:
-        return write_run(posterior, target, kept)
+    with draws_kept(posterior, target):
+        return write_run(posterior, target)
 
 
-def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> Path:
-    """Write a run directory whose draws are on disk already, in the file `kept` or where they were read from.
+def write_run(posterior: Posterior, target: Path) -> Path:
+    """Write a run directory, without a copy of the draws elsewhere until it is there.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def write_run(posterior: Posterior, target: Path, kept: Path | None = None) -> P
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
     files = {"summary.json": json_text(inputs.summary.to_json()), "case.toml": posterior.record.case_text}
-    write_whole(target, report, files, posterior, kept)
+    write_whole(target, report, files, lambda path: posterior.save(path, inputs.knowledge))
     return target
 
 
@@ -107,13 +107,9 @@ def write_whole(
     target: Path,
     report: Report,
     files: Mapping[str, str],
-    posterior: Posterior | None = None,
-    kept: Path | None = None,
+    save_draws: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write report, figures, other files and draws beside the target, then put them in its place.
-
-    Draws come from the file `kept` where they are on disk already.
-    """
+    """Write report, figures, other files and draws beside the target, then put them in its place."""
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
     try:
@@ -125,10 +121,8 @@ def write_whole(
         for name, text in files.items():
             (scratch / name).parent.mkdir(exist_ok=True)
             (scratch / name).write_text(text, encoding="utf-8")
-        if kept is not None:
-            _link_or_copy(kept, scratch / "posterior.nc")
-        elif posterior is not None:
-            posterior.save(scratch / "posterior.nc")
+        if save_draws is not None:
+            save_draws(scratch / "posterior.nc")
         scratch.chmod(0o755)  # mkdtemp makes it private
         _swap(scratch, target)
     finally:
@@ -178,14 +172,6 @@ def _swap(scratch: Path, target: Path) -> None:
             raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
-
-
-def _link_or_copy(source: Path, target: Path) -> None:
-    """The same file under a second name, which takes no room; a copy where the file system has no such names."""
-    try:
-        target.hardlink_to(source)
-    except OSError:
-        shutil.copyfile(source, target)
 
 
 def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:

@@ -1,7 +1,9 @@
 """What the data say beyond the draws: does the model explain them, what is known of the joint, and resting on what."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.information.uncertain_inputs import (
@@ -49,6 +52,12 @@ class Knowledge:
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
 
+    def kept(self) -> dict[str, Any]:
+        """What took time to find, as `Posterior.save` keeps it: profiles, and the effect of uncertain inputs."""
+        as_lists = {"value", "log_ratio", "theta"}
+        profiles = [{k: v.tolist() if k in as_lists else v for k, v in asdict(p).items()} for p in self.profiles]
+        return {"profiles": profiles, "freed": [asdict(row) for row in self.freed]}
+
     @property
     def directions_sentence(self) -> str:
         """Which combinations are known, in one sentence; conditional where the model does not explain the data."""
@@ -78,13 +87,14 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
         own problem takes all as exactly known.
     """
     problem = posterior.problem
+    kept = posterior.kept_knowledge if freed is (posterior.case and posterior.case.workshop_problem) else None
     known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     assumed = freed is not None and not uncertain_quantities(problem)
     return Knowledge(
         posterior.check,
         name_directions(posterior.stiffness, posterior.prior_stiffness, known, _under_wider_priors(posterior)),
-        _profiles(problem, posterior),
-        effect_of_uncertain_inputs(posterior, freed),
+        tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
+        tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
         assumed_words(freed) if assumed and freed is not None else (),
     )
 
@@ -123,3 +133,18 @@ def _profiles(problem: Problem, posterior: Posterior) -> tuple[ProfileLikelihood
         except ModelError:
             continue  # no residual depends on it: its prior is all there is, and the verdict says so
     return tuple(found)
+
+
+def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:
+    arrays = {name: np.array(kept[name], dtype=float) for name in ("value", "log_ratio", "theta")}
+    low, high = kept["interval"]
+    return ProfileLikelihood(**{**kept, **arrays, "interval": (low, high)})
+
+
+def _row_from(kept: Mapping[str, Any]) -> UncertainInputsRow:
+    pairs = ("interval95", "interval95_error")
+    known = {
+        name: Identifiability(**{**one, **{pair: tuple(one[pair]) for pair in pairs}})
+        for name, one in kept["known"].items()
+    }
+    return UncertainInputsRow(tuple(kept["uncertain"]), kept["source"], known)
