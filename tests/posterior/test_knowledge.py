@@ -260,7 +260,7 @@ def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(unc
     again = gather_knowledge(replace(uncertain, kept_knowledge=kept), freed)
     assert repr(again.freed) == repr(found.freed)
     for one, other in zip(again.profiles, found.profiles, strict=True):
-        assert one.name == other.name
+        assert one.coordinate == other.coordinate
         assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)
         np.testing.assert_array_equal(one.theta, other.theta)
         np.testing.assert_array_equal(one.log_ratio, other.log_ratio)

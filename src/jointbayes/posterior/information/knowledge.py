@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
+from jointbayes.joint.quantities import Coordinate
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
@@ -138,7 +139,8 @@ def _profiles(problem: Problem, posterior: Posterior) -> tuple[ProfileLikelihood
 def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:
     arrays = {name: np.array(kept[name], dtype=float) for name in ("value", "log_ratio", "theta")}
     low, high = kept["interval"]
-    return ProfileLikelihood(**{**kept, **arrays, "interval": (low, high)})
+    coordinate = Coordinate(**{**kept["coordinate"], "bounds": tuple(kept["coordinate"]["bounds"])})
+    return ProfileLikelihood(**{**kept, **arrays, "coordinate": coordinate, "interval": (low, high)})
 
 
 def _row_from(kept: Mapping[str, Any]) -> UncertainInputsRow:
