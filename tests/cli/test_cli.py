@@ -191,7 +191,9 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
     shutil.copytree(finished[0] / "out", out)
     result = cli("run", config, "--out", out, "--seed", "5")
     assert result.exit_code == 3
-    assert result.stdout.startswith("NOT CONVERGED: do not use these numbers.\nnot converged at 200 of 200 steps")
+    assert result.stdout.startswith(
+        "NOT CONVERGED: do not use these numbers.\nnot converged after 200 steps (limit 200)"
+    )
     assert {p.name for p in tmp_path.iterdir()} == {"short.toml", "out"}
     assert not (out / "figures" / "frf-0-0.svg").exists()  # of the run before
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))

@@ -38,7 +38,7 @@ def test_all_that_a_user_holds_prints_on_a_screen(cheap_case, cheap_posterior):
 def test_draws_are_chains_of_stiffnesses_with_units(cheap_posterior):
     draws = cheap_posterior.draws
     assert cheap_posterior.converged
-    assert cheap_posterior.reason.startswith("converged at ")
+    assert cheap_posterior.reason.startswith("converged after ")
     assert set(draws.data_vars) == set(STIFFNESS_NAMES)
     assert [draws[name].attrs["units"] for name in STIFFNESS_NAMES] == ["N/m", "N", "N·m/rad"]
     assert all(draws[name].dims == ("chain", "draw") for name in STIFFNESS_NAMES)

@@ -223,22 +223,22 @@ class TestStopRule:
         verdict = judge(self.settings, [self.check(tau=101.9), self.check()])
         assert verdict.converged
         assert verdict.reason == (
-            "converged at 6000 of 10000 steps: τ = 100.0 < 5500/50 (steps after burn-in / 50), "
-            "stable within 2.0%, R̂ ≤ 1.0020 over 4 ensembles, "
-            "each end of each 95 % interval is known to 2.0% of the interval's width or better"
+            "converged after 6000 steps (limit 10000): autocorrelation time τ = 100.0 steps, below 1/50 of the 5500 "
+            "after burn-in, stable within 2.0%; R̂ ≤ 1.0020 over 4 ensembles; "
+            "Monte Carlo error of each 95 % interval end at most 2.0% of the interval's width"
         )
 
     @pytest.mark.parametrize(
         ("change", "figure"),
         [
-            ({"burn_in": 1000}, "τ = 100.0 exceeds 5000/50"),
+            ({"burn_in": 1000}, "τ = 100.0 steps exceeds 1/50 of the 5000"),
             ({"r_hat": 1.01}, "R̂ = 1.0100 over 4 ensembles, below 1.01 is needed"),
             ({"r_hat": np.nan}, "R̂ = nan"),
             ({"tau": np.nan}, "τ = nan"),
             ({"tau": 98.0}, "τ changed by 2.0% since the check before"),
             (
                 {"share": 0.0201},
-                "upper end of the 95 % interval of k11 is known to 2.01% of the interval's width only",
+                "upper end of the 95 % interval of k11 has a Monte Carlo error of 2.01% of the interval's width",
             ),
             ({"share": np.nan}, "below 2.0% is needed"),
             ({"share": None}, "the errors of the ends of the 95 % intervals are unknown"),
@@ -247,7 +247,7 @@ class TestStopRule:
     def test_each_condition_alone_prevents_the_stop(self, change, figure):
         verdict = judge(self.settings, [self.check(), self.check(**change)])
         assert not verdict.converged
-        assert verdict.reason.startswith("not converged at 6000 of 10000 steps: ")
+        assert verdict.reason.startswith("not converged after 6000 steps (limit 10000): ")
         assert figure in verdict.reason
 
     def test_the_interval_ends_are_looked_at_once_the_rest_is_met(self):
@@ -387,14 +387,16 @@ class TestRun:
         assert chains.steps < 20_000
         assert chains.steps - chains.burn_in > 50.0 * chains.tau.max()
         assert chains.r_hat.max() < 1.01
-        assert chains.reason.startswith(f"converged at {chains.steps} of 20000 steps: τ = ")
+        assert chains.reason.startswith(
+            f"converged after {chains.steps} steps (limit 20000): autocorrelation time τ = "
+        )
         assert abs(chains.history[-2].tau_max / chains.tau.max() - 1.0) < 0.02
 
     def test_step_limit_leaves_the_run_unconverged_and_says_so(self):
         chains = run(1)
         assert not chains.converged
         assert chains.steps == 300
-        assert chains.reason.startswith("not converged at 300 of 300 steps: τ = ")
+        assert chains.reason.startswith("not converged after 300 steps (limit 300): τ = ")
 
     def test_a_limit_that_is_no_whole_number_of_blocks_is_kept(self):
         chains = run(1, dataclasses.replace(SHORT, max_steps=333))

@@ -97,7 +97,7 @@ def run_adapted(
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
-        reason += f"; {discarded} steps before these served to fit what is proposed"
+        reason += f"; {discarded} earlier steps served to fit the proposal and were discarded"
     whole = replace(chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason)
     return whole, proposal
 

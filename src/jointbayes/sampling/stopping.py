@@ -268,7 +268,7 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
         Whether the rule is met, and one sentence with the figures in either case.
     """
     last, unmet = checks[-1], _unmet(settings, checks)
-    where = f"at {last.step} of {settings.max_steps} steps"
+    where = f"after {last.step} steps (limit {settings.max_steps})"
     error = last.end_error
     if not unmet and not (error is not None and error.share < settings.end_tolerance):
         unmet.append(_end_sentence(error, settings))
@@ -276,10 +276,10 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
         return Verdict(False, f"not converged {where}: {'; '.join(unmet)}")
     assert error is not None
     factor, tolerance = f"{settings.tau_factor:g}", f"{settings.tau_tolerance:.1%}"
-    met = f"τ = {last.tau_max:.1f} < {last.kept}/{factor} (steps after burn-in / {factor}), stable within {tolerance}"
+    met = f"autocorrelation time τ = {last.tau_max:.1f} steps, below 1/{factor} of the {last.kept} after burn-in"
     agree = f"R̂ ≤ {last.r_hat_max:.4f} over {settings.ensembles} ensembles"
-    ends = f"each end of each 95 % interval is known to {error.share:.1%} of the interval's width or better"
-    return Verdict(True, f"converged {where}: {met}, {agree}, {ends}")
+    ends = f"Monte Carlo error of each 95 % interval end at most {error.share:.1%} of the interval's width"
+    return Verdict(True, f"converged {where}: {met}, stable within {tolerance}; {agree}; {ends}")
 
 
 def expected_steps(settings: SamplerSettings, last: Check) -> int:
@@ -315,7 +315,7 @@ def _unmet(settings: SamplerSettings, checks: Sequence[Check]) -> list[str]:
     change = abs(last.tau_max - checks[-2].tau_max) / last.tau_max if len(checks) > 1 else math.inf
     factor, unmet = f"{settings.tau_factor:g}", []
     if not last.kept > settings.tau_factor * last.tau_max:
-        unmet.append(f"τ = {last.tau_max:.1f} exceeds {last.kept}/{factor} (steps after burn-in / {factor})")
+        unmet.append(f"τ = {last.tau_max:.1f} steps exceeds 1/{factor} of the {last.kept} after burn-in")
     if not change < settings.tau_tolerance:
         unmet.append(f"τ changed by {change:.1%} since the check before, {settings.tau_tolerance:.1%} is allowed")
     if not last.r_hat_max < settings.r_hat_max:
@@ -329,8 +329,8 @@ def _end_sentence(error: EndError | None, settings: SamplerSettings) -> str:
     if error is None:
         return "the errors of the ends of the 95 % intervals are unknown"
     return (
-        f"the {error.end} end of the 95 % interval of {error.name} is known to {error.share:.2%} of the interval's "
-        f"width only, below {settings.end_tolerance:.1%} is needed"
+        f"the {error.end} end of the 95 % interval of {error.name} has a Monte Carlo error of {error.share:.2%} of the "
+        f"interval's width, below {settings.end_tolerance:.1%} is needed"
     )
 
 

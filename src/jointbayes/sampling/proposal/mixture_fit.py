@@ -73,9 +73,8 @@ def most_likely_mixture(mixture: StudentMixture, x: Array, weight: Array) -> Stu
             mass = float(share.sum())
             if mass <= 0 or mass**2 < _STARVED * (d + 1) * float(share @ share):
                 continue
-            near = (
-                share * (DOF + d) / (DOF + component.squared_distance(x))
-            )  # far draws count for less: tails are expected
+            # far draws count for less: tails are expected
+            near = share * (DOF + d) / (DOF + component.squared_distance(x))
             centre = near @ x / near.sum()
             z = x - centre
             narrow.append(StudentT(centre, (z.T * near) @ z / mass + _FLOOR * overall, DOF))
