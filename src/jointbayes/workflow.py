@@ -26,8 +26,7 @@ from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
-from jointbayes.posterior.coordinates import charts as charts
-from jointbayes.posterior.coordinates import judged_quantities
+from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.storage import draws_tree, read_record, stored_measurement
 from jointbayes.sampling import (
     Chains,
@@ -211,8 +210,8 @@ def sample(
     estimate = find_map(case, seed=seed, tell=tell)
     start = laplace_ball(problem, estimate, settings, rng)
     log_posterior = problem.log_posterior
-    coordinates = charts(problem)
-    proposal = fit_proposal(log_posterior, coordinates, starts_of(estimate), rng)
+    systems = coordinate_systems(problem)
+    proposal = fit_proposal(log_posterior, systems, starts_of(estimate), rng)
     start = brought_in(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
     chains, proposal = run_adapted(
         log_posterior,
@@ -220,7 +219,7 @@ def sample(
         rng,
         settings,
         progress,
-        charts=coordinates,
+        systems=systems,
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
     )

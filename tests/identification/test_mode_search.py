@@ -23,6 +23,7 @@ from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.starts import FrequencyMatch
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited
 
@@ -164,7 +165,7 @@ def test_the_mode_at_the_end_of_a_curved_ridge_is_reached():
     assert estimate.modes[0].inside is not None
     density = case.problem.log_posterior
     rng = np.random.default_rng(1)
-    assert fit_proposal(density, workflow.charts(case.problem), workflow.starts_of(estimate), rng).efficiency > 0.5
+    assert fit_proposal(density, coordinate_systems(case.problem), workflow.starts_of(estimate), rng).efficiency > 0.5
 
 
 def wrong_summit(case):

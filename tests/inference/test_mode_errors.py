@@ -10,10 +10,11 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.identification import screened_draws
 from jointbayes.identification.starts import with_modes_on_data
-from jointbayes.joint import CondensedChart
-from jointbayes.sampling import BoxChart, ComposedChart, Identity, Proposal, StudentT
+from jointbayes.joint import CondensedCoordinates
+from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores, Proposal, StudentT
 from jointbayes.sampling.density import newton_climb
-from jointbayes.workflow import brought_in, charts
+from jointbayes.workflow import brought_in
 from tests.conftest import best_of, cheap_text
 
 ERRORS = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
@@ -29,34 +30,34 @@ def exact():
     return case_from_text("cheap", cheap_text().replace("added = true", "added = false"))
 
 
-def slope(chart, theta):
+def slope(coordinates, theta):
     """ln |∂θ/∂φ| by central differences, shape (n,)."""
-    phi, step = chart.forward(theta), 1e-5
+    phi, step = coordinates.forward(theta), 1e-5
     columns = []
     for j in range(theta.shape[1]):
         up, down = phi.copy(), phi.copy()
         up[:, j] += step
         down[:, j] -= step
-        columns.append((chart.inverse(up)[0] - chart.inverse(down)[0]) / (2 * step))
+        columns.append((coordinates.inverse(up)[0] - coordinates.inverse(down)[0]) / (2 * step))
     return np.linalg.slogdet(np.stack(columns, axis=-1))[1]
 
 
-def test_charts_of_mode_errors_go_there_and_back_with_the_volume_they_state(uncertain):
+def test_coordinates_of_mode_errors_go_there_and_back_with_the_volume_they_state(uncertain):
     theta = uncertain.prior.sample(np.random.default_rng(1), 40)
-    for chart in charts(uncertain):
-        back, inside = chart.inverse(chart.forward(theta))
+    for coordinates in coordinate_systems(uncertain):
+        back, inside = coordinates.inverse(coordinates.forward(theta))
         assert inside.all()
         assert np.allclose(back, theta, rtol=0, atol=1e-6)
-    scores = charts(uncertain)[1]
+    scores = coordinate_systems(uncertain)[1]
     assert np.allclose(scores.log_volume(theta), slope(scores, theta), atol=1e-4)
 
 
 def test_a_resonance_stays_where_it_is_when_the_joint_moves_in_these_coordinates(uncertain):
-    chart = charts(uncertain)[1]
+    coordinates = coordinate_systems(uncertain)[1]
     theta = uncertain.prior.sample(np.random.default_rng(2), 30)
-    phi = chart.forward(theta)
+    phi = coordinates.forward(theta)
     phi[:, :3] += 0.05
-    moved, inside = chart.inverse(phi)
+    moved, inside = coordinates.inverse(phi)
     assert inside.sum() > 20
     count = sum(name.startswith("mode_frequency") for name in uncertain.names)
 
@@ -69,26 +70,26 @@ def test_a_resonance_stays_where_it_is_when_the_joint_moves_in_these_coordinates
 
 
 def test_an_error_beyond_its_prior_does_not_belong_to_the_region(uncertain):
-    chart = charts(uncertain)[0]
-    phi = chart.forward(uncertain.prior.sample(np.random.default_rng(3), 2))
+    coordinates = coordinate_systems(uncertain)[0]
+    phi = coordinates.forward(uncertain.prior.sample(np.random.default_rng(3), 2))
     phi[0, 3] += 2.0  # a frequency seven times as high: an error far beyond six standard deviations
-    assert chart.inverse(phi)[1].tolist() == [False, True]
+    assert coordinates.inverse(phi)[1].tolist() == [False, True]
 
 
-def test_the_condensed_stiffness_chart_goes_there_and_back_with_the_volume_it_states():
+def test_the_condensed_stiffness_goes_there_and_back_with_the_volume_it_states():
     rng = np.random.default_rng(4)
     k11, k22 = np.exp(rng.normal(20, 1, 50)), np.exp(rng.normal(14, 1, 50))
     theta = np.log(np.stack([k11, rng.uniform(0.01, 0.99, 50) * np.sqrt(k11 * k22), k22], axis=1))
-    chart = CondensedChart()
-    assert np.allclose(np.exp(chart.forward(theta)[:, 2]), k22 - np.exp(2 * theta[:, 1]) / k11, rtol=1e-9)
-    assert np.allclose(chart.inverse(chart.forward(theta))[0], theta, atol=1e-9)
-    assert np.allclose(chart.log_volume(theta), slope(chart, theta), atol=1e-5)
+    coordinates = CondensedCoordinates()
+    assert np.allclose(np.exp(coordinates.forward(theta)[:, 2]), k22 - np.exp(2 * theta[:, 1]) / k11, rtol=1e-9)
+    assert np.allclose(coordinates.inverse(coordinates.forward(theta))[0], theta, atol=1e-9)
+    assert np.allclose(coordinates.log_volume(theta), slope(coordinates, theta), atol=1e-5)
 
 
-def test_composed_charts_are_applied_one_after_the_other():
-    box = BoxChart([0.0, -np.inf], [4.0, np.inf])
+def test_composed_coordinates_are_applied_one_after_the_other():
+    box = NormalScores([0.0, -np.inf], [4.0, np.inf])
     theta = np.random.default_rng(5).uniform(0.1, 3.9, (20, 2))
-    both = ComposedChart(Identity(), box)
+    both = ComposedCoordinates(Identity(), box)
     assert np.array_equal(both.forward(theta), box.forward(theta))
     assert np.array_equal(both.log_volume(theta), box.log_volume(theta))
     assert not both.inverse(np.array([[9.0, 0.0]]))[1].any()

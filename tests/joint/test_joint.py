@@ -10,7 +10,7 @@ from jointbayes.joint import (
     COORDINATES,
     STIFFNESS_PATTERN,
     STIFFNESSES,
-    ComplianceChart,
+    ComplianceCoordinates,
     ElasticCentre,
     Joint,
     LogStiffness,
@@ -184,13 +184,13 @@ def test_a_joint_without_such_coordinates_is_refused_in_one_line(parametrisation
 @ALL
 @given(LN_K, LN_K, COUPLING)
 def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln_k11, ln_k22, rho):
-    chart = ComplianceChart(parametrisation)
+    coordinates = ComplianceCoordinates(parametrisation)
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)[None]
-    phi = chart.forward(theta)
+    phi = coordinates.forward(theta)
     product = joint_matrix(phi[0]) @ joint_matrix(parametrisation.stiffness(theta)[0])
     size = np.exp([ln_k11 / 2, ln_k22 / 2])
     np.testing.assert_allclose(product * size[:, None] / size, np.eye(2), atol=1e-10)
-    back, inside = chart.inverse(phi)
+    back, inside = coordinates.inverse(phi)
     assert inside.tolist() == [True]
     np.testing.assert_allclose(back, theta, rtol=1e-9, atol=1e-9)
 
@@ -198,14 +198,14 @@ def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln
 @ALL
 @settings(max_examples=60)
 @given(LN_K, LN_K, COUPLING.filter(lambda rho: abs(rho) < 0.95))
-def test_the_volume_of_the_chart_is_its_jacobian_determinant(parametrisation, ln_k11, ln_k22, rho):
-    chart = ComplianceChart(parametrisation)
+def test_the_volume_of_the_compliance_is_its_jacobian_determinant(parametrisation, ln_k11, ln_k22, rho):
+    coordinates = ComplianceCoordinates(parametrisation)
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
     step = 1e-5 * np.eye(3)
-    jacobian = (chart.forward(theta + step) - chart.forward(theta - step)).T / 2e-5  # ∂φ/∂θ
+    jacobian = (coordinates.forward(theta + step) - coordinates.forward(theta - step)).T / 2e-5  # ∂φ/∂θ
     sign, log_determinant = np.linalg.slogdet(jacobian)
     assert sign != 0
-    assert chart.log_volume(theta[None])[0] == pytest.approx(-log_determinant, abs=1e-5)
+    assert coordinates.log_volume(theta[None])[0] == pytest.approx(-log_determinant, abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -221,9 +221,9 @@ def test_the_volume_of_the_chart_is_its_jacobian_determinant(parametrisation, ln
         ([2e-10, 2e-8, 1e-6], False, False),
     ],
 )
-def test_the_chart_knows_which_compliances_are_joints(phi, log, signed):
+def test_the_coordinates_know_which_compliances_are_joints(phi, log, signed):
     for parametrisation, expected in ((LogStiffness(), log), (SignedCoupling(), signed), (ElasticCentre(), signed)):
-        theta, inside = ComplianceChart(parametrisation).inverse(np.array([phi]))
+        theta, inside = ComplianceCoordinates(parametrisation).inverse(np.array([phi]))
         assert inside.tolist() == [expected]
         assert np.isfinite(theta).all()  # meaningless where outside, but no warning and no NaN
         if expected:

@@ -9,7 +9,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.inference import JointPrior, LogPosterior, Uniform
 from jointbayes.inference.likelihood import likelihood_of
-from jointbayes.joint import RIGID, ComplianceChart, PlainSprings, is_positive_semidefinite, joint_matrix
+from jointbayes.joint import RIGID, ComplianceCoordinates, PlainSprings, is_positive_semidefinite, joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
 from tests.conftest import CLAMP, best_of, rod
 
@@ -67,25 +67,25 @@ def test_the_derivative_and_its_volume_are_those_of_the_stiffness(springs, ln_k1
 
 @ALL
 @given(LN_K, LN_K)
-def test_the_compliance_chart_leads_back_and_its_volume_is_its_jacobian_determinant(springs, ln_k11, ln_k22):
-    chart, theta = ComplianceChart(springs), theta_of(springs, ln_k11, ln_k22)[None]
-    phi = chart.forward(theta)
+def test_the_compliance_leads_back_and_its_volume_is_its_jacobian_determinant(springs, ln_k11, ln_k22):
+    coordinates, theta = ComplianceCoordinates(springs), theta_of(springs, ln_k11, ln_k22)[None]
+    phi = coordinates.forward(theta)
     used = [("k11", "k12", "k22").index(name) for name in springs.names]
     np.testing.assert_allclose(phi[0], 1 / springs.stiffness(theta)[0, used], rtol=1e-12)
-    back, inside = chart.inverse(phi)
+    back, inside = coordinates.inverse(phi)
     assert inside.tolist() == [True]
     np.testing.assert_allclose(back, theta, rtol=1e-12)
     if theta.size:
         step = 1e-5 * np.eye(theta.size)
-        jacobian = (chart.forward(theta + step) - chart.forward(theta - step)).T / 2e-5  # ∂φ/∂θ
+        jacobian = (coordinates.forward(theta + step) - coordinates.forward(theta - step)).T / 2e-5  # ∂φ/∂θ
         _, log_determinant = np.linalg.slogdet(jacobian)
-        assert chart.log_volume(theta)[0] == pytest.approx(-log_determinant, abs=1e-6)
+        assert coordinates.log_volume(theta)[0] == pytest.approx(-log_determinant, abs=1e-6)
     else:
-        assert chart.log_volume(theta).tolist() == [0.0]
+        assert coordinates.log_volume(theta).tolist() == [0.0]
 
 
 def test_a_compliance_that_is_not_positive_is_no_spring():
-    theta, inside = ComplianceChart(PlainSprings()).inverse(np.array([[1e-9, -1e-6], [0.0, 1e-6], [1e-9, 1e-6]]))
+    theta, inside = ComplianceCoordinates(PlainSprings()).inverse(np.array([[1e-9, -1e-6], [0.0, 1e-6], [1e-9, 1e-6]]))
     assert inside.tolist() == [False, False, True]
     assert np.isfinite(theta).all()
 

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from jointbayes.sampling import (
-    BoxChart,
     Identity,
+    NormalScores,
     Proposal,
     SamplerSettings,
     StudentT,
@@ -16,7 +16,7 @@ from jointbayes.sampling import (
     run_adapted,
     run_ensembles,
 )
-from jointbayes.sampling.coordinates.straight import straightened
+from jointbayes.sampling.coordinates import straightened
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
@@ -51,10 +51,12 @@ def of_one_half(rng):
 def runs():
     rng = np.random.default_rng(3)
     proposal, start = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)
-    plain = run_ensembles(filament, start, np.random.default_rng(4), SETTINGS, chart=proposal.chart, proposal=proposal)
+    plain = run_ensembles(
+        filament, start, np.random.default_rng(4), SETTINGS, coordinates=proposal.coordinates, proposal=proposal
+    )
     told = []
     chains, last = run_adapted(
-        filament, start, np.random.default_rng(4), SETTINGS, told.append, charts=[Identity()], proposal=proposal
+        filament, start, np.random.default_rng(4), SETTINGS, told.append, systems=[Identity()], proposal=proposal
     )
     return plain, chains, last, told
 
@@ -93,9 +95,11 @@ def test_a_run_that_converges_at_once_is_that_of_run_ensembles_bit_for_bit():
     rng = np.random.default_rng(1)
     proposal = fit_proposal(gaussian, [Identity()], [(np.zeros(2), np.eye(2))], rng)
     start = rng.normal(size=(4, 24, 2))
-    plain = run_ensembles(gaussian, start, np.random.default_rng(4), SETTINGS, chart=proposal.chart, proposal=proposal)
+    plain = run_ensembles(
+        gaussian, start, np.random.default_rng(4), SETTINGS, coordinates=proposal.coordinates, proposal=proposal
+    )
     chains, last = run_adapted(
-        gaussian, start, np.random.default_rng(4), SETTINGS, charts=[Identity()], proposal=proposal
+        gaussian, start, np.random.default_rng(4), SETTINGS, systems=[Identity()], proposal=proposal
     )
     assert chains.converged
     assert last is proposal
@@ -107,7 +111,7 @@ def test_a_run_that_mixes_well_and_wants_more_steps_goes_on_as_it_is():
     rng = np.random.default_rng(1)
     fitted = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
     start, settings = rng.normal(size=(4, 24, 2)), replace(SETTINGS, max_steps=800, end_tolerance=1e-4)
-    chains, last = run_adapted(gaussian, start, rng, settings, charts=[Identity()], proposal=fitted)
+    chains, last = run_adapted(gaussian, start, rng, settings, systems=[Identity()], proposal=fitted)
     assert not chains.converged
     assert last is fitted
     assert (chains.discarded, chains.steps) == (0, 800)
@@ -119,14 +123,14 @@ def test_all_stages_together_make_no_more_steps_than_allowed(limit):
     poor = Proposal(StudentT(np.full(3, 9.0), 1e-4 * np.eye(3), 5.0), 0.5, 0)
     start = exact(4 * 24, rng).reshape(4, 24, 3)
     settings = replace(SETTINGS, max_steps=limit, tau_factor=1e6)  # never converged
-    chains, _ = run_adapted(filament, start, rng, settings, charts=[Identity()], proposal=poor)
+    chains, _ = run_adapted(filament, start, rng, settings, systems=[Identity()], proposal=poor)
     assert not chains.converged
     assert chains.discarded + chains.steps == limit
     assert chains.evaluations >= 4 * 24 * limit
 
 
-class TestStraightChart:
-    BASE = BoxChart([-np.inf, 0.0, -np.inf], [np.inf, 2.0, np.inf])
+class TestStraightCoordinates:
+    BASE = NormalScores([-np.inf, 0.0, -np.inf], [np.inf, 2.0, np.inf])
 
     @staticmethod
     def bent(rng, n=4000):
@@ -143,18 +147,20 @@ class TestStraightChart:
     def test_there_and_back(self):
         rng = np.random.default_rng(2)
         draws = self.bent(rng)
-        chart, others = straightened(self.BASE, draws), self.bent(rng)
-        theta, inside = chart.inverse(chart.forward(others))
+        coordinates, others = straightened(self.BASE, draws), self.bent(rng)
+        theta, inside = coordinates.inverse(coordinates.forward(others))
         assert inside.all()
         np.testing.assert_allclose(theta, others, rtol=1e-9, atol=1e-9)
 
     def test_its_volume_is_that_of_differences(self):
         draws = self.bent(np.random.default_rng(3))
-        chart, h = straightened(self.BASE, draws), 1e-5
+        coordinates, h = straightened(self.BASE, draws), 1e-5
         points = draws[np.abs(self.BASE.forward(draws)[:, 1]) < 3][:20]  # at an edge differences have no digits
-        slopes = [(chart.forward(points + h * e) - chart.forward(points - h * e)) / (2 * h) for e in np.eye(3)]
+        slopes = [
+            (coordinates.forward(points + h * e) - coordinates.forward(points - h * e)) / (2 * h) for e in np.eye(3)
+        ]
         _, log_slope = np.linalg.slogdet(np.stack(slopes, axis=-1))
-        np.testing.assert_allclose(chart.log_volume(points), -log_slope, atol=1e-5)
+        np.testing.assert_allclose(coordinates.log_volume(points), -log_slope, atol=1e-5)
 
     def test_independent_draws_are_left_as_they_are(self):
         draws = np.random.default_rng(4).normal(size=(4000, 3)) * [1.0, 5.0, 0.2] + 7.0

@@ -1,4 +1,4 @@
-"""Proposals of several bells, in several charts, from several modes."""
+"""Proposals of several bells, in several coordinates, from several modes."""
 
 import pickle
 
@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling import BoxChart, StudentMixture, StudentT, fit_proposal, importance_efficiency
-from jointbayes.sampling.coordinates.chart import Identity
+from jointbayes.sampling import NormalScores, StudentMixture, StudentT, fit_proposal, importance_efficiency
+from jointbayes.sampling.coordinates import Identity
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture, split
 from jointbayes.sampling.proposal.weights import Pool, drawn_without_replacement, resampled, tempered, truncated
 
@@ -61,40 +61,42 @@ class TestStudentMixture:
             StudentMixture(bells, np.array(weights))
 
 
-class TestBoxChart:
-    chart = BoxChart([2.0, -np.inf, -1.0], [5.0, np.inf, 1.0])
+class TestNormalScores:
+    coordinates = NormalScores([2.0, -np.inf, -1.0], [5.0, np.inf, 1.0])
 
     def test_there_and_back(self):
         phi = np.random.default_rng(3).normal(scale=1.5, size=(200, 3))
-        theta, inside = self.chart.inverse(phi)
+        theta, inside = self.coordinates.inverse(phi)
         assert inside.all()
-        np.testing.assert_allclose(self.chart.forward(theta), phi, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(self.coordinates.forward(theta), phi, rtol=1e-7, atol=1e-9)
         np.testing.assert_array_equal(theta[:, 1], phi[:, 1])
 
     def test_volume_is_that_of_differences(self):
         phi = np.random.default_rng(4).normal(size=(20, 3))
-        theta, _ = self.chart.inverse(phi)
+        theta, _ = self.coordinates.inverse(phi)
         h = 1e-5
         slopes = [
-            (self.chart.inverse(phi + h * e)[0] - self.chart.inverse(phi - h * e)[0])[:, i] / (2 * h)
+            (self.coordinates.inverse(phi + h * e)[0] - self.coordinates.inverse(phi - h * e)[0])[:, i] / (2 * h)
             for i, e in enumerate(np.eye(3))
         ]
-        np.testing.assert_allclose(self.chart.log_volume(theta), np.log(np.prod(slopes, axis=0)), rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(
+            self.coordinates.log_volume(theta), np.log(np.prod(slopes, axis=0)), rtol=1e-7, atol=1e-8
+        )
 
     def test_a_uniform_density_becomes_a_normal_one(self):
         theta = np.random.default_rng(5).uniform(2.0, 5.0, size=(4000, 3))
-        assert stats.kstest(self.chart.forward(theta)[:, 0], stats.norm.cdf).pvalue > 1e-3
+        assert stats.kstest(self.coordinates.forward(theta)[:, 0], stats.norm.cdf).pvalue > 1e-3
 
     def test_the_ends_are_finite_and_points_beyond_seven_are_not_of_the_box(self):
-        ends = self.chart.forward(np.array([[2.0, 0.0, 1.0], [5.0, 0.0, -1.0]]))
+        ends = self.coordinates.forward(np.array([[2.0, 0.0, 1.0], [5.0, 0.0, -1.0]]))
         assert np.isfinite(ends).all()
         assert (np.abs(ends[:, [0, 2]]) > 7.0).all()
-        assert self.chart.inverse(np.array([[7.1, 0.0, 0.0], [0.0, 70.0, 6.9]]))[1].tolist() == [False, True]
+        assert self.coordinates.inverse(np.array([[7.1, 0.0, 0.0], [0.0, 70.0, 6.9]]))[1].tolist() == [False, True]
 
     @pytest.mark.parametrize(("low", "high"), [([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0])])
     def test_impossible_ends_are_refused(self, low, high):
-        with pytest.raises(SamplingError, match=r"^box chart: found .*; expected .*; correct"):
-            BoxChart(low, high)
+        with pytest.raises(SamplingError, match=r"^normal scores: found .*; expected .*; correct"):
+            NormalScores(low, high)
 
 
 class TestWeights:
@@ -151,7 +153,7 @@ class TestPool:
     def test_weights_are_over_the_mixture_of_all_proposals(self):
         rng = np.random.default_rng(12)
         pool = Pool(unequal_modes, 2)
-        box = BoxChart([-20.0, -20.0], [20.0, 20.0])
+        box = NormalScores([-20.0, -20.0], [20.0, 20.0])
         pool.extend(StudentT(np.zeros(2), 16.0 * np.eye(2), 5.0), Identity(), rng, 3000)
         pool.extend(StudentT(np.zeros(2), 0.1 * np.eye(2), 5.0), box, rng, 2000)
         pool.extend(LEFT, Identity(), rng, 1000)
@@ -173,7 +175,7 @@ class TestFit:
         assert weight.sum() / 20_000 == pytest.approx(1.0, abs=0.03)
         assert weight[theta[:, 0] > 1.0].sum() / weight.sum() == pytest.approx(0.1, abs=0.02)
 
-    def test_one_start_that_a_bell_fits_gives_one_bell_and_asks_no_other_chart(self):
+    def test_one_start_that_a_bell_fits_gives_one_bell_and_asks_no_other_coordinates(self):
         class Forbidden(Identity):
             def forward(self, theta):
                 raise AssertionError
@@ -183,17 +185,17 @@ class TestFit:
             lambda x: -0.5 * np.sum(x**2, axis=1), [None, Forbidden()], [start], np.random.default_rng(1)
         )
         assert isinstance(found.density, StudentT)
-        assert type(found.chart) is Identity
+        assert type(found.coordinates) is Identity
 
-    def test_the_chart_that_serves_is_taken(self):
-        box = BoxChart(np.zeros(3), np.full(3, 10.0))
+    def test_the_coordinates_that_serve_are_taken(self):
+        box = NormalScores(np.zeros(3), np.full(3, 10.0))
 
         def flat(x):
             return np.where(((x > 0) & (x < 10)).all(axis=1), -0.1 * x[:, 0], -np.inf)
 
         start = (np.array([0.5, 5.0, 9.999]), np.eye(3))
         found = fit_proposal(flat, [None, box], [start], np.random.default_rng(2))
-        assert found.chart is box
+        assert found.coordinates is box
         assert found.efficiency > 0.7
 
     def test_evaluations_are_those_made(self):
@@ -203,7 +205,9 @@ class TestFit:
             calls.append(len(x))
             return unequal_modes(x)
 
-        found = fit_proposal(counted, [None, BoxChart([-20.0, -20.0], [20.0, 20.0])], BOTH, np.random.default_rng(3))
+        found = fit_proposal(
+            counted, [None, NormalScores([-20.0, -20.0], [20.0, 20.0])], BOTH, np.random.default_rng(3)
+        )
         assert found.evaluations == sum(calls)
 
     def test_the_efficiency_is_that_of_other_draws(self):
@@ -212,10 +216,10 @@ class TestFit:
             _, log_weight = found.weighted_draws(unequal_modes, np.random.default_rng(30 + seed), 20_000)
             assert importance_efficiency(log_weight) == pytest.approx(found.efficiency, abs=0.08)
 
-    @pytest.mark.parametrize(("charts", "starts"), [([], BOTH), ([None], ())])
-    def test_nothing_to_start_from_is_refused(self, charts, starts):
+    @pytest.mark.parametrize(("systems", "starts"), [([], BOTH), ([None], ())])
+    def test_nothing_to_start_from_is_refused(self, systems, starts):
         with pytest.raises(SamplingError, match=r"^proposal: found .*; expected at least one of each"):
-            fit_proposal(unequal_modes, charts, starts, np.random.default_rng(1))
+            fit_proposal(unequal_modes, systems, starts, np.random.default_rng(1))
 
 
 class TestTruncatedWeights:

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import SamplingError
-from jointbayes.joint import ComplianceChart, LogStiffness, SignedCoupling
+from jointbayes.joint import ComplianceCoordinates, LogStiffness, SignedCoupling
 from jointbayes.sampling import Proposal, StudentMixture, fit_proposal
 from jointbayes.sampling.ensemble import independence_share, mixture
 from jointbayes.sampling.proposal.student import StudentT
@@ -59,9 +59,9 @@ class TestStudentT:
         assert "\n" not in str(caught.value)
 
 
-def fitted(log_density, theta, covariance, chart=None, seed=3):
+def fitted(log_density, theta, covariance, coordinates=None, seed=3):
     start = np.asarray(theta), np.asarray(covariance)
-    return fit_proposal(log_density, [chart], [start], np.random.default_rng(seed))
+    return fit_proposal(log_density, [coordinates], [start], np.random.default_rng(seed))
 
 
 def components(density):
@@ -70,9 +70,9 @@ def components(density):
 
 class TestFit:
     @pytest.mark.parametrize("parametrisation", [LogStiffness(), SignedCoupling()], ids=lambda p: type(p).__name__)
-    def test_finds_a_gaussian_in_the_chart(self, parametrisation):
+    def test_finds_a_gaussian_in_the_coordinates(self, parametrisation):
         density = GaussianInCompliance(parametrisation, 0.03)
-        found = fitted(density, density.theta, density.covariance, density.chart)
+        found = fitted(density, density.theta, density.covariance, density.coordinates)
         assert found.efficiency > 0.85  # of a t distribution with 5 degrees of freedom for a Gaussian: 0.89
         np.testing.assert_allclose(found.density.mean, density.mean, atol=0.05 * density.sd.min(), rtol=0.01)
         np.testing.assert_allclose(np.sqrt(np.diag(found.density.scale)), density.sd, rtol=0.05)
@@ -164,10 +164,12 @@ class TestRobustness:
         found = fitted(lambda x: -0.5 * np.sum(x**2, axis=1), np.zeros(2), covariance)
         assert found.efficiency > 0.8
 
-    def test_a_joint_at_the_edge_of_the_chart(self):
-        chart = ComplianceChart(LogStiffness())
+    def test_a_joint_at_the_edge_of_the_coordinates(self):
+        coordinates = ComplianceCoordinates(LogStiffness())
         theta = np.array([20.0, 17.0 - 1e-9, 14.0])  # k12² within 2e-9 of k11 k22
-        found = fitted(lambda t: np.where(chart.parametrisation.feasible(t), 0.0, -np.inf), theta, np.eye(3), chart)
+        found = fitted(
+            lambda t: np.where(coordinates.parametrisation.feasible(t), 0.0, -np.inf), theta, np.eye(3), coordinates
+        )
         assert 0.0 <= found.efficiency <= 1.0
 
     @pytest.mark.parametrize(
@@ -191,9 +193,9 @@ class TestMixture:
         assert shares[4:] == [0.9] * 3
 
     @pytest.mark.parametrize("efficiency", [0.0, 0.2, 0.9])
-    @pytest.mark.parametrize("chart", [None, ComplianceChart(LogStiffness())], ids=["plain", "charted"])
-    def test_weights_sum_to_one_and_names_differ(self, chart, efficiency):
-        moves = mixture(chart, Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), efficiency, 0))
+    @pytest.mark.parametrize("coordinates", [None, ComplianceCoordinates(LogStiffness())], ids=["plain", "adapted"])
+    def test_weights_sum_to_one_and_names_differ(self, coordinates, efficiency):
+        moves = mixture(coordinates, Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), efficiency, 0))
         assert sum(move.weight for move in moves) == pytest.approx(1.0, rel=1e-12)
         assert len({move.name for move in moves}) == len(moves)
         assert ("independence" in [move.name for move in moves]) == (efficiency > 0.1)
@@ -204,4 +206,4 @@ class TestMixture:
 
     def test_moves_survive_pickling(self):
         proposal = Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), 0.9, 0)
-        pickle.loads(pickle.dumps(mixture(ComplianceChart(SignedCoupling()), proposal)))
+        pickle.loads(pickle.dumps(mixture(ComplianceCoordinates(SignedCoupling()), proposal)))

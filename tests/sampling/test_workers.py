@@ -14,9 +14,10 @@ import pytest
 
 from jointbayes import case_from_text, load_case
 from jointbayes.errors import SamplingError
-from jointbayes.joint import ComplianceChart, LogStiffness
+from jointbayes.joint import ComplianceCoordinates, LogStiffness
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import SamplerSettings, fit_proposal, run_ensembles
-from jointbayes.workflow import charts, sample
+from jointbayes.workflow import sample
 from tests.conftest import CONFIGS
 from tests.sampling.worker_densities import GaussianInCompliance, failing, gaussian, leaving
 
@@ -31,13 +32,17 @@ def run(log_density, settings):
 
 def test_two_processes_give_the_same_bits_as_one():
     density = GaussianInCompliance(LogStiffness(), 0.03)
-    proposal = fit_proposal(density, [density.chart], [(density.theta, density.covariance)], np.random.default_rng(2))
+    proposal = fit_proposal(
+        density, [density.coordinates], [(density.theta, density.covariance)], np.random.default_rng(2)
+    )
     start = np.random.default_rng(3).multivariate_normal(density.theta, density.covariance / 4, size=(4, 8))
     one, two = (
-        run_ensembles(density, start, np.random.default_rng(1), settings, chart=density.chart, proposal=proposal)
+        run_ensembles(
+            density, start, np.random.default_rng(1), settings, coordinates=density.coordinates, proposal=proposal
+        )
         for settings in (ONE, TWO)
     )
-    assert isinstance(density.chart, ComplianceChart)
+    assert isinstance(density.coordinates, ComplianceCoordinates)
     assert one.theta.tobytes() == two.theta.tobytes()
     assert one.log_density.tobytes() == two.log_density.tobytes()
     assert one.tau.tobytes() == two.tau.tobytes()
@@ -50,7 +55,7 @@ def test_two_processes_give_the_same_bits_as_one():
 def test_the_density_of_every_shipped_case_can_be_sent_to_another_process(config):
     problem = load_case(config).problem
     theta = problem.prior.sample(np.random.default_rng(4), 40)
-    sent, _ = pickle.loads(pickle.dumps((problem.log_posterior, charts(problem))))
+    sent, _ = pickle.loads(pickle.dumps((problem.log_posterior, coordinate_systems(problem))))
     assert np.isfinite(sent(theta)).any()
     assert sent(theta).tobytes() == problem.log_posterior(theta).tobytes()
 

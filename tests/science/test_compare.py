@@ -62,7 +62,7 @@ def test_the_ranking_is_the_same_as_elsewhere(found):
 @pytest.mark.parametrize("case", [LONG, SHORT])
 @pytest.mark.parametrize("hypothesis", ["translation", "rotation", "springs"])
 def test_evidences_of_springs_agree_with_quadrature(cases, found, case, hypothesis):
-    """Midpoints of a fine grid over the prior's box: no random numbers, no proposal, no chart."""
+    """Midpoints of a fine grid over the prior's box: no random numbers, no proposal, no other coordinates."""
     problem = under(cases[case].problem, hypothesis)
     low, high = problem.prior.support
     cells = 20_000 if low.size == 1 else 300

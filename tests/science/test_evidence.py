@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.joint import ComplianceChart, SignedCoupling
+from jointbayes.joint import ComplianceCoordinates, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.sampling import BoxChart, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
-from jointbayes.workflow import charts, find_map, starts_of
+from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.sampling import NormalScores, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
+from jointbayes.workflow import find_map, starts_of
 from tests.conftest import on_paper_elements
 
 pytestmark = pytest.mark.science
@@ -22,7 +23,10 @@ KNOWN = {"clamped_beam_frequencies": (-16.0, 0.2), "clamped_beam_frequencies_360
 def measured(request):
     case = on_paper_elements(request.param)
     found = evidence(
-        case.problem.log_posterior, charts(case.problem), starts_of(find_map(case)), np.random.default_rng(1)
+        case.problem.log_posterior,
+        coordinate_systems(case.problem),
+        starts_of(find_map(case)),
+        np.random.default_rng(1),
     )
     return case, found, KNOWN[request.param]
 
@@ -81,7 +85,7 @@ def two_couplings():
         (np.array([22.0, 14.0, 0.96]), np.diag([0.01, 0.01, 0.001])),
         (np.array([20.5, 12.5, -0.93]), np.diag([0.01, 0.01, 0.001])),
     )
-    known = ComplianceChart(SignedCoupling()), BoxChart(density.low, density.high)
+    known = ComplianceCoordinates(SignedCoupling()), NormalScores(density.low, density.high)
     return density, starts, fit_proposal(density, known, starts, np.random.default_rng(4))
 
 
@@ -101,7 +105,7 @@ def test_chains_visit_two_modes_near_both_limits_in_proportion(two_couplings):
     # half of the walkers about each mode, though one is more than twice as heavy as the other
     balls = [rng.multivariate_normal(mean, 0.1 * covariance, size=(4, 12)) for mean, covariance in starts]
     chains = run_ensembles(
-        density, np.concatenate(balls, axis=1), rng, settings, chart=proposal.chart, proposal=proposal
+        density, np.concatenate(balls, axis=1), rng, settings, coordinates=proposal.coordinates, proposal=proposal
     )
     assert chains.converged, chains.reason
     positive = (chains.theta[:, chains.burn_in :, :, 2:] > 0).astype(float)

@@ -11,9 +11,9 @@ import pytest
 from emcee.moves import DESnookerMove
 from scipy import stats
 
-from jointbayes.sampling.coordinates.chart import Identity
+from jointbayes.sampling.coordinates import Identity
 from jointbayes.sampling.ensemble import EnsembleState, WeightedMove, advance
-from jointbayes.sampling.moves import ChartedDEMove, HalvesStretchMove, IndependenceMove
+from jointbayes.sampling.moves import DEMove, HalvesStretchMove, IndependenceMove
 from jointbayes.sampling.proposal.student import StudentT
 from tests.science.known_densities import TARGETS
 
@@ -46,20 +46,20 @@ class WarpWithoutVolume(Warp):
         return np.zeros(len(theta))
 
 
-def independence(chart, target):
-    """Propose from a t distribution as wide and as correlated as the density in the chart, but of another shape."""
-    phi = chart.forward(target.exact(4000, np.random.default_rng(21)))
+def independence(coordinates, target):
+    """Propose from a t distribution as wide and as correlated as the density there, but of another shape."""
+    phi = coordinates.forward(target.exact(4000, np.random.default_rng(21)))
     correlation = np.atleast_2d(np.corrcoef(phi.argsort(axis=0).argsort(axis=0), rowvar=False))
     middle, spread = np.median(phi, axis=0), np.diff(np.percentile(phi, [10, 90], axis=0), axis=0)[0] / 2.56
-    return IndependenceMove(chart, StudentT(middle, correlation * np.outer(spread, spread), 5.0))
+    return IndependenceMove(coordinates, StudentT(middle, correlation * np.outer(spread, spread), 5.0))
 
 
 MOVES = {
     "independence": lambda target: independence(Identity(), target),
-    "independence in a chart": lambda target: independence(Warp(), target),
-    "differential evolution": lambda target: ChartedDEMove(Identity()),
-    "differential evolution in a chart": lambda target: ChartedDEMove(Warp()),
-    "whole difference in a chart": lambda target: ChartedDEMove(Warp(), gamma0=1.0),
+    "independence in other coordinates": lambda target: independence(Warp(), target),
+    "differential evolution": lambda target: DEMove(Identity()),
+    "differential evolution in other coordinates": lambda target: DEMove(Warp()),
+    "whole difference in other coordinates": lambda target: DEMove(Warp(), gamma0=1.0),
     "stretch": lambda target: HalvesStretchMove(),
 }
 
@@ -110,13 +110,13 @@ def test_a_move_leaves_the_density_as_it_is(move, name):
     "move",
     [
         lambda target: independence(WarpWithoutVolume(), target),
-        lambda target: ChartedDEMove(WarpWithoutVolume()),
-        lambda target: ChartedDEMove(WarpWithoutVolume(), gamma0=1.0),
+        lambda target: DEMove(WarpWithoutVolume()),
+        lambda target: DEMove(WarpWithoutVolume(), gamma0=1.0),
     ],
     ids=["independence", "differential evolution", "whole difference"],
 )
 @pytest.mark.parametrize("name", ["gaussian-1", "gaussian-3", "student-t", "banana"])
-def test_a_move_without_the_volume_of_its_chart_is_caught(move, name):
+def test_a_move_without_the_volume_of_its_coordinates_is_caught(move, name):
     target = TARGETS[name]
     assert smallest_level(moved(target, move(target)).theta, target) < LEVEL / 1e3
 

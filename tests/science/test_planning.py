@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from benchmarks.planning import PAGE, RESULTS, SETTINGS, analyse, measured_together, random_case
 
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.simulation import Simulator
-from jointbayes.workflow import charts, sample
+from jointbayes.workflow import sample
 
 
 def test_the_real_measurement_of_a_random_case_is_made_at_its_truth():
@@ -35,7 +36,7 @@ def test_a_simulated_posterior_is_that_of_sampling_the_same_data(seed, name):
     candidate = next(c for c in candidates_of(drawn.case) if name in c.name)
     problem = drawn.case.problem
     simulator = Simulator(
-        problem, drawn.parameter, present.theta, charts(problem), np.random.default_rng([1, 7]), truths=4
+        problem, drawn.parameter, present.theta, coordinate_systems(problem), np.random.default_rng([1, 7]), truths=4
     )
     for truth in range(3):
         simulated = simulator.after([candidate], truth)

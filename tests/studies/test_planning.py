@@ -15,6 +15,7 @@ from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise
 from jointbayes.joint import LogStiffness, joint_matrix
 from jointbayes.measurement import RelativeNoise
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
@@ -34,7 +35,6 @@ from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation,
 from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first
 from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
 from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth
-from jointbayes.workflow import charts
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
 
 TRUTH = np.log(TABLE_3)
@@ -91,9 +91,9 @@ def test_a_repeated_measurement_halves_the_linearised_variance(cheap_case):
 def simulator_about_the_truth(case, quantity, truths=6):
     """Simulator of a case, with importance draws of its posterior about the truth."""
     problem, rng = case.problem, np.random.default_rng(1)
-    proposal = fit_proposal(problem.log_posterior, charts(problem), ((TRUTH, 1e-6 * np.eye(3)),), rng)
+    proposal = fit_proposal(problem.log_posterior, coordinate_systems(problem), ((TRUTH, 1e-6 * np.eye(3)),), rng)
     draws = WeightedDraws(*proposal.weighted_draws(problem.log_posterior, rng, 20_000)).resample(rng, 8000)
-    return Simulator(problem, quantity, draws, charts(problem), rng, truths=truths)
+    return Simulator(problem, quantity, draws, coordinate_systems(problem), rng, truths=truths)
 
 
 @pytest.mark.parametrize("quantity", ["k11", "k12", "k22"])
@@ -116,7 +116,7 @@ def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case,
 
     def simulated():
         rng = np.random.default_rng(1)
-        simulator = Simulator(problem, "k12", cheap_posterior.theta, charts(problem), rng, truths=5)
+        simulator = Simulator(problem, "k12", cheap_posterior.theta, coordinate_systems(problem), rng, truths=5)
         return [simulator.after([candidate], i) for i in range(5)]
 
     usual = simulated()
@@ -131,7 +131,9 @@ def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case,
 def test_importance_sampling_takes_over_where_the_weights_of_present_draws_collapse(cheap_case, cheap_posterior):
     """An accelerometer at the joint leaves a small part of the present posterior."""
     problem = cheap_case.problem
-    simulator = Simulator(problem, "k12", cheap_posterior.theta, charts(problem), np.random.default_rng(1), truths=1)
+    simulator = Simulator(
+        problem, "k12", cheap_posterior.theta, coordinate_systems(problem), np.random.default_rng(1), truths=1
+    )
     found = simulator.after([accelerometer(cheap_case, "1:y", "1:rz")], 0)
     assert found.method == "importance sampling"
     assert found.effective >= 200
@@ -139,9 +141,9 @@ def test_importance_sampling_takes_over_where_the_weights_of_present_draws_colla
 
 
 def test_few_draws_are_refused(cheap_case):
+    few, systems = np.zeros((5, 3)), coordinate_systems(cheap_case.problem)
     with pytest.raises(jb.ModelError, match="3 simulations and 5 draws"):
-        Simulator(cheap_case.problem, "k12", np.zeros((5, 3)), charts(cheap_case.problem), np.random.default_rng(1),
-                  truths=3)  # fmt: skip
+        Simulator(cheap_case.problem, "k12", few, systems, np.random.default_rng(1), truths=3)
 
 
 def test_averages_reduce_the_variance_of_all_frfs_in_hand_and_new_together(cheap_case):

@@ -10,7 +10,7 @@ from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, LogPosterior
-from jointbayes.joint import CondensedChart
+from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
 
 __all__ = ["inside_the_edges", "laplace_covariance", "refine"]
@@ -92,7 +92,7 @@ class _Coordinates:
 
     place: Array
     free: NDArray[np.intp]
-    ridge: CondensedChart | None
+    ridge: CondensedCoordinates | None
     low: Array
     high: Array
 

@@ -10,7 +10,6 @@ from jointbayes.inference.noise.proportional import ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
-from jointbayes.inference.resonance_chart import ResonanceChart
 
 __all__ = [
     # prior
@@ -35,5 +34,4 @@ __all__ = [
     # posterior
     "LogPosterior",
     "Problem",
-    "ResonanceChart",
 ]

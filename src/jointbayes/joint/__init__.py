@@ -27,8 +27,8 @@ if TYPE_CHECKING:
         symmetric_changes,
     )
     from jointbayes.joint.parametrisation import (
-        ComplianceChart,
-        CondensedChart,
+        ComplianceCoordinates,
+        CondensedCoordinates,
         Cone,
         Parametrisation,
         parametrisation_named,
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COORDINATES",
-    "ComplianceChart",
-    "CondensedChart",
+    "ComplianceCoordinates",
+    "CondensedCoordinates",
     "Cone",
     "Coordinate",
     "ElasticCentre",

@@ -54,13 +54,11 @@ class ElasticCentre(Parametrisation):
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3): k11 · k11 · k22c."""
-        slope: Array = 2 * theta[..., 0] + theta[..., 2]
-        return slope
+        return 2 * theta[..., 0] + theta[..., 2]
 
     def log_determinant(self, theta: Array) -> Array:
         """ln det K^J, shape (...), at θ, shape (..., 3): k11 · k22c, wherever the centre lies."""
-        determinant: Array = theta[..., 0] + theta[..., 2]
-        return determinant
+        return theta[..., 0] + theta[..., 2]
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
         """Centres far to either side, and nearly rigid motions about the middle one."""

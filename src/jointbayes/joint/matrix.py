@@ -42,15 +42,13 @@ def joint_matrix(stiffness: ArrayLike) -> Array:
 def symmetric_changes(r: int) -> Array:
     """Symmetric change dK^J for each entry in turn, shape (r², r, r): one on the diagonal, two halves off it."""
     unit = np.eye(r * r).reshape(-1, r, r)
-    changes: Array = (unit + unit.swapaxes(1, 2)) / 2
-    return changes
+    return (unit + unit.swapaxes(1, 2)) / 2
 
 
 def is_positive_semidefinite(stiffness: ArrayLike) -> NDArray[np.bool_]:
     """Whether a joint (k11, k12, k22), shape (..., 3), is positive semidefinite, shape (...)."""
     k11, k12, k22 = np.moveaxis(np.asarray(stiffness, dtype=float), -1, 0)
-    possible: NDArray[np.bool_] = (k11 >= 0) & (k22 >= 0) & (k12**2 <= k11 * k22)
-    return possible
+    return (k11 >= 0) & (k22 >= 0) & (k12**2 <= k11 * k22)
 
 
 def check_positive_semidefinite(stiffness: ArrayLike) -> None:

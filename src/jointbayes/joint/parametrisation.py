@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.joint.quantities import COORDINATES, STIFFNESSES, Coordinate, Quantity
 
-__all__ = ["ComplianceChart", "CondensedChart", "Cone", "Parametrisation", "parametrisation_named"]
+__all__ = ["ComplianceCoordinates", "CondensedCoordinates", "Cone", "Parametrisation", "parametrisation_named"]
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Parametrisation(ABC):
     #: Where joints are positive definite, unless the bounds of each coordinate say so.
     cone: ClassVar[Cone | None] = None
     #: Coordinates in which a joint with hardly known k11 and k12 lies on a straight ridge; None where it does in θ.
-    ridge: ClassVar["CondensedChart | None"] = None
+    ridge: ClassVar["CondensedCoordinates | None"] = None
     #: Least coupling of a start, as a share of the largest.
     least_coupling: ClassVar[float] = -1.0
 
@@ -179,7 +179,7 @@ def parametrisation_named(key: str) -> Parametrisation:
 
 
 @dataclass(frozen=True, slots=True)
-class ComplianceChart:
+class ComplianceCoordinates:
     """Joint compliance φ as coordinates in place of θ: (c11, c12, c22), C = (K^J)⁻¹, or 1/k of plain springs.
 
     An FRF depends on the joint through C + A_jj and is nearly linear in C, so that a posterior which is skewed in
@@ -202,7 +202,7 @@ class ComplianceChart:
 
 
 @dataclass(frozen=True, slots=True)
-class CondensedChart:
+class CondensedCoordinates:
     """ln(k22 − k12²/k11) in place of ln k22, for θ = (ln k11, ln k12, ln k22, …); the rest stays as it is.
 
     That is the rotational stiffness with the translation free to follow, 1/c22, which vibration tells best. Where k11
@@ -227,13 +227,11 @@ class CondensedChart:
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,)."""
-        volume: Array = self.forward(theta)[:, 2] - theta[:, 2]
-        return volume
+        return self.forward(theta)[:, 2] - theta[:, 2]
 
 
 def _inverse_2x2(matrix: Array) -> Array:
     """(m11, m12, m22) of the inverse, shape (..., 3)."""
     m12 = matrix[..., 1]
     determinant = matrix[..., 0] * matrix[..., 2] - m12 * m12
-    inverse: Array = matrix[..., ::-1] * _ADJUGATE_SIGNS / determinant[..., None]
-    return inverse
+    return matrix[..., ::-1] * _ADJUGATE_SIGNS / determinant[..., None]

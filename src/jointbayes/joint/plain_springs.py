@@ -80,8 +80,7 @@ class PlainSprings(Parametrisation):
         return np.asarray((np.asarray(stiffness, dtype=float)[..., self._places] > 0).all(axis=-1))
 
     def _coordinates(self, stiffness: Array) -> Array:
-        theta: Array = np.log(stiffness[..., self._places])
-        return theta
+        return np.log(stiffness[..., self._places])
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂(k11, k12, k22)/∂θ, shape (..., 3, d): stiffness down, coordinate across."""
@@ -93,8 +92,7 @@ class PlainSprings(Parametrisation):
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂k/∂θ| of the named springs k, shape (...), at θ, shape (..., d)."""
-        slope: Array = theta.sum(axis=-1)
-        return slope
+        return theta.sum(axis=-1)
 
     def log_determinant(self, theta: Array) -> Array:
         """ln of the product of the named springs, shape (...), at θ, shape (..., d): det K^J without rigid motions."""
@@ -102,8 +100,7 @@ class PlainSprings(Parametrisation):
 
     def compliance(self, theta: Array) -> Array:
         """φ = 1/k of each named spring, shape (..., d), of θ, shape (..., d)."""
-        compliance: Array = np.exp(-theta)
-        return compliance
+        return np.exp(-theta)
 
     def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ = 1/k, shape (n, d), and whether φ is positive, shape (n,)."""

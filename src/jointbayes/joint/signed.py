@@ -47,13 +47,11 @@ class SignedCoupling(Parametrisation):
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3)."""
-        slope: Array = 1.5 * (theta[..., 0] + theta[..., 1])
-        return slope
+        return 1.5 * (theta[..., 0] + theta[..., 1])
 
     def log_determinant(self, theta: Array) -> Array:
         """ln det K^J, shape (...), at feasible θ, shape (..., 3)."""
-        determinant: Array = theta[..., 0] + theta[..., 1] + np.log1p(-(theta[..., 2] ** 2))
-        return determinant
+        return theta[..., 0] + theta[..., 1] + np.log1p(-(theta[..., 2] ** 2))
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
         """Strong coupling of either sign between springs of middling stiffness, and nearly rigid motions."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
 from jointbayes.posterior.monte_carlo import pareto_k
-from jointbayes.sampling import Chart, LogDensity, Proposal, Start, fit_proposal
+from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, fit_proposal
 
 __all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]
 
@@ -201,7 +201,7 @@ def nested_evidence(
 
 def evidence(
     log_posterior: LogPosterior,
-    charts: Sequence[Chart | None],
+    systems: Sequence[Coordinates | None],
     starts: Sequence[Start],
     rng: np.random.Generator,
     draws: int = _DRAWS,
@@ -215,7 +215,7 @@ def evidence(
     ----------
     log_posterior : LogPosterior
         Likelihood and normalised prior.
-    charts : sequence of Chart or None
+    systems : sequence of Coordinates or None
         Coordinates for the proposal, see `jointbayes.sampling.fit_proposal`.
     starts : sequence of (theta, covariance)
         One for each mode, the highest first; none is needed where there is no parameter.
@@ -232,7 +232,7 @@ def evidence(
     prior = log_posterior.prior
     if not prior.names:
         return _without_parameters(log_posterior)
-    found = importance_evidence(log_posterior, fit_proposal(log_posterior, charts, starts, rng), rng, draws)
+    found = importance_evidence(log_posterior, fit_proposal(log_posterior, systems, starts, rng), rng, draws)
     if found.pareto_k <= PARETO_LIMIT and found.ess >= _LEAST_SHARE * draws:
         return found
 

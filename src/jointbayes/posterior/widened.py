@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.identification import refine
 from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, Uniform
 from jointbayes.joint import Coordinate
-from jointbayes.posterior.coordinates import charts, judged_quantities
+from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
 
@@ -169,7 +169,7 @@ def _drawn_anew(posterior: "Posterior", wide: JointPrior, rng: np.random.Generat
     # The mode may stand at the end of a plateau, where no curvature tells its size; the middle of the draws does not.
     away = (posterior.theta - np.median(posterior.theta, axis=0)) / np.sqrt(np.diag(covariance))
     middle = posterior.theta[np.argmin((away**2).sum(axis=1))]
-    proposal = fit_proposal(log_posterior, charts(problem), [(mode, covariance), (middle, covariance)], rng)
+    proposal = fit_proposal(log_posterior, coordinate_systems(problem), [(mode, covariance), (middle, covariance)], rng)
     weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
     effective = float(1 / (weighted.weight**2).sum())
     if effective >= _LEAST_EFFECTIVE:
@@ -187,7 +187,7 @@ def _short_run(log_posterior: LogPosterior, proposal: Proposal, around: Array, r
     start = rng.permutation(start).reshape(settings.ensembles, settings.walkers, dimension)
     quantities = judged_quantities(log_posterior.prior)
     return run_ensembles(
-        log_posterior, start, rng, settings, chart=proposal.chart, proposal=proposal, quantities=quantities
+        log_posterior, start, rng, settings, coordinates=proposal.coordinates, proposal=proposal, quantities=quantities
     )
 
 

@@ -2,9 +2,7 @@
 
 from jointbayes.sampling.adapted import run_adapted
 from jointbayes.sampling.chains import Chains, Draws, Progress
-from jointbayes.sampling.coordinates.chart import BoxChart, Chart, Identity
-from jointbayes.sampling.coordinates.composed import ComposedChart
-from jointbayes.sampling.coordinates.product import ProductChart
+from jointbayes.sampling.coordinates import ComposedCoordinates, Coordinates, Identity, NormalScores, ProductCoordinates
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import (
     autocorrelation_time,
@@ -28,11 +26,11 @@ __all__ = [
     "run_adapted",
     "run_ensembles",
     # Coordinates and proposal
-    "BoxChart",
-    "Chart",
-    "ComposedChart",
+    "NormalScores",
+    "Coordinates",
+    "ComposedCoordinates",
     "Identity",
-    "ProductChart",
+    "ProductCoordinates",
     "Proposal",
     "Start",
     "StudentMixture",

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.sampling.chains import Chains, Progress
-from jointbayes.sampling.coordinates.chart import Chart
-from jointbayes.sampling.coordinates.straight import straightened
+from jointbayes.sampling.coordinates import Coordinates, straightened
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
@@ -28,7 +27,7 @@ _STAGES = (500, 1000, 2000, 4000)
 _SLOW_TAU = 20.0
 _FITTED = 6000  # draws to which a mixture is fitted
 _HELD_OUT = 2000  # others than these, by which the coordinates are chosen
-_NOWHERE = -1000.0  # ln of the density at a draw that has no place in a chart
+_NOWHERE = -1000.0  # ln of the density at a draw that has no place in other coordinates
 _COMPONENTS = 12
 _CONFIRMING = 4000
 _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever proposed
@@ -44,7 +43,7 @@ def run_adapted(
     settings: SamplerSettings,
     progress: Callable[[Progress], None] | None = None,
     *,
-    charts: Sequence[Chart],
+    systems: Sequence[Coordinates],
     proposal: Proposal,
     quantities: Quantities | None = None,
 ) -> tuple[Chains, Proposal]:
@@ -60,7 +59,7 @@ def run_adapted(
     ----------
     log_density, start, rng, settings, progress, quantities
         As for :func:`run_ensembles`; `settings.max_steps` is the limit of all steps together.
-    charts : sequence of Chart
+    systems : sequence of Coordinates
         Coordinates to choose from for the new proposal.
     proposal : Proposal
         The first.
@@ -83,7 +82,7 @@ def run_adapted(
             rng,
             replace(settings, max_steps=left),
             progress and _with_earlier(progress, discarded, settings.max_steps, seconds),
-            chart=proposal.chart,
+            coordinates=proposal.coordinates,
             proposal=proposal,
             quantities=quantities,
             # what is left must be enough for a stage of its own
@@ -93,7 +92,7 @@ def run_adapted(
         if chains.converged or chains.steps == left:
             break
         discarded += chains.steps
-        proposal = proposal_from_draws(log_density, charts, _draws(chains), rng)
+        proposal = proposal_from_draws(log_density, systems, _draws(chains), rng)
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
@@ -103,18 +102,18 @@ def run_adapted(
 
 
 def proposal_from_draws(
-    log_density: LogDensity, charts: Sequence[Chart], theta: Array, rng: np.random.Generator
+    log_density: LogDensity, systems: Sequence[Coordinates], theta: Array, rng: np.random.Generator
 ) -> Proposal:
-    """Fit a mixture of Student-t distributions to draws of a density, in the best of several charts.
+    """Fit a mixture of Student-t distributions to draws of a density, in the best of several coordinates.
 
-    Each chart is tried as it is and straightened (:func:`straightened`); the best is that in which draws held back are
+    Each system is tried as it is and straightened (:func:`straightened`); the best is that in which draws held back are
     the likeliest. Components are added for draws that the mixture hardly proposes.
 
     Parameters
     ----------
     log_density : callable
         Log of the unnormalised density over θ.
-    charts : sequence of Chart
+    systems : sequence of Coordinates
         Coordinates to choose from.
     theta : ndarray, shape (n, d)
         Equally weighted draws, in any order.
@@ -124,16 +123,16 @@ def proposal_from_draws(
     theta = theta[rng.permutation(len(theta))]
     held_out, fitted = theta[:_HELD_OUT], theta[_HELD_OUT : _HELD_OUT + _FITTED]
     found = []
-    for chart in (*charts, *(straightened(chart, fitted) for chart in charts)):
-        phi = chart.forward(fitted)
+    for coordinates in (*systems, *(straightened(coordinates, fitted) for coordinates in systems)):
+        phi = coordinates.forward(fitted)
         phi = phi[np.isfinite(phi).all(axis=1)]
         weight = np.full(len(phi), 1 / len(phi))
         mixture = most_likely_mixture(first_mixture(phi, weight, _COMPONENTS, rng), phi, weight)
-        likely = mixture.log_density(chart.forward(held_out)) - chart.log_volume(held_out)
-        found.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), chart, mixture))
-    _, chart, mixture = max(found, key=lambda one: one[0])
-    mixture = _reaching(mixture, chart, fitted, log_density(fitted), rng)
-    proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, chart)
+        likely = mixture.log_density(coordinates.forward(held_out)) - coordinates.log_volume(held_out)
+        found.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), coordinates, mixture))
+    _, coordinates, mixture = max(found, key=lambda one: one[0])
+    mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
+    proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
     _, log_weight = proposal.weighted_draws(log_density, rng, _CONFIRMING)
     # one draw far out, where a walker stays for long but hardly ever comes, must not make the fit look useless
     dead = np.full(_CONFIRMING - log_weight.size, -np.inf)
@@ -142,14 +141,14 @@ def proposal_from_draws(
 
 
 def _reaching(
-    mixture: StudentMixture, chart: Chart, theta: Array, value: Array, rng: np.random.Generator
+    mixture: StudentMixture, coordinates: Coordinates, theta: Array, value: Array, rng: np.random.Generator
 ) -> StudentMixture:
     """Mixture with components added where draws θ lie that it hardly proposes: there a walker would wait for long.
 
     `value` is the log of the density at θ, normalised or not.
     """
-    phi = chart.forward(theta)
-    volume = chart.log_volume(theta)
+    phi = coordinates.forward(theta)
+    volume = coordinates.log_volume(theta)
     for _ in range(_ROUNDS):
         log_weight = value - (mixture.log_density(phi) - volume)
         log_weight += np.logaddexp.reduce(-log_weight) - np.log(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling.coordinates.chart import Chart, Identity
+from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.settings import SamplerSettings
@@ -29,7 +29,7 @@ __all__ = [
     "mixture",
 ]
 
-CHARTED_SHARE = 0.8  # of the local moves; the plain rest explores where the chart does not help
+ADAPTED_SHARE = 0.8  # of the local moves; the plain rest explores where the coordinates do not help
 LARGEST_SHARE = 0.9  # of the independence move; the rest frees a walker that it cannot reach
 GOOD_EFFICIENCY = 0.5  # from here on the independence move has its largest share
 USELESS = 0.1  # up to here it has none
@@ -67,7 +67,7 @@ def independence_share(efficiency: float) -> float:
     return LARGEST_SHARE * min(1.0, max(0.0, efficiency - USELESS) / (GOOD_EFFICIENCY - USELESS))
 
 
-def mixture(chart: Chart | None = None, proposal: Proposal | None = None) -> tuple[WeightedMove, ...]:
+def mixture(coordinates: Coordinates | None = None, proposal: Proposal | None = None) -> tuple[WeightedMove, ...]:
     """Weighted moves of an ensemble.
 
     With a proposal that is close to the posterior most steps are independence moves. The rest are local.
@@ -75,12 +75,12 @@ def mixture(chart: Chart | None = None, proposal: Proposal | None = None) -> tup
     Of these, steps along a difference of two walkers had the shortest τ on Gaussian, curved and skewed densities (a
     sixth to a half of that of stretch moves alone). The full step (gamma0 = 1) carries walkers from one mode to
     another. A tenth of stretch moves varies the step length, which is fixed in the other two, for densities whose
-    width changes from place to place, and costs little. With a chart most of these moves are made in it, and
+    width changes from place to place, and costs little. With coordinates most of these moves are made in them, and
     the others remain for densities that are no closer to a Gaussian there.
 
     Parameters
     ----------
-    chart : Chart, optional
+    coordinates : Coordinates, optional
         Coordinates in which the density is closer to a Gaussian.
     proposal : Proposal, optional
         Fitted approximation of the density, in coordinates of its own.
@@ -91,26 +91,26 @@ def mixture(chart: Chart | None = None, proposal: Proposal | None = None) -> tup
         Their weights sum to 1.
     """
     # emcee takes a while to import, and nobody who reads the settings needs it
-    from jointbayes.sampling.moves import ChartedDEMove, HalvesStretchMove, IndependenceMove
+    from jointbayes.sampling.moves import DEMove, HalvesStretchMove, IndependenceMove
 
     flat = Identity()
     local = [
-        WeightedMove("differential evolution", ChartedDEMove(flat), 0.8),
-        WeightedMove("differential evolution, full step", ChartedDEMove(flat, gamma0=1.0), 0.1),
+        WeightedMove("differential evolution", DEMove(flat), 0.8),
+        WeightedMove("differential evolution, full step", DEMove(flat, gamma0=1.0), 0.1),
         WeightedMove("stretch", HalvesStretchMove(), 0.1),
     ]
-    if chart is not None:
-        charted = [
-            WeightedMove("differential evolution, adapted coordinates", ChartedDEMove(chart), 0.9),
+    if coordinates is not None:
+        adapted = [
+            WeightedMove("differential evolution, adapted coordinates", DEMove(coordinates), 0.9),
             WeightedMove(
-                "differential evolution, full step, adapted coordinates", ChartedDEMove(chart, gamma0=1.0), 0.1
+                "differential evolution, full step, adapted coordinates", DEMove(coordinates, gamma0=1.0), 0.1
             ),
         ]
-        local = _share(charted, CHARTED_SHARE) + _share(local, 1 - CHARTED_SHARE)
+        local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
     share = 0.0 if proposal is None else independence_share(proposal.efficiency)
     if proposal is None or share == 0.0:
         return tuple(local)
-    independence = WeightedMove("independence", IndependenceMove(proposal.chart, proposal.density), share)
+    independence = WeightedMove("independence", IndependenceMove(proposal.coordinates, proposal.density), share)
     return (independence, *_share(local, 1 - share))
 
 
@@ -186,7 +186,7 @@ def advance(
     steps : int
         Number of steps.
     moves : tuple of WeightedMove, optional
-        Moves to choose from at each step; by default those of :func:`mixture` without chart and proposal.
+        Moves to choose from at each step; by default those of :func:`mixture` without coordinates and proposal.
 
     Returns
     -------

@@ -8,14 +8,14 @@ import numpy as np
 from emcee.moves import Move, RedBlueMove, StretchMove
 from numpy.typing import NDArray
 
-from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 
 if TYPE_CHECKING:
     from emcee import State
     from emcee.model import Model
 
-__all__ = ["ChartedDEMove", "Driver", "HalvesMove", "HalvesStretchMove", "IndependenceMove", "settle"]
+__all__ = ["DEMove", "Driver", "HalvesMove", "HalvesStretchMove", "IndependenceMove", "settle"]
 
 Array = NDArray[np.float64]
 Walkers = NDArray[np.intp] | slice
@@ -110,14 +110,14 @@ class HalvesStretchMove(HalvesMove, StretchMove):  # type: ignore[misc]  # emcee
     """
 
 
-class ChartedDEMove(HalvesMove):
-    """ter Braak's move along the difference of two other walkers, taken in the coordinates φ of a chart.
+class DEMove(HalvesMove):
+    """ter Braak's move along the difference of two other walkers, taken in coordinates φ.
 
     The proposal is symmetric in φ; in θ it carries the ratio of volumes |∂θ/∂φ| into the acceptance.
 
     Parameters
     ----------
-    chart
+    coordinates
         Coordinates in which to move.
     gamma0
         Factor of the difference; 2.38/√2d by default.
@@ -128,28 +128,30 @@ class ChartedDEMove(HalvesMove):
     B. Nelson et al., RUN DMC (2014), section 2.1.2 on the jitter, DOI 10.1088/0067-0049/210/1/11.
     """
 
-    def __init__(self, chart: Chart, gamma0: float | None = None) -> None:
+    def __init__(self, coordinates: Coordinates, gamma0: float | None = None) -> None:
         super().__init__()
-        self._chart, self._gamma0 = chart, gamma0
+        self._coordinates, self._gamma0 = coordinates, gamma0
 
     def get_proposal(self, s: Array, c: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
         """Propose θ for the walkers `s` from the other half `c`, with the log of the volume ratio."""
         n, dimension = s.shape
-        resting = self._chart.forward(c[0])
+        resting = self._coordinates.forward(c[0])
         first = random.randint(len(resting), size=n)
         second = random.randint(len(resting) - 1, size=n)
         second += second >= first  # any but the first
         gamma = 2.38 / math.sqrt(2 * dimension) if self._gamma0 is None else self._gamma0
         factor = gamma * (1 + _JITTER * random.standard_normal((n, 1)))
-        proposed, inside = self._chart.inverse(self._chart.forward(s) + factor * (resting[first] - resting[second]))
+        proposed, inside = self._coordinates.inverse(
+            self._coordinates.forward(s) + factor * (resting[first] - resting[second])
+        )
         # a walker sent out of the region is proposed where it is, and refused
         proposed = np.where(inside[:, None], proposed, s)
-        ratio = self._chart.log_volume(proposed) - self._chart.log_volume(s)
+        ratio = self._coordinates.log_volume(proposed) - self._coordinates.log_volume(s)
         return proposed, np.where(inside, ratio, -np.inf)
 
 
 class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
-    """Propose all walkers at once from one fixed distribution in the coordinates φ of a chart.
+    """Propose all walkers at once from one fixed distribution in coordinates φ.
 
     Each walker is a chain of its own here. Its acceptance compares the importance weights p/q of the two places,
     with q the proposal's density over θ: that over φ divided by |∂θ/∂φ|. The nearer q is to p, the nearer the draws
@@ -157,7 +159,7 @@ class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
 
     Parameters
     ----------
-    chart
+    coordinates
         Coordinates in which to propose.
     density
         Distribution of the proposals in these coordinates.
@@ -168,18 +170,18 @@ class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
     DOI 10.1214/aos/1176325750.
     """
 
-    def __init__(self, chart: Chart, density: StudentT | StudentMixture) -> None:
-        self._chart, self._density = chart, density
+    def __init__(self, coordinates: Coordinates, density: StudentT | StudentMixture) -> None:
+        self._coordinates, self._density = coordinates, density
 
     def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
         """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
-        chart, density = self._chart, self._density
+        coordinates, density = self._coordinates, self._density
         phi = density.draw(random, len(theta))
-        proposed, inside = chart.inverse(phi)
+        proposed, inside = coordinates.inverse(phi)
         # a walker sent out of the region is proposed where it is, and refused
         proposed = np.where(inside[:, None], proposed, theta)
-        here = density.log_density(chart.forward(theta)) - chart.log_volume(theta)
-        there = density.log_density(phi) - chart.log_volume(proposed)
+        here = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
+        there = density.log_density(phi) - coordinates.log_volume(proposed)
         return proposed, np.where(inside, here - there, -np.inf)
 
     def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.sampling.chains import Chains, Progress
-from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, initial_states, mixture
 from jointbayes.sampling.proposal.fit import Proposal
@@ -47,7 +47,7 @@ def run_ensembles(
     settings: SamplerSettings,
     progress: Callable[[Progress], None] | None = None,
     *,
-    chart: Chart | None = None,
+    coordinates: Coordinates | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
     slow: Slow | None = None,
@@ -66,7 +66,7 @@ def run_ensembles(
         Size, length, stop rule and number of processes. The draws do not depend on the latter.
     progress : callable, optional
         Called with a :class:`Progress` after each block.
-    chart : Chart, optional
+    coordinates : Coordinates, optional
         Coordinates in which the density is closer to a Gaussian: most moves are then made in these.
     proposal : Proposal, optional
         Approximation of the density in coordinates of its own, from :func:`fit_proposal`; the better it is, the
@@ -101,7 +101,7 @@ def run_ensembles(
     states = initial_states(log_density, start, rng, settings)
     run = _Run(blocks=[], checks=[], step=0)
     verdict = Verdict(converged=False, reason="")
-    with mover(log_density, mixture(chart, proposal), min(settings.processes, settings.ensembles)) as move_on:
+    with mover(log_density, mixture(coordinates, proposal), min(settings.processes, settings.ensembles)) as move_on:
         while not verdict.converged and run.step < settings.max_steps and not (slow and run.is_slow(slow)):
             states = run.extend(move_on, states, settings)
             if run.step == run.due(settings):

@@ -24,7 +24,7 @@ from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
-    Chart,
+    Coordinates,
     Proposal,
     SamplerSettings,
     drawn_without_replacement,
@@ -172,7 +172,9 @@ def _row(
     try:
         start = part.start(posterior)
         covariance = part.covariance(start)
-        proposal = fit_proposal(part.log_density, part.charts(), ((start, covariance),), rng, enough=_ENOUGH)
+        proposal = fit_proposal(
+            part.log_density, part.coordinate_systems(), ((start, covariance),), rng, enough=_ENOUGH
+        )
         draws, source = _draws(part.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
         draws, source = None, "none"
@@ -248,7 +250,7 @@ class _Part:
         """Log density, shape (n,), of the free coordinates, shape (n, f)."""
         return self._problem.log_posterior(self.whole(theta))
 
-    def charts(self) -> tuple[Chart, ...]:
+    def coordinate_systems(self) -> tuple[Coordinates, ...]:
         """Compliance of the joint, and normal scores of all."""
         return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
 
@@ -292,7 +294,7 @@ def _draws(
     if len(chosen) < count:
         return None, "none"
     start = theta[chosen].reshape(_SHORT.ensembles, _SHORT.walkers, -1)
-    chains = run_ensembles(log_density, start, rng, _SHORT, chart=proposal.chart, proposal=proposal)
+    chains = run_ensembles(log_density, start, rng, _SHORT, coordinates=proposal.coordinates, proposal=proposal)
     if not (chains.r_hat.max() < _SHORT_R_HAT and chains.ess.min() >= _SHORT_EFFECTIVE):
         return None, "none"
     draws: Array = chains.draws().theta.reshape(-1, theta.shape[1])

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling.coordinates.chart import Chart, Identity
+from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity, covariance_roots
 from jointbayes.sampling.proposal.mixture_search import Fit, search
 from jointbayes.sampling.proposal.student import StudentMixture, StudentT
@@ -42,19 +42,19 @@ class Proposal:
     Parameters
     ----------
     density : StudentT or StudentMixture
-        Distribution in the coordinates φ of the chart.
+        Distribution in the coordinates φ.
     efficiency : float
         Effective fraction of its draws as importance samples of the density, 0 to 1.
     evaluations : int
         Number of points at which the log-density was computed for the fit.
-    chart : Chart
+    coordinates : Coordinates
         Coordinates φ; θ itself by default.
     """
 
     density: StudentT | StudentMixture
     efficiency: float
     evaluations: int
-    chart: Chart = field(default_factory=Identity)
+    coordinates: Coordinates = field(default_factory=Identity)
 
     def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.
@@ -74,20 +74,20 @@ class Proposal:
             m ≤ n: the other draws have weight zero. The sum of the weights over n estimates the integral of the
             density.
         """
-        theta, value, log_proposal, _ = theta_draws(Checked(log_density), self.density, self.chart, rng, n)
+        theta, value, log_proposal, _ = theta_draws(Checked(log_density), self.density, self.coordinates, rng, n)
         alive = np.isfinite(value)
         return theta[alive], value[alive] - log_proposal[alive]
 
 
 def fit_proposal(
     log_density: LogDensity,
-    charts: Sequence[Chart | None],
+    systems: Sequence[Coordinates | None],
     starts: Sequence[Start],
     rng: np.random.Generator,
     *,
     enough: float | None = None,
 ) -> Proposal:
-    """Fit a Student-t distribution, or a mixture of such, to a density in the coordinates φ of one of several charts.
+    """Fit a Student-t distribution, or a mixture of such, to a density in the coordinates φ of one of several systems.
 
     From one start, the first candidate is the Laplace approximation in φ: mode and curvature of
     ln p(θ(φ)) + ln |∂θ/∂φ|, which is another than that in θ. Its draws are weighted by p/q, and the t distribution
@@ -95,8 +95,8 @@ def fit_proposal(
     draws carry all the weight, a power of the weights below 1 is used, so that the next candidate still spans the
     space.
 
-    Where one Student-t is not good enough in the first chart, and always from several starts, mixtures are fitted in
-    every chart to all weighted draws so far, and the best chart is refined
+    Where one Student-t is not good enough in the first system, and always from several starts, mixtures are fitted in
+    every one to all weighted draws so far, and the best one is refined
     (:func:`jointbayes.sampling.proposal.mixture_search.search`). A wide component bounds the weights.
 
     A poor fit is no error: the efficiency says so, and the moves are chosen by it.
@@ -105,7 +105,7 @@ def fit_proposal(
     ----------
     log_density : callable
         Log of the unnormalised density over θ, (n, d) array to (n,) array; −inf where the density is zero.
-    charts : sequence of Chart or None
+    systems : sequence of Coordinates or None
         Coordinates to try, the likeliest first; None is θ itself.
     starts : sequence of (theta, covariance)
         For each mode a point near it, shape (d,), inside the support, and a rough covariance, shape (d, d); the
@@ -124,7 +124,7 @@ def fit_proposal(
     Raises
     ------
     jointbayes.errors.SamplingError
-        If there is no chart or no start, the shapes do not fit or a number is not finite, or if the log-density
+        If there are no coordinates or no start, the shapes do not fit or a number is not finite, or if the log-density
         returns NaN or +inf.
 
     References
@@ -137,11 +137,12 @@ def fit_proposal(
     E. Koblents, J. Míguez, A population Monte Carlo scheme with transformed weights (2015),
     DOI 10.1007/s11222-013-9440-2 (the power of the weights).
     """
-    if not charts or not starts:
+    if not systems or not starts:
         raise SamplingError(
-            f"proposal: found {len(charts)} charts and {len(starts)} starts; expected at least one of each; name them"
+            f"proposal: found {len(systems)} systems of coordinates and {len(starts)} starts; "
+            "expected at least one of each; name them"
         )
-    known = [chart or Identity() for chart in charts]
+    known = [coordinates or Identity() for coordinates in systems]
     target = whitened(log_density, known[0], *starts[0])
     dimension = len(target.origin)
     least = good_efficiency(dimension) if enough is None else enough
@@ -150,7 +151,7 @@ def fit_proposal(
     if len(starts) == 1:
         rounds = refined_student(target, *laplace(target), rng, least)
         best = max(rounds, key=lambda one: one.efficiency)
-        fits.append(Fit(_carried_back(target, best.distribution), target.chart, best.efficiency))
+        fits.append(Fit(_carried_back(target, best.distribution), target.coordinates, best.efficiency))
         if best.efficiency > least:
             return _proposal(fits, target.evaluations)
         for one in rounds:
@@ -166,16 +167,16 @@ def fit_proposal(
     fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng, enough)
     if not fits:
         distribution = StudentT(*laplace(target), DOF)
-        fits.append(Fit(_carried_back(target, distribution), target.chart, 0.0))
+        fits.append(Fit(_carried_back(target, distribution), target.coordinates, 0.0))
     return _proposal(fits, target.evaluations + pool.evaluations)
 
 
 def _remember(pool: Pool, target: Whitened, one: Round) -> None:
     """Put the draws of a round in z into the pool."""
     alive = np.isfinite(one.values)
-    theta, _ = target.chart.inverse(target.origin + one.draws[alive] @ target.factor.T)
-    value = one.values[alive] - target.chart.log_volume(theta)
-    pool.add(_carried_back(target, one.distribution), target.chart, theta, value, len(one.draws))
+    theta, _ = target.coordinates.inverse(target.origin + one.draws[alive] @ target.factor.T)
+    value = one.values[alive] - target.coordinates.log_volume(theta)
+    pool.add(_carried_back(target, one.distribution), target.coordinates, theta, value, len(one.draws))
 
 
 def _carried_back(target: Whitened, over_z: StudentT) -> StudentT:
@@ -186,4 +187,4 @@ def _carried_back(target: Whitened, over_z: StudentT) -> StudentT:
 
 def _proposal(fits: list[Fit], evaluations: int) -> Proposal:
     best = max(fits, key=lambda fit: fit.efficiency)
-    return Proposal(best.density, best.efficiency, evaluations, best.chart)
+    return Proposal(best.density, best.efficiency, evaluations, best.coordinates)

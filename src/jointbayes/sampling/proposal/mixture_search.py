@@ -1,4 +1,4 @@
-"""Search for the chart and the mixture of Student-t distributions in it that propose best."""
+"""Search for the coordinates and the mixture of Student-t distributions in them that propose best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture, split
 from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.student_fit import good_efficiency
@@ -17,7 +17,7 @@ __all__ = ["Fit", "search"]
 _DRAWS = 2000
 _CONFIRMING = 4000
 _LOOKED_AT_AGAIN = 2
-_TRIALS = 3  # rounds in each chart, before the best is refined
+_TRIALS = 3  # rounds in each system, before the best is refined
 _ROUNDS = 7
 _GAIN = 0.02  # in efficiency, below which components are split
 _GOOD = 0.9  # of the efficiency at which a single Student-t is good enough: a mixture never gets quite there
@@ -27,26 +27,26 @@ _ENOUGH = 10  # effective draws for each parameter of a component
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A distribution in the coordinates of a chart, and its efficiency."""
+    """A distribution in other coordinates, and its efficiency."""
 
     density: StudentT | StudentMixture
-    chart: Chart
+    coordinates: Coordinates
     efficiency: float
 
 
 def search(
-    pool: Pool, charts: Sequence[Chart], components: int, rng: np.random.Generator, enough: float | None = None
+    pool: Pool, systems: Sequence[Coordinates], components: int, rng: np.random.Generator, enough: float | None = None
 ) -> list[Fit]:
     """Fit mixtures to a pool of weighted draws, each in turn adding its draws to the pool.
 
-    Every chart is tried for three rounds, and that with the better mixture refined. Where a round gains nothing, the
+    Every system is tried for three rounds, and that with the better mixture refined. Where a round gains nothing, the
     heavier components are split.
 
     Parameters
     ----------
     pool : Pool
         Draws that reach wherever the density is; it grows.
-    charts : sequence of Chart
+    systems : sequence of Coordinates
         Coordinates to try.
     components : int
         Number of components to begin with.
@@ -63,8 +63,8 @@ def search(
     good = _GOOD * good_efficiency(pool.theta.shape[1]) if enough is None else enough
     fits: list[Fit] = []
     latest: dict[int, Fit] = {}
-    for trial, index in product(range(_TRIALS), range(len(charts))):
-        found = _round(pool, charts[index], latest[index].density if trial and index in latest else components, rng)
+    for trial, index in product(range(_TRIALS), range(len(systems))):
+        found = _round(pool, systems[index], latest[index].density if trial and index in latest else components, rng)
         if found is None:
             continue
         if found.efficiency > good:
@@ -81,12 +81,12 @@ def search(
 
 
 def _refined(pool: Pool, last: Fit, good: float, rng: np.random.Generator) -> list[Fit]:
-    """Further rounds in the chart of a fit, until one is good."""
+    """Further rounds in the coordinates of a fit, until one is good."""
     fits: list[Fit] = []
     gained = True
     for _ in range(_ROUNDS):
         assert isinstance(last.density, StudentMixture)
-        found = _round(pool, last.chart, last.density if gained else split(last.density), rng)
+        found = _round(pool, last.coordinates, last.density if gained else split(last.density), rng)
         if found is None:
             break
         if found.efficiency > good:
@@ -101,12 +101,14 @@ def _refined(pool: Pool, last: Fit, good: float, rng: np.random.Generator) -> li
 
 def _confirmed(pool: Pool, fit: Fit, rng: np.random.Generator) -> Fit:
     """The fit with the efficiency of more and new draws: few may miss the one that carries a large weight."""
-    return replace(fit, efficiency=pool.extend(fit.density, fit.chart, rng, _CONFIRMING))
+    return replace(fit, efficiency=pool.extend(fit.density, fit.coordinates, rng, _CONFIRMING))
 
 
-def _round(pool: Pool, chart: Chart, mixture: StudentMixture | StudentT | int, rng: np.random.Generator) -> Fit | None:
+def _round(
+    pool: Pool, coordinates: Coordinates, mixture: StudentMixture | StudentT | int, rng: np.random.Generator
+) -> Fit | None:
     """Refit a mixture, or a new one of so many components, to the pool, and draw from it."""
-    phi = chart.forward(pool.theta)
+    phi = coordinates.forward(pool.theta)
     log_weight = pool.log_weight
     alive = np.isfinite(phi).all(axis=1) & np.isfinite(log_weight)
     enough = _ENOUGH * (phi.shape[1] + 1)
@@ -119,4 +121,4 @@ def _round(pool: Pool, chart: Chart, mixture: StudentMixture | StudentT | int, r
         assert isinstance(mixture, int)
         mixture = first_mixture(phi, weight, mixture, rng)
     mixture = most_likely_mixture(mixture, phi, weight)
-    return Fit(mixture, chart, pool.extend(mixture, chart, rng, _DRAWS))
+    return Fit(mixture, coordinates, pool.extend(mixture, coordinates, rng, _DRAWS))

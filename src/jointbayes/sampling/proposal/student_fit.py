@@ -1,4 +1,4 @@
-"""Fit one Student-t distribution in the coordinates of a chart: from the Laplace approximation on, by its own draws."""
+"""Fit one Student-t distribution in other coordinates: from the Laplace approximation on, by its own draws."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity, covariance_roots, newton_climb
 from jointbayes.sampling.proposal.student import StudentT
 from jointbayes.sampling.proposal.weights import importance_efficiency, tempered
@@ -28,48 +28,48 @@ class Whitened:
     """The density over z, where φ = origin + factor · z and z is of order one."""
 
     log_density: Checked
-    chart: Chart
+    coordinates: Coordinates
     origin: Array
     factor: Array
     evaluations: int = 0
 
     def __call__(self, z: Array) -> Array:
         """Log-density over z up to a constant, shape (n,), at z, shape (n, d)."""
-        theta, inside = self.chart.inverse(self.origin + z @ self.factor.T)
+        theta, inside = self.coordinates.inverse(self.origin + z @ self.factor.T)
         values = np.full(len(z), -np.inf)
         if inside.any():
             theta = theta[inside]
             self.evaluations += len(theta)
             found = self.log_density(theta)
             possible = np.isfinite(found)
-            found[possible] += self.chart.log_volume(theta[possible])
+            found[possible] += self.coordinates.log_volume(theta[possible])
             # rounding at the very edge of the region may leave a volume that is no number
             values[inside] = np.where(np.isfinite(found), found, -np.inf)
         return values
 
 
-def whitened(log_density: LogDensity, chart: Chart, theta: ArrayLike, covariance: ArrayLike) -> Whitened:
-    """Carry a covariance of θ over into φ by the chart's derivative, and whiten with it."""
+def whitened(log_density: LogDensity, coordinates: Coordinates, theta: ArrayLike, covariance: ArrayLike) -> Whitened:
+    """Carry a covariance of θ over into φ by the derivative of φ, and whiten with it."""
     mean, spread = np.asarray(theta, dtype=float), np.asarray(covariance, dtype=float)
     if mean.ndim != 1 or spread.shape != (mean.size, mean.size):
         raise SamplingError(
             f"proposal: found θ of shape {mean.shape} and a covariance of shape {spread.shape}; "
             "expected (d,) and (d, d); correct the arrays"
         )
-    origin = chart.forward(mean[None])[0]
+    origin = coordinates.forward(mean[None])[0]
     if not (np.isfinite(origin).all() and np.isfinite(spread).all()):
         raise SamplingError(
             f"proposal: found θ = {mean.tolist()} with covariance {spread.tolist()}; "
-            "expected finite numbers inside the chart's region; correct them"
+            "expected finite numbers inside the region of the coordinates; correct them"
         )
     roots = covariance_roots(spread, 1e-10)
     step = 1e-4 * roots.T
-    factor = (chart.forward(mean + step) - chart.forward(mean - step)).T / 2e-4
+    factor = (coordinates.forward(mean + step) - coordinates.forward(mean - step)).T / 2e-4
     size = np.linalg.norm(factor, axis=1, keepdims=True)
     if not (np.isfinite(size).all() and size.all() and np.linalg.cond(factor / size) < 1e7):
-        # at the edge of the chart its derivative says nothing: each coordinate is taken at its own size
+        # at the edge of the region the derivative says nothing: each coordinate is taken at its own size
         factor = np.diag(np.where(origin == 0.0, 1.0, np.abs(origin)))
-    return Whitened(Checked(log_density), chart, origin, factor)
+    return Whitened(Checked(log_density), coordinates, origin, factor)
 
 
 def laplace(target: Whitened) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.sampling.coordinates.chart import Chart
+from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.density import LogDensity
 
 __all__ = [
@@ -137,9 +137,9 @@ class Distribution(Protocol):
 
 
 def theta_draws(
-    log_density: LogDensity, density: Distribution, chart: Chart, rng: np.random.Generator, n: int
+    log_density: LogDensity, density: Distribution, coordinates: Coordinates, rng: np.random.Generator, n: int
 ) -> tuple[Array, Array, Array, int]:
-    """Draws that lie in the chart's region, with the log-density and the log of the proposal's there.
+    """Draws that lie in the region of the coordinates, with the log-density and the log of the proposal's there.
 
     Returns
     -------
@@ -149,12 +149,12 @@ def theta_draws(
         How many draws left the region.
     """
     phi = density.draw(rng, n)
-    theta, inside = chart.inverse(phi)
+    theta, inside = coordinates.inverse(phi)
     theta, phi = theta[inside], phi[inside]
     value = log_density(theta) if len(theta) else np.zeros(0)
     log_proposal = density.log_density(phi)
     finite = np.isfinite(value)
-    log_proposal[finite] -= chart.log_volume(theta[finite])
+    log_proposal[finite] -= coordinates.log_volume(theta[finite])
     # rounding at the very edge of the region may leave a volume that is no number
     value = np.where(np.isfinite(log_proposal), value, -np.inf)
     return theta, value, log_proposal, n - len(theta)
@@ -170,26 +170,26 @@ class Pool:
 
     def __init__(self, log_density: LogDensity, dimension: int) -> None:
         self._log_density = log_density
-        self._sources: list[tuple[Distribution, Chart, int]] = []
+        self._sources: list[tuple[Distribution, Coordinates, int]] = []
         self._log_mixture = np.zeros(0)
         self._value = np.zeros(0)
         self.theta = np.zeros((0, dimension))
         self.evaluations = 0
 
-    def extend(self, density: Distribution, chart: Chart, rng: np.random.Generator, n: int) -> float:
+    def extend(self, density: Distribution, coordinates: Coordinates, rng: np.random.Generator, n: int) -> float:
         """Add draws from a proposal; return its efficiency."""
-        theta, value, log_proposal, left = theta_draws(self._log_density, density, chart, rng, n)
+        theta, value, log_proposal, left = theta_draws(self._log_density, density, coordinates, rng, n)
         self.evaluations += len(theta)
         alive = np.isfinite(value)
         log_weight = np.concatenate([value[alive] - log_proposal[alive], np.full(left + int((~alive).sum()), -np.inf)])
-        self.add(density, chart, theta[alive], value[alive], n)
+        self.add(density, coordinates, theta[alive], value[alive], n)
         return importance_efficiency(log_weight)
 
-    def add(self, density: Distribution, chart: Chart, theta: Array, value: Array, n: int) -> None:
+    def add(self, density: Distribution, coordinates: Coordinates, theta: Array, value: Array, n: int) -> None:
         """Add those of n draws from a proposal at which the density is above zero."""
-        old = np.log(n) + _over_theta(density, chart, self.theta)
-        new = [np.log(m) + _over_theta(q, c, theta) for q, c, m in (*self._sources, (density, chart, n))]
-        self._sources.append((density, chart, n))
+        old = np.log(n) + _over_theta(density, coordinates, self.theta)
+        new = [np.log(m) + _over_theta(q, c, theta) for q, c, m in (*self._sources, (density, coordinates, n))]
+        self._sources.append((density, coordinates, n))
         before = np.logaddexp(self._log_mixture, old) if len(self._sources) > 1 else old
         self._log_mixture = np.concatenate([before, np.logaddexp.reduce(np.stack(new), axis=0)])
         self.theta = np.concatenate([self.theta, theta])
@@ -201,7 +201,7 @@ class Pool:
         return self._value - self._log_mixture
 
 
-def _over_theta(density: Distribution, chart: Chart, theta: Array) -> Array:
+def _over_theta(density: Distribution, coordinates: Coordinates, theta: Array) -> Array:
     """Log of a proposal's density over θ."""
-    value = density.log_density(chart.forward(theta)) - chart.log_volume(theta)
+    value = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
     return np.where(np.isfinite(value), value, -np.inf)

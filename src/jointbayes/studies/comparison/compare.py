@@ -13,11 +13,12 @@ from jointbayes.inference.likelihood import FrfLikelihood
 from jointbayes.joint import HYPOTHESES, PlainSprings
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_out
 from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
-from jointbayes.workflow import charts, find_map, starts_of
+from jointbayes.workflow import find_map, starts_of
 
 __all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "under"]
 
@@ -139,7 +140,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     if problem.names:
         estimate = find_map(problem, seed=seed)
         starts, mode = starts_of(estimate), estimate.theta
-    found = evidence(log_posterior, charts(problem), starts, rng)
+    found = evidence(log_posterior, coordinate_systems(problem), starts, rng)
     if not np.isfinite(found.log_z):
         raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
     draws = np.empty((_KEPT, 0)) if found.draws is None else found.draws.resample(rng, _KEPT)

@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, Linearised, sets_of, worth_simulating
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
 from jointbayes.studies.planning.simulation import Simulator, assumed_truth
-from jointbayes.workflow import charts, sample
+from jointbayes.workflow import sample
 
 __all__ = ["Plan", "PlannedMeasurement", "plan"]
 
@@ -294,7 +295,7 @@ def plan(
         posterior = sample(case, seed)
     truth = None if assume is None else assumed_truth(problem, posterior.mode_theta, assume)
     simulator = Simulator(
-        problem, settings.parameter, posterior.theta, charts(problem), np.random.default_rng([seed, 7]),
+        problem, settings.parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
         truths=max(simulations, FIRST), assumed=truth,
     )  # fmt: skip
     tell(f"first look at {len(candidates)} candidates")

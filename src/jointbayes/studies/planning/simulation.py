@@ -26,7 +26,7 @@ from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
-from jointbayes.sampling import Chart, Start, fit_proposal, importance_efficiency
+from jointbayes.sampling import Coordinates, Start, fit_proposal, importance_efficiency
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
@@ -90,7 +90,7 @@ class Simulator:
         Name of the wanted stiffness.
     draws
         Draws of θ from the present posterior, shape (n, d), equally weighted.
-    charts
+    systems
         Coordinates in which the posterior may be near Gaussian, the likeliest first.
     rng
         Chooses the truths among the draws, and seeds all noise.
@@ -110,7 +110,7 @@ class Simulator:
         problem: Problem,
         quantity: str,
         draws: Array,
-        charts: Sequence[Chart],
+        systems: Sequence[Coordinates],
         rng: np.random.Generator,
         *,
         truths: int,
@@ -128,7 +128,7 @@ class Simulator:
             order[truths : truths + _ALL]
         ]  # a truth must not be among the draws that are reweighted
         self._draw_sd = draws.std(axis=0)
-        self._problem, self._charts = problem, tuple(charts)
+        self._problem, self._systems = problem, tuple(systems)
         self._column = STIFFNESS_NAMES.index(quantity)
         self._prior_values = self._values(problem.prior.sample(rng, _RESAMPLED))
         self._seed = int(rng.integers(2**32))
@@ -178,7 +178,7 @@ class Simulator:
             if enough is None and best is not None and _effective(best.log_weight) >= _ROUGH:
                 break  # a rough figure is there: the best mixture would cost seconds more
             try:
-                proposal = fit_proposal(density, self._charts, starts, rng, enough=enough)
+                proposal = fit_proposal(density, self._systems, starts, rng, enough=enough)
             except JointBayesError:
                 continue  # a start at the very edge of the coordinates
             drawn = WeightedDraws(*proposal.weighted_draws(density, rng, count))

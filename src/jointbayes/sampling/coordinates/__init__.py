@@ -1,1 +1,0 @@
-"""Coordinates in which a density is nearer to Gaussian."""
