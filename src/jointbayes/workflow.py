@@ -9,7 +9,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.case.case import Case, case_from_text
+from jointbayes.case.case import Case, case_around, case_from_text
 from jointbayes.errors import JointBayesError, ModelError, SamplingError
 from jointbayes.identification import (
     IterationHistory,
@@ -28,6 +28,7 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.storage import draws_tree, read_record, stored_measurement
+from jointbayes.posterior.stored_problem import problem_from, require_same_problem
 from jointbayes.sampling import (
     Chains,
     LogDensity,
@@ -51,6 +52,7 @@ _PRIOR_STARTS = 6
 _FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 _REPLACEMENTS = 4000
+_COMPARED = 16  # draws at which a problem that is passed must have the density of the file
 
 
 def identify(case: Case | Problem, initial: ArrayLike | None = None) -> IterationHistory:
@@ -338,23 +340,59 @@ def _refined(log_posterior: LogPosterior, best: Array) -> tuple[Array, float]:
         return best.copy(), float(log_posterior(best)[0])
 
 
-def load_posterior(path: str | os.PathLike[str]) -> Posterior:
-    """Read a posterior written by `Posterior.save`; its case is rebuilt from text and data stored with it.
+def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None) -> Posterior:
+    """Read a posterior written by `Posterior.save`; its problem is rebuilt from what is stored with it.
 
     Measurement files are not read again: they may be gone.
+
+    Parameters
+    ----------
+    path
+        The file.
+    problem
+        The problem that was sampled, where it has parts that no file can hold: a prior or a term of the likelihood of
+        one's own.
 
     Raises
     ------
     MeasurementError
         If the file is missing or holds no posterior.
+    ModelError
+        If the problem has parts that no file can hold and is not passed, or another one is.
     """
+    where, passed = os.fspath(path), problem
     tree, record = read_record(path)
-    run = record["record"]
-    measurement = stored_measurement(tree, run.get("provenance"))
-    case = case_from_text(run["case_name"], run["case_text"], measurement=measurement)
-    posterior = Posterior.restored(case.problem, tree, record)
-    iteration = identify(case) if case.problem.measurement.joint_frf is not None else None
+    run, case = record["record"], None
+    if "problem" not in record:
+        measurement = stored_measurement(tree, run.get("provenance"))
+        case = case_from_text(run["case_name"], run["case_text"], measurement=measurement)
+        problem = passed or case.problem
+    elif passed is None:
+        problem = problem_from(tree, record["problem"], where)
+    else:
+        require_same_problem(passed, record["problem"], where)
+    assert problem is not None
+    posterior = Posterior.restored(problem, tree, record)
+    if passed is not None:
+        _require_same_density(posterior, where)
+    if case is None and run["case_text"]:
+        case = case_around(problem, run["case_text"])
+    iteration = identify(case or problem) if problem.measurement.joint_frf is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
+
+
+def _require_same_density(posterior: Posterior, where: str) -> None:
+    """Refuse a problem whose density at the draws is not the one that was stored with them."""
+    stored = posterior.log_density.ravel()
+    rows = np.linspace(0, stored.size - 1, _COMPARED).round().astype(int)
+    found = posterior.problem.log_posterior(posterior.theta[rows])
+    if not np.allclose(found, stored[rows], rtol=1e-9, atol=1e-6):
+        worst = int(np.argmax(np.abs(found - stored[rows])))
+        raise ModelError(
+            f"{where}: found draws of another density than that of the problem passed: ln p is "
+            f"{stored[rows][worst]:.6g} in the file and {found[worst]:.6g} by the problem; expected the problem that "
+            "was sampled; pass that one"
+        )
 
 
 def package_versions() -> dict[str, str]:

@@ -2,12 +2,10 @@
 
 import sys
 from collections import Counter
-from dataclasses import replace
 
 import pytest
 
 import jointbayes as jb
-from jointbayes.errors import ReportError
 from tests.conftest import FEW_STEPS, cheap_text
 
 #: What is built once in a run and must not be built again for its report: module, function.
@@ -53,9 +51,3 @@ def test_a_posterior_just_sampled_is_reported_from_what_it_carries(counted, tmp_
     assert [(tmp_path / "run" / name).read_bytes() for name in same] == [
         (tmp_path / "again" / name).read_bytes() for name in same
     ]
-
-
-def test_a_posterior_without_its_case_is_refused_in_one_line(cheap_posterior, tmp_path):
-    with pytest.raises(ReportError, match=r"found a posterior without the case .*; expected one of `sample` or"):
-        jb.write_report(replace(cheap_posterior, case=None), tmp_path / "run")
-    assert not (tmp_path / "run").exists()

@@ -29,7 +29,7 @@ from jointbayes.joint import Joint
 from jointbayes.measurement import FrequencyMeasurement, Measurement
 from jointbayes.sampling import SamplerSettings
 
-__all__ = ["Case", "case_from_text", "load_case"]
+__all__ = ["Case", "case_around", "case_from_text", "load_case"]
 
 Array = NDArray[np.float64]
 
@@ -160,6 +160,11 @@ def case_from_text(
     return _build(name, text, schema.parse_case(text, name), name, Path(directory), measurement)
 
 
+def case_around(problem: Problem, text: str) -> Case:
+    """A case whose problem is not the one that its text states: for what the text says of title and reference."""
+    return Case(problem.name, text, schema.parse_case(text, problem.name), problem)
+
+
 def _build(
     name: str, text: str, spec: "schema.CaseSpec", where: str, directory: Path, measurement: Measurement | None = None
 ) -> Case:
@@ -186,7 +191,7 @@ def _build(
             noise_of(spec.noise, measurement)[0],
             spec.noise.residuals,
             first_guess(spec, recipe),
-            name,
+            name=name,
         )
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
     except CaseError:

@@ -53,7 +53,7 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     if not np.isfinite(log_posterior(start)[0]):
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
     likelihood = log_posterior.likelihood
-    if likelihood.gaussian:
+    if log_posterior.gaussian:
         found = _least_squares(log_posterior, start, _EXACT)
         return found, float(log_posterior(found)[0])
     for _ in range(_TURNS if likelihood.hyper_count else 1):

@@ -1,8 +1,8 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
 from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
-from jointbayes.inference.log_posterior import LogPosterior
-from jointbayes.inference.marginals import Marginal, Normal, Uniform
+from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
+from jointbayes.inference.marginals import Distribution, Marginal, Normal, OwnMarginal, Uniform
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
@@ -13,10 +13,12 @@ from jointbayes.inference.problem import Problem
 
 __all__ = [
     # prior
+    "Distribution",
     "JointPrior",
     "Marginal",
     "Normal",
     "Nuisance",
+    "OwnMarginal",
     "Uniform",
     # likelihood
     "FrequencyLikelihood",
@@ -32,6 +34,7 @@ __all__ = [
     "ScaledNoise",
     "StudentNoise",
     # posterior
+    "ExtraLogLikelihood",
     "LogPosterior",
     "Problem",
 ]

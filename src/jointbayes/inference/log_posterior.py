@@ -1,5 +1,7 @@
 """The posterior density over the coordinates of a joint and of what else is uncertain."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -8,9 +10,10 @@ from jointbayes.inference.likelihood import Likelihood
 from jointbayes.inference.prior import JointPrior
 from jointbayes.joint import STIFFNESS_PATTERN, joint_matrix
 
-__all__ = ["LogPosterior"]
+__all__ = ["ExtraLogLikelihood", "LogPosterior"]
 
 Array = NDArray[np.float64]
+ExtraLogLikelihood = Callable[[Array], ArrayLike]
 
 
 class LogPosterior:
@@ -22,6 +25,8 @@ class LogPosterior:
         Prior density over θ; carries the parametrisation.
     likelihood
         Likelihood of joint matrices and factors.
+    extra
+        A further term of the log likelihood as a function of θ, (n, d) → (n,); −inf where impossible.
 
     Raises
     ------
@@ -29,8 +34,8 @@ class LogPosterior:
         If prior and likelihood do not name the same uncertain quantities in the same order.
     """
 
-    def __init__(self, prior: JointPrior, likelihood: Likelihood) -> None:
-        self.prior, self.likelihood = prior, likelihood
+    def __init__(self, prior: JointPrior, likelihood: Likelihood, extra: ExtraLogLikelihood | None = None) -> None:
+        self.prior, self.likelihood, self.extra = prior, likelihood, extra
         named = tuple(n.name for n in prior.nuisances)
         if named != likelihood.names:
             raise ModelError(f"posterior: found priors for {named}; expected one for each of {likelihood.names}")
@@ -50,9 +55,31 @@ class LogPosterior:
         return out
 
     def log_likelihood(self, theta: ArrayLike) -> Array:
-        """ln L, shape (n,), of θ, shape (n, d), inside the prior's support."""
+        """ln L, shape (n,), of θ, shape (n, d), inside the prior's support; the further term is part of it.
+
+        Raises
+        ------
+        ModelError
+            If the further term does not give one number for each θ.
+        """
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        return self.likelihood.log_likelihood(joint_matrix(self.prior.stiffness(t)), self.prior.factors(t))
+        value = self.likelihood.log_likelihood(joint_matrix(self.prior.stiffness(t)), self.prior.factors(t))
+        if self.extra is None:
+            return value
+        further = np.asarray(self.extra(t), dtype=float)
+        if further.shape != value.shape or np.isnan(further).any():
+            nan = ", with NaN," if np.isnan(further).any() else ""
+            raise ModelError(
+                f"extra log likelihood: found values of shape {further.shape}{nan} for θ of shape {t.shape}; expected "
+                f"one number, or -inf, for each row: shape {value.shape}"
+            )
+        total: Array = value + further
+        return total
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether ln p is −eᵀe/2 of `residuals` and a constant inside the support."""
+        return self.likelihood.gaussian and self.prior.gaussian and self.extra is None
 
     def residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Standardised residuals of data and prior, and their Jacobian, at one θ, shape (d,).
@@ -62,6 +89,7 @@ class LogPosterior:
         residual, jacobian : ndarray, shapes (m + d,) and (m + d, d)
             ln p = constant − eᵀe/2 inside the support and ∇ ln p = −Jᵀe where noise is Gaussian of known size. With
             another noise model this holds with its parameters held fixed; their columns are zero but for the prior.
+            A prior of one's own counts as a normal one of its width, and a further term of the likelihood not at all.
         """
         t = np.asarray(theta, dtype=float)
         joint = self.prior.joint(t)
@@ -82,7 +110,7 @@ class LogPosterior:
         """
         t = np.asarray(theta, dtype=float)
         many = np.atleast_2d(t)
-        if self.prior.nuisances or not self.likelihood.gaussian:
+        if self.prior.nuisances or not self.gaussian:
             return np.array([self._differences(one) for one in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(joint_matrix(self._parametrisation.stiffness(many)))
         by_stiffness = np.einsum("nij,kij->nk", slope, STIFFNESS_PATTERN)

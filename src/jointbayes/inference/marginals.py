@@ -2,7 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,13 @@ from scipy.special import ndtr, ndtri
 
 from jointbayes.errors import ModelError
 
-__all__ = ["Marginal", "Normal", "Uniform"]
+__all__ = ["Distribution", "Marginal", "Normal", "OwnMarginal", "Uniform", "as_marginal"]
 
 Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054
+_OWN_DRAWS = 2**16
+_OWN_QUANTILES = (np.arange(_OWN_DRAWS) + 0.5) / _OWN_DRAWS
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,13 @@ class Uniform:
         if not -math.inf < self.low < self.high < math.inf:
             raise ModelError(f"prior: found low {self.low:g}, high {self.high:g}; expected finite low < high")
 
+    @classmethod
+    def of_logarithm(cls, low: float, high: float) -> Self:
+        """Uniform in ln k between two stiffnesses: nothing is known but the range."""
+        if not 0 < low < high:
+            raise ModelError(f"prior: found low {low:g}, high {high:g}; expected 0 < low < high")
+        return cls(math.log(low), math.log(high))
+
     @property
     def mean(self) -> float:
         """Middle of the interval."""
@@ -123,4 +133,117 @@ class Uniform:
         return rng.uniform(self.low, self.high, size)
 
 
-Marginal = Normal | Uniform
+class Distribution(Protocol):
+    """What a prior of one's own must offer; a frozen distribution of scipy.stats is as good."""
+
+    def log_density(self, x: Array) -> Array:
+        """Log density, normalised, at coordinates of shape (n,); −inf where impossible."""
+        ...
+
+    def sample(self, rng: np.random.Generator, n: int, /) -> Array:
+        """Independent draws, shape (n,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OwnMarginal:
+    """A prior of one's own on one coordinate: any `Distribution`, or a frozen distribution of scipy.stats.
+
+    A distribution of scipy.stats gives its own quantiles. Of any other they are those of 2¹⁶ draws with a fixed seed,
+    good to about half a per cent of probability; its log density is used as it is. An attribute ``support``, the ends
+    between which it is above zero, is heeded where there is one.
+
+    Parameters
+    ----------
+    given
+        The distribution.
+
+    Raises
+    ------
+    ModelError
+        If it has neither form, or its draws are not finite numbers.
+    """
+
+    given: Any
+
+    def __post_init__(self) -> None:
+        if not (self._of_scipy or (hasattr(self.given, "log_density") and hasattr(self.given, "sample"))):
+            raise ModelError(
+                f"prior: found {type(self.given).__name__}; expected Normal, Uniform, a frozen distribution of "
+                "scipy.stats, or an object with log_density(x) and sample(rng, n); give one of these"
+            )
+        if self._drawn.shape != (_OWN_DRAWS,) or not np.isfinite(self._drawn).all() or not self.sd > 0:
+            raise ModelError(
+                f"prior {self!r}: found draws of shape {self._drawn.shape} that are not all finite, or all alike; "
+                f"expected {_OWN_DRAWS} different finite numbers of sample(rng, {_OWN_DRAWS})"
+            )
+
+    def __repr__(self) -> str:
+        if not self._of_scipy:
+            return f"own {type(self.given).__name__}"
+        arguments = [*map(str, self.given.args), *(f"{name}={value}" for name, value in self.given.kwds.items())]
+        return f"scipy.stats.{self.given.dist.name}({', '.join(arguments)})"
+
+    @cached_property
+    def _of_scipy(self) -> bool:
+        return all(hasattr(self.given, name) for name in ("dist", "args", "kwds", "logpdf", "ppf"))
+
+    @cached_property
+    def _drawn(self) -> Array:
+        """Draws in rising order, from which follows what an object of one's own does not say."""
+        return np.sort(np.asarray(self.sample(np.random.default_rng(0), _OWN_DRAWS), dtype=float))
+
+    @cached_property
+    def mean(self) -> float:
+        """Median: a long tail has no part in it."""
+        return float(np.median(self._drawn))
+
+    @cached_property
+    def sd(self) -> float:
+        """Half the width of the central 68.3 %, which a long tail leaves finite."""
+        low, high = np.quantile(self._drawn, ndtr([-1.0, 1.0]))
+        return float(high - low) / 2
+
+    @cached_property
+    def support(self) -> tuple[float, float]:
+        """Where the density is above zero, as far as the distribution says."""
+        ends = self.given.support() if self._of_scipy else getattr(self.given, "support", (-math.inf, math.inf))
+        low, high = ends() if callable(ends) else ends
+        return float(low), float(high)
+
+    @property
+    def precision(self) -> float:
+        """Curvature of a normal distribution of the same width: where a search takes its steps from."""
+        return 1 / self.sd**2
+
+    def log_density(self, theta: Array) -> Array:
+        """Log density; θ of any shape."""
+        flat = np.ravel(theta)
+        value = self.given.logpdf(flat) if self._of_scipy else self.given.log_density(flat)
+        return np.asarray(value, dtype=float).reshape(np.shape(theta))
+
+    def cdf(self, theta: Array) -> Array:
+        """Probability below θ; of any shape."""
+        if self._of_scipy:
+            return np.asarray(self.given.cdf(theta))
+        return np.interp(theta, self._drawn, _OWN_QUANTILES)
+
+    def ppf(self, probability: Array) -> Array:
+        """θ below which there is so much probability; of any shape."""
+        if self._of_scipy:
+            return np.asarray(self.given.ppf(probability))
+        return np.interp(probability, _OWN_QUANTILES, self._drawn)
+
+    def sample(self, rng: np.random.Generator, size: int) -> Array:
+        """Independent draws, shape (size,)."""
+        if self._of_scipy:
+            return np.asarray(self.given.rvs(size=size, random_state=rng))
+        return np.asarray(self.given.sample(rng, size))
+
+
+Marginal = Normal | Uniform | OwnMarginal
+
+
+def as_marginal(given: object) -> Marginal:
+    """A prior on one coordinate as it is, or a distribution of one's own as `OwnMarginal`."""
+    return given if isinstance(given, Normal | Uniform | OwnMarginal) else OwnMarginal(given)

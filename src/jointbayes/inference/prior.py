@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference.cone import NO_JOINT, cut_quantiles, log_probability_inside
-from jointbayes.inference.marginals import Marginal, Uniform
+from jointbayes.inference.marginals import Marginal, OwnMarginal, Uniform, as_marginal
 from jointbayes.joint import Parametrisation
 
 __all__ = ["JointPrior", "Nuisance"]
@@ -29,7 +29,7 @@ class Nuisance:
     nominal
         Value at coordinate 0, above zero.
     prior
-        Prior on the coordinate.
+        Prior on the coordinate: `Normal`, `Uniform`, or a distribution of one's own as for `JointPrior`.
 
     Raises
     ------
@@ -43,6 +43,7 @@ class Nuisance:
     prior: Marginal
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "prior", as_marginal(self.prior))
         if not 0 < self.nominal < math.inf:
             raise ModelError(
                 f"{self.name}: found a nominal value of {self.nominal:g}; expected a number above 0 for a quantity "
@@ -68,7 +69,8 @@ class JointPrior:
     parametrisation
         Gives the first coordinates, those of the joint, their meaning.
     marginals
-        One prior per coordinate of the joint, in the parametrisation's order.
+        One prior per coordinate of the joint, in the parametrisation's order: `Normal`, `Uniform`, or a distribution
+        of one's own, which is a frozen one of scipy.stats or an object with ``log_density(x)`` and ``sample(rng, n)``.
     nuisances
         The other uncertain quantities, whose coordinates follow.
 
@@ -83,6 +85,7 @@ class JointPrior:
     nuisances: tuple[Nuisance, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "marginals", tuple(map(as_marginal, self.marginals)))
         if len(self.marginals) != len(self.parametrisation.names):
             raise ModelError(
                 f"prior: found {len(self.marginals)} marginals; expected one for each of "
@@ -103,6 +106,11 @@ class JointPrior:
     def all_marginals(self) -> tuple[Marginal, ...]:
         """One prior for each of the d coordinates."""
         return self.marginals + tuple(n.prior for n in self.nuisances)
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether ln p is −½ Σ precision·(θ − mean)² and a constant inside the support: no marginal is of one's own."""
+        return not any(isinstance(m, OwnMarginal) for m in self.all_marginals)
 
     @property
     def mean(self) -> Array:

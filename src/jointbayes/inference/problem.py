@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
-from jointbayes.inference.log_posterior import LogPosterior
+from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
@@ -46,6 +46,9 @@ class Problem:
         What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
     initial
         First guess of (k11, k12, k22), shape (3,); by default the middle of the prior.
+    extra_log_likelihood
+        A further term of the log likelihood: a function of θ, shape (n, d) with the coordinates `names`, that gives
+        shape (n,), −inf where impossible. For what else is known of the joint: a static test, another set-up.
     name
         Short name, by which its results are known.
 
@@ -62,6 +65,7 @@ class Problem:
     noise: NoiseModel | None = None
     residual_kind: ResidualKind = "complex"
     initial: ArrayLike | None = None
+    extra_log_likelihood: ExtraLogLikelihood | None = None
     name: str = "problem"
 
     def __post_init__(self) -> None:
@@ -74,6 +78,19 @@ class Problem:
             f"Problem(joint {', '.join(self.joint.dofs)} to {other_side}; unknown: {', '.join(self.names)}; "
             f"{self.structure!r}; {self.measurement!r})"
         )
+
+    def __str__(self) -> str:
+        other_side = ", ".join(self.joint.against) or "ground"
+        priors = zip(self.prior.labels, self.prior.all_marginals, strict=True)
+        lines = (
+            f"structure: {self.structure!r}",
+            f"joint: {', '.join(self.joint.dofs)} to {other_side}",
+            f"data: {self.measurement!r}",
+            f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}, residuals {self.residual_kind}",
+            *(f"prior of {label}: {marginal!r}" for label, marginal in priors),
+            *(["further term of the log likelihood: a function of one's own"] if self.extra_log_likelihood else []),
+        )
+        return "\n".join(lines)
 
     @cached_property
     def log_posterior(self) -> LogPosterior:
@@ -92,7 +109,7 @@ class Problem:
             noise=self.noise,
             kind=self.residual_kind,
         )
-        return LogPosterior(self.prior, likelihood)
+        return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
 
     @cached_property
     def structures(self) -> StructureFamily:

@@ -24,6 +24,8 @@ from jointbayes.posterior.mesh import MeshCheck, check_mesh
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
+from jointbayes.posterior.stored_problem import with_problem
+from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import judge_stiffness
 from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
 
@@ -198,7 +200,18 @@ class Posterior:
         return widen_posterior(self)
 
     def identifiability(self, name: str) -> Identifiability:
-        """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`."""
+        """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.
+
+        Raises
+        ------
+        ModelError
+            If the joint's coordinates hold the stiffness rigid: there is nothing to judge.
+        """
+        if np.ptp(self.prior_values(name)) == 0:
+            raise ModelError(
+                f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
+                "verdicts, summary and report; use draws, mode and intervals of the others"
+            )
         return judge_stiffness(self, name)
 
     @cached_property
@@ -298,8 +311,36 @@ class Posterior:
         """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
         return to_arviz(self.tree)
 
+    def summary(self, knowledge: "Knowledge | None" = None) -> Summary:
+        """The numbers of the run: `print` shows a table, ``to_json`` gives what ``summary.json`` holds.
+
+        Parameters
+        ----------
+        knowledge
+            What `gather_knowledge` found of it, for the section on what is identifiable; by default without.
+        """
+        warnings = () if self.case is None else tuple(map(str, self.case.warnings))
+        guess = self.problem.first_guess.tolist()
+        return summarise(self, guess, self.measured_frequencies_hz, knowledge, warnings)
+
+    @property
+    def measured_frequencies_hz(self) -> tuple[float, ...] | None:
+        """Measured natural frequencies, if they are the data or the case states any, Hz."""
+        if self.case is not None:
+            return self.case.measured_frequencies_hz
+        measured = self.problem.measurement
+        return None if isinstance(measured, FrfMeasurement) else tuple(measured.frequency_hz.tolist())
+
+    @property
+    def of_case_text(self) -> bool:
+        """Whether the problem is the one that the text of its case states, from which it can be built again."""
+        return self.case is not None and self.case.stated is self.problem
+
     def save(self, path: str | os.PathLike[str], knowledge: "Knowledge | None" = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
+
+        Of a problem that a case file states its text is kept, with data from measurement files; of any other problem
+        its matrices, data and priors, to the last bit.
 
         Parameters
         ----------
@@ -320,7 +361,10 @@ class Posterior:
             "map": estimate_record(self.estimate),
             "knowledge": self.kept_knowledge if knowledge is None else knowledge.kept(),
         }
-        write_tree(self.tree, record, path)
+        tree = self.tree
+        if not self.of_case_text:
+            tree, record["problem"] = with_problem(tree, self.problem)
+        write_tree(tree, record, path)
 
     @classmethod
     def restored(cls, problem: Problem, tree: xr.DataTree, record: dict[str, Any]) -> Self:

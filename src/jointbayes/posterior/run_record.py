@@ -23,7 +23,7 @@ class RunRecord:
     Parameters
     ----------
     case_name, case_text
-        Name of the case and its TOML text, from which everything can be rebuilt.
+        Name of the case, or the problem, and the case's TOML text; empty where there was no case.
     seed
         Seed of the one random generator of the run.
     converged, reason
@@ -55,6 +55,11 @@ class SampledCase(Protocol):
     @property
     def title(self) -> str:
         """Title for people."""
+        ...
+
+    @property
+    def stated(self) -> Problem | None:
+        """The problem that its text states."""
         ...
 
     @property

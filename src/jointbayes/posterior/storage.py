@@ -30,8 +30,8 @@ __all__ = [
     "write_tree",
 ]
 
-#: Of the file: raised when a reader of an older file would misread it.
-FILE_VERSION = 1
+#: Of the file: raised when an older reader would misread it, as one that looks for no stored problem.
+FILE_VERSION = 2
 _ATTRIBUTE = "jointbayes"
 _JOINT_FRF = "joint_frf"
 
@@ -169,7 +169,7 @@ def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLik
         If the file cannot be written.
     """
     stored = tree.copy()
-    stored.attrs = {_ATTRIBUTE: json.dumps({"file_version": FILE_VERSION, **record})}
+    stored.attrs = {_ATTRIBUTE: json.dumps({"file_version": FILE_VERSION if "problem" in record else 1, **record})}
     content = stored.to_netcdf(None, engine="h5netcdf")
     assert isinstance(content, memoryview)
     write_whole_file(path, content)

@@ -163,7 +163,7 @@ def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
 def _drawn_anew(posterior: "Posterior", wide: JointPrior, rng: np.random.Generator) -> WidenedPosterior:
     """Importance draws from a proposal fitted to the wider posterior; a short run of the ensembles where they fail."""
     problem = dataclasses.replace(posterior.problem, prior=wide)
-    log_posterior = LogPosterior(wide, posterior.problem.log_posterior.likelihood)
+    log_posterior = LogPosterior(wide, posterior.problem.log_posterior.likelihood, problem.extra_log_likelihood)
     mode, _ = refine(log_posterior, posterior.mode_theta)
     covariance = np.atleast_2d(np.cov(posterior.theta.T))
     # The mode may stand at the end of a plateau, where no curvature tells its size; the middle of the draws does not.

@@ -6,13 +6,14 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.errors import CaseError, ReportError
+from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
@@ -37,7 +38,7 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     Parameters
     ----------
     posterior
-        The posterior, with the case that was sampled: nothing of it is built again.
+        The posterior, with the problem that was sampled: nothing of it is built again.
     directory
         Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
         the same name is replaced, any other directory is refused.
@@ -45,8 +46,8 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
     Returns
     -------
     Path
-        The directory: ``report.html``, ``report.pdf``, ``posterior.nc``, ``summary.json``, ``case.toml``,
-        ``figures/*.svg``.
+        The directory: ``report.html``, ``report.pdf``, ``posterior.nc``, ``summary.json``, ``figures/*.svg``, and
+        ``case.toml`` where a case file states the problem.
 
     Raises
     ------
@@ -72,28 +73,30 @@ def write_run(posterior: Posterior, target: Path) -> Path:
         If the directory exists and is no run directory.
     """
     require_writable(target)
-    case = posterior.case
-    if case is None:
-        raise ReportError(
-            f"{target}: found a posterior without the case that was sampled; expected one of `sample` or "
-            "`load_posterior`"
-        )
+    case, problem = posterior.case, posterior.problem
     inputs = ReportInputs(
         posterior=posterior,
-        title=case.title,
-        initial=_triple(posterior.problem.first_guess),
+        title=problem.name,
+        initial=_triple(problem.first_guess),
         history=posterior.estimate.iteration,
-        reference=None if case.reference is None else _triple(case.reference),
-        reference_source=case.reference_source,
-        measured_frequencies_hz=case.measured_frequencies_hz,
-        freed=case.workshop_problem,
-        paper_tables=case.paper_audit,
-        provenance=posterior.problem.measurement.provenance,
-        warnings=tuple(map(str, case.warnings)),
+        measured_frequencies_hz=posterior.measured_frequencies_hz,
+        provenance=problem.measurement.provenance,
     )
+    if case is not None:
+        inputs = replace(
+            inputs,
+            title=case.title,
+            reference=None if case.reference is None else _triple(case.reference),
+            reference_source=case.reference_source,
+            freed=case.workshop_problem,
+            paper_tables=case.paper_audit,
+            warnings=tuple(map(str, case.warnings)),
+        )
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
-    files = {"summary.json": json_text(inputs.summary.to_json()), "case.toml": posterior.record.case_text}
+    files = {"summary.json": json_text(inputs.summary.to_json())}
+    if posterior.of_case_text:
+        files["case.toml"] = posterior.record.case_text
     write_whole(target, report, files, lambda path: posterior.save(path, inputs.knowledge))
     return target
 

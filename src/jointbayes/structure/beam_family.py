@@ -7,7 +7,7 @@ points at which the beam is assembled and solved; the interpolation is checked w
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -28,6 +28,7 @@ __all__ = ["BeamFamily"]
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class BeamFamily:
     """Beams whose quantities are uncertain.
 
@@ -49,19 +50,15 @@ class BeamFamily:
         If a quantity is unknown or does not belong to the damping law, or the frequency is too high for the beam.
     """
 
-    def __init__(
-        self,
-        recipe: BeamRecipe,
-        ranges: Mapping[str, tuple[float, float]],
-        *,
-        dofs: Iterable[str] | None = None,
-        top_hz: float | None = None,
-        exact: bool = False,
-    ) -> None:
-        self.recipe, self._ranges, self._exact = recipe, dict(ranges), exact
-        self.names = tuple(self._ranges)
-        self._at = {name: i for i, name in enumerate(self.names)}
-        law = recipe.damping
+    recipe: BeamRecipe
+    ranges: Mapping[str, tuple[float, float]]
+    _: KW_ONLY
+    dofs: tuple[str, ...] | None = None
+    top_hz: float | None = None
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        law = self.recipe.damping
         for name in self.names:
             of_other_law = is_damping_ratio(name) and not isinstance(law, ModalDamping)
             if of_other_law or (name == "loss_factor" and not isinstance(law, LossFactor)):
@@ -74,19 +71,29 @@ class BeamFamily:
             raise ModelError(
                 f"uncertain beam: found {', '.join(numbers)}; expected mode_frequency_1, mode_frequency_2 and so on"
             )
-        self._axes = _ShapeAxes(recipe, self._ranges)
-        # a beam at the end of its range may have its modes lower by so much, and its waves be shorter
-        self._top_hz = None if top_hz is None else top_hz * self._widest
-        self._dofs = None if dofs is None else tuple(dofs)
 
     def __repr__(self) -> str:
         law, uncertain = type(self.recipe.damping).__name__, ", ".join(self.names) or "nothing"
         return f"BeamFamily({1e3 * self.recipe.length:g} mm, {law}, uncertain: {uncertain})"
 
     @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The q quantities."""
+        return tuple(self.ranges)
+
+    @cached_property
+    def _axes(self) -> "_ShapeAxes":
+        return _ShapeAxes(self.recipe, self.ranges)
+
+    @cached_property
+    def reach_of_modes_hz(self) -> float | None:
+        """Frequency up to which modes are wanted: a beam at the end of its range may have its modes so much lower."""
+        return None if self.top_hz is None else self.top_hz * self._widest
+
+    @cached_property
     def mesh(self) -> BeamMesh | None:
         """How the beam is discretised; None for the paper's element."""
-        return self.recipe.mesh(self._dofs, self._top_hz)
+        return self.recipe.mesh(self.dofs, self.reach_of_modes_hz)
 
     @cached_property
     def nominal(self) -> Structure:
@@ -103,18 +110,18 @@ class BeamFamily:
     @property
     def _widest(self) -> float:
         power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
-        sizes = {name: max(map(abs, ends)) for name, ends in self._ranges.items()}
+        sizes = {name: max(map(abs, ends)) for name, ends in self.ranges.items()}
         modes = max((size for name, size in sizes.items() if is_mode_frequency(name)), default=0.0)
         return float(np.exp(modes + sum(p * sizes.get(name, 0.0) for name, p in power.items())))
 
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same beams, exact at these DOFs up to this frequency; elements end at their points."""
-        return type(self)(self.recipe, self._ranges, dofs=tuple(dofs), top_hz=top_hz, exact=self._exact)
+        return replace(self, dofs=tuple(dofs), top_hz=top_hz)
 
     def reference(self, *, solved: bool = True) -> "BeamFamily":
         """The same beams of much richer elements; solved anew for each row of factors, or interpolated as ever."""
         recipe = replace(self.recipe, element="converged", richer=True)
-        return BeamFamily(recipe, self._ranges, exact=solved)
+        return BeamFamily(recipe, self.ranges, exact=solved)
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam."""
@@ -128,12 +135,12 @@ class BeamFamily:
 
     def free_modes(self, motions: Array) -> FreeModes:
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
-        if self._exact:
+        if self.exact:
             return _AssembledModes(self, motions)
         turned = _rotations(self.nominal.dofs, motions)
         modes = self.nominal.modes()
         kept = Reduction(modes.eigenvalues.size, motions)
-        reduction = kept if self._top_hz is None else Reduction.below(self._top_hz, modes, motions)
+        reduction = kept if self.reach_of_modes_hz is None else Reduction.below(self.reach_of_modes_hz, modes, motions)
         # the last terms are the least smooth over the ranges, and the least needed
         for terms in (reduction.terms, reduction.terms - 1):
             beams = _BeamModes(self, replace(reduction, terms=terms))
@@ -174,8 +181,8 @@ class BeamFamily:
 
     def factor(self, factors: Array, name: str) -> Array:
         """Factor on one quantity, shape (n,); ones where it is certain, or no factors are given."""
-        known = name in self._at and factors.shape[1] > 0
-        return factors[:, self._at[name]] if known else np.ones(len(factors))
+        known = name in self.names and factors.shape[1] > 0
+        return factors[:, self.names.index(name)] if known else np.ones(len(factors))
 
     def shape_numbers(self, factors: Array) -> Array:
         """Logarithms of the numbers that change the modes by more than factors, shape (n, axes)."""

@@ -363,6 +363,8 @@ def settings_section(posterior: Posterior, summary: Summary) -> Section:
             *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
             Paragraph(f"Fingerprint of the data (SHA-256): `{summary.data_sha256}`."),
             Table("Versions", ("Package", "Version"), versions, align="ll"),
-            Code(posterior.record.case_text, "toml"),
+            Code(posterior.record.case_text, "toml")
+            if posterior.of_case_text
+            else Code(str(posterior.problem), "text"),
         ),
     )

@@ -131,7 +131,8 @@ class Candidate:
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
         measurement = FrfMeasurement(frf, variance, synthetic=True)
         noise_model = problem.noise and problem.noise.fitted_to(measurement, problem.noise.parts)
-        return replace(problem, structure=self.structure, measurement=measurement, noise=noise_model)
+        alone = replace(problem, extra_log_likelihood=None)  # what else is known is known once
+        return replace(alone, structure=self.structure, measurement=measurement, noise=noise_model)
 
 
 def present(problem: Problem) -> FrfMeasurement:

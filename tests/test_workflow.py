@@ -1,0 +1,349 @@
+"""The steps of a run on a problem made of arrays, without any file; what is saved of it is what was sampled."""
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+from scipy import stats
+
+import jointbayes as jb
+from jointbayes.errors import ModelError
+from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
+from jointbayes.joint import Joint, LogStiffness, PlainSprings, SignedCoupling
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.sampling import SamplerSettings
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
+from tests.conftest import cheap_text
+
+LINES = np.arange(20.0, 1500.0, 10.0)
+TRUTH = np.array([2e7, 5e5, 2e4])
+LOSS = 0.01
+QUICK = SamplerSettings(walkers=16, max_steps=400, end_tolerance=0.1, tau_factor=10, r_hat_max=1.1)
+
+
+def euler_beam(length=0.4, side=0.02, elements=6):
+    """K, M and labels of a square steel beam by Hermite elements, written out here."""
+    stiffness, inertia = 2.1e11, side**4 / 12
+    h, mass = length / elements, 7800.0 * side**2
+    ke = stiffness * inertia / h**3 * np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
+    )  # fmt: skip
+    me = mass * h / 420 * np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
+    )  # fmt: skip
+    k, m = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
+    for i in range(elements):
+        k[2 * i : 2 * i + 4, 2 * i : 2 * i + 4] += ke
+        m[2 * i : 2 * i + 4, 2 * i : 2 * i + 4] += me
+    return k, m, tuple(f"{node}:{way}" for node in range(1, elements + 2) for way in ("y", "rz"))
+
+
+def receptances(k11, k12, k22, outputs=(12, 6), inputs=(12,)):
+    """Exact receptances of that beam on a joint at its first node, by one dense solution for each line."""
+    k, m, _ = euler_beam()
+    whole = (1 + 1j * LOSS) * k
+    whole[:2, :2] += np.array([[k11, k12], [k12, k22]])
+    solved = [np.linalg.inv(whole - (2 * np.pi * f) ** 2 * m)[np.ix_(outputs, inputs)] for f in LINES]
+    return np.array(solved)
+
+
+def measured():
+    rng = np.random.default_rng(4)
+    exact = receptances(*TRUTH)
+    sd = 0.02 * np.abs(exact) + 0.005 * np.median(np.abs(exact))
+    noise = sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)) / np.sqrt(2)
+    return FrfMeasurement(jb.FrfSet(LINES, exact + noise, ("7:y", "4:y"), ("7:y",)), sd**2)
+
+
+def from_arrays(marginals=None, **changes):
+    stiffness, mass, labels = euler_beam()
+    wide = tuple(Uniform.of_logarithm(1e-2 * k, 1e2 * k) for k in TRUTH)
+    parts = {
+        "structure": Structure(stiffness, mass, LossFactor(LOSS), labels),
+        "joint": Joint(("1:y", "1:rz")),
+        "measurement": measured(),
+        "prior": JointPrior(LogStiffness(), marginals or wide),
+        "name": "rod",
+    }
+    return Problem(**(parts | changes))
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    return jb.sample(from_arrays(), seed=1, settings=QUICK)
+
+
+def test_a_problem_of_arrays_has_the_density_of_a_dense_solution():
+    problem = from_arrays()
+    data = problem.measurement
+    theta = np.log(TRUTH) + np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.05]])
+    for row, found in zip(theta, problem.log_posterior.log_likelihood(theta), strict=True):
+        misfit = np.abs(receptances(*np.exp(row)) - data.frf.values) ** 2 / data.variance
+        expected = -(np.log(np.pi * data.variance) + misfit).sum()
+        assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_map_and_draws_of_a_problem_of_arrays_find_the_truth(sampled):
+    problem = from_arrays()
+    estimate = jb.find_map(problem)
+    sd = np.sqrt(np.diag(estimate.covariance))
+    assert (np.abs(np.log(estimate.stiffness / TRUTH)) < 4 * sd).all()
+    assert sampled.record.case_name == "rod"
+    assert sampled.record.case_text == ""
+    draws = np.log(sampled.stiffness)
+    np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.3)
+    assert "[[Posterior of 'rod']]" in str(sampled.summary())
+
+
+def test_a_first_guess_is_the_middle_of_the_prior_unless_one_is_given():
+    np.testing.assert_allclose(from_arrays().first_guess, TRUTH, rtol=1e-12)
+    far = (Uniform.of_logarithm(1e6, 1e8), Uniform.of_logarithm(1e8, 1e12), Uniform.of_logarithm(1e3, 1e5))
+    np.testing.assert_allclose(from_arrays(far).first_guess, [1e7, 0.0, 1e4], rtol=1e-12)
+    np.testing.assert_array_equal(from_arrays(initial=[1e6, 0.0, 1e4]).first_guess, [1e6, 0.0, 1e4])
+    with pytest.raises(ModelError, match="positive"):
+        from_arrays(initial=[1.0, 2.0, 1.0])
+
+
+def test_the_papers_iteration_runs_on_a_problem_with_frfs_at_the_joint():
+    labels, numbers = ("7:y", "4:y", "1:y", "1:rz"), (12, 6, 0, 1)
+    whole = jb.FrfSet(LINES, receptances(*TRUTH, outputs=numbers), labels, ("7:y",))
+    history = jb.identify(
+        from_arrays(measurement=dataclasses.replace(measured(), joint_frf=whole), initial=[1e7, 0.0, 1e4])
+    )
+    np.testing.assert_allclose(history.stiffness, TRUTH, rtol=0.05)
+    with pytest.raises(ModelError, match="rod: found no FRFs at the joint"):
+        jb.identify(from_arrays())
+
+
+# ---- storage
+
+
+def beam_with_uncertain_quantities():
+    """Everything that a problem may hold at once, but the parts that no file can hold."""
+    recipe = BeamRecipe(
+        0.4, Section.rectangle(0.02, 0.02), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01, 0.02)),
+        accelerometer_mass=0.004, accelerometer_dofs=("11:y",),
+    )  # fmt: skip
+    nuisances = (
+        Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)),
+        Nuisance("length", "mm", 400.0, stats.norm(0.0, 0.005)),
+        Nuisance("noise_scale", "1", 1.0, Uniform(-1.0, 1.0)),
+    )
+    ranges = {n.name: n.range for n in nuisances[:2]}
+    frf = measured().frf
+    data = FrfMeasurement(
+        jb.FrfSet(
+            LINES, frf.values[:, :1], ("11:y",), ("11:y",), coherence=np.full((LINES.size, 1, 1), 0.9), averages=8
+        ),
+        measured().variance[:, :1],
+    )
+    marginals = Normal(17.0, 1.0), stats.t(4, loc=10.0, scale=0.8), Uniform(-0.9, 0.9)
+    prior = JointPrior(SignedCoupling(), marginals, nuisances)
+    return Problem(BeamFamily(recipe, ranges), Joint(("1:y", "1:rz")), data, prior, ScaledNoise(), initial=TRUTH)
+
+
+PROBLEMS = {
+    "matrices": from_arrays,
+    "uncertain beam": beam_with_uncertain_quantities,
+    "two sides": lambda: from_arrays(joint=Joint(("1:y", "1:rz"), ("2:y", "2:rz"))),
+    "frequencies": lambda: from_arrays(
+        measurement=FrequencyMeasurement(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))
+    ),
+    "springs": lambda: from_arrays(prior=JointPrior(PlainSprings(("k22",)), (Normal(10.0, 1.0),))),
+    "magnitude": lambda: from_arrays(residual_kind="log_magnitude"),
+}
+
+
+def posterior_of(problem, sampled):
+    """A posterior whose draws do not matter."""
+    theta = problem.prior.sample(np.random.default_rng(1), 40).reshape(4, 10, -1)
+    value = problem.log_posterior(theta.reshape(40, -1)).reshape(4, 10)
+    from jointbayes.posterior.storage import draws_tree
+    from jointbayes.sampling import Draws
+
+    tree = draws_tree(problem, Draws(theta, value, np.arange(4)), problem.prior.sample(np.random.default_rng(2), 50))
+    record = dataclasses.replace(sampled.record, case_name=problem.name)
+    return dataclasses.replace(sampled, problem=problem, tree=tree, record=record, mode_theta=theta[0, 0])
+
+
+@pytest.mark.parametrize("kind", PROBLEMS)
+def test_a_problem_of_arrays_comes_back_to_the_last_bit(kind, sampled, tmp_path):
+    problem = PROBLEMS[kind]()
+    posterior_of(problem, sampled).save(tmp_path / "kept.nc")
+    loaded = jb.load_posterior(tmp_path / "kept.nc").problem
+    theta = problem.prior.sample(np.random.default_rng(3), 64)
+    before, after = problem.log_posterior(theta), loaded.log_posterior(theta)
+    assert np.isfinite(before).any()
+    np.testing.assert_array_equal(after, before)
+    assert str(loaded) == str(problem)
+    np.testing.assert_array_equal(loaded.first_guess, problem.first_guess)
+
+
+def test_draws_summary_and_report_of_a_problem_come_back(sampled, tmp_path):
+    sampled.save(tmp_path / "kept.nc")
+    loaded = jb.load_posterior(tmp_path / "kept.nc")
+    np.testing.assert_array_equal(loaded.theta, sampled.theta)
+    assert loaded.summary().to_json() == sampled.summary().to_json()
+    for posterior, name in ((sampled, "run"), (loaded, "again")):
+        jb.write_report(posterior, tmp_path / name)
+    run, again = tmp_path / "run", tmp_path / "again"
+    for name in ("report.html", "summary.json"):
+        assert (run / name).read_bytes() == (again / name).read_bytes()
+    assert not (run / "case.toml").exists()
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "structure: Structure(14 DOFs, 1:y to 7:rz, LossFactor)" in page
+    assert json.loads((run / "summary.json").read_text(encoding="utf-8"))["case"] == "rod"
+
+
+def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
+    case = jb.case_from_text("cheap", cheap_text())
+    problem = case.problem
+    softer = dataclasses.replace(
+        problem,
+        prior=dataclasses.replace(problem.prior, marginals=(Normal(22.0, 0.5), *problem.prior.marginals[1:])),
+        measurement=dataclasses.replace(problem.measurement, variance=2 * problem.measurement.variance),
+    )
+    posterior = jb.sample(dataclasses.replace(case, problem=softer), seed=1, settings=QUICK)
+    posterior.save(tmp_path / "kept.nc")
+    loaded = jb.load_posterior(tmp_path / "kept.nc")
+    theta = softer.prior.sample(np.random.default_rng(3), 64)
+    np.testing.assert_array_equal(loaded.problem.log_posterior(theta), softer.log_posterior(theta))
+    assert not np.allclose(loaded.problem.log_posterior(theta), problem.log_posterior(theta))
+    assert loaded.case.title == case.title
+    np.testing.assert_array_equal(loaded.estimate.iteration.stiffness, posterior.estimate.iteration.stiffness)
+    jb.write_report(loaded, tmp_path / "run")
+    assert not (tmp_path / "run" / "case.toml").exists()
+    assert "prior of ln k11: Normal(mean=22.0, sd=0.5)" in (tmp_path / "run" / "report.html").read_text("utf-8")
+
+
+def test_a_problem_of_case_text_is_still_stored_as_its_text(cheap_posterior, tmp_path):
+    cheap_posterior.save(tmp_path / "kept.nc")
+    with h5py.File(tmp_path / "kept.nc") as file:
+        record = json.loads(file.attrs["jointbayes"])
+        assert "problem" not in file
+    assert record["file_version"] == 1
+    assert record["record"]["case_text"] == cheap_text()
+
+
+# ---- own priors and an own term of the likelihood
+
+
+class Triangle:
+    """A prior of one's own: triangular over a width about a middle."""
+
+    def __init__(self, middle, half):
+        self.middle, self.half = middle, half
+
+    def log_density(self, x):
+        with np.errstate(divide="ignore"):
+            return np.log(np.maximum(1 - np.abs(x - self.middle) / self.half, 0.0) / self.half)
+
+    def sample(self, rng, n):
+        return rng.triangular(self.middle - self.half, self.middle, self.middle + self.half, n)
+
+
+def one_spring(prior, extra=None):
+    """One coordinate, so that a grid gives the posterior; the data are three natural frequencies, roughly measured."""
+    data = FrequencyMeasurement(np.array([78.0]), np.array([4.0]))
+    return from_arrays(measurement=data, prior=JointPrior(PlainSprings(("k22",)), (prior,)), extra_log_likelihood=extra)
+
+
+def static_test(theta):
+    return -0.5 * ((theta[:, 0] - 9.6) / 0.1) ** 2
+
+
+LAPLACE = stats.laplace(9.4, 0.15)
+OWN = {
+    "scipy": (LAPLACE, None),
+    "object": (Triangle(9.4, 0.5), None),
+    "extra term": (Normal(9.4, 0.5), static_test),
+    "both": (Triangle(9.4, 0.5), static_test),
+}
+
+
+def on_grid(prior, extra):
+    """Grid of θ and the normalised posterior there, from the prior's own density and the dense matrices."""
+    theta = np.linspace(7.5, 11.0, 20001)
+    log_prior = prior.logpdf(theta) if hasattr(prior, "logpdf") else prior.log_density(theta)
+    known = one_spring(Uniform(5.0, 13.0)).log_posterior.log_likelihood(theta[:, None])
+    value = log_prior + known + (0 if extra is None else extra(theta[:, None]))
+    density = np.exp(value - value.max())
+    return theta, density / density.sum()
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_own_priors_and_terms_act_on_draws_and_map_as_on_a_grid(kind):
+    prior, extra = OWN[kind]
+    problem = one_spring(prior, extra)
+    theta, density = on_grid(prior, extra)
+    estimate = jb.find_map(problem)
+    assert estimate.theta[0] == pytest.approx(theta[np.argmax(density)], abs=2e-3)
+    posterior = jb.sample(problem, seed=2, settings=SamplerSettings(walkers=32, max_steps=2000))
+    assert posterior.converged
+    mean = theta @ density
+    sd = np.sqrt((theta - mean) ** 2 @ density)
+    assert posterior.theta.mean() == pytest.approx(mean, abs=0.05 * sd)
+    assert posterior.theta.std() == pytest.approx(sd, rel=0.05)
+    ends = np.interp([0.025, 0.975], np.cumsum(density), theta)
+    np.testing.assert_allclose(np.quantile(posterior.theta, [0.025, 0.975]), ends, atol=0.12 * sd)
+
+
+@pytest.mark.parametrize("given", [stats.norm(1.0, 2.0), stats.beta(2.0, 5.0), Triangle(2.0, 1.0)])
+def test_an_own_prior_has_quantiles_that_fit_its_density(given):
+    marginal = JointPrior(PlainSprings(("k11",)), (given,)).marginals[0]
+    probability = np.array([0.05, 0.5, 0.9])
+    theta = marginal.ppf(probability)
+    np.testing.assert_allclose(marginal.cdf(theta), probability, atol=1e-3)
+    grid = np.linspace(marginal.ppf(1e-4), marginal.ppf(1 - 1e-4), 4001)
+    density = np.exp(marginal.log_density(grid))
+    assert np.trapezoid(density, grid) == pytest.approx(1.0, abs=2e-3)
+    np.testing.assert_allclose(np.interp(theta, grid, np.cumsum(density) * (grid[1] - grid[0])), probability, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        (3.0, "found float; expected Normal, Uniform, a frozen distribution"),
+        (SimpleNamespace(log_density=np.abs, sample=lambda rng, n: np.zeros(n)), "not all finite, or all alike"),
+    ],
+)
+def test_what_is_no_prior_is_refused_in_one_line(given, complaint):
+    with pytest.raises(ModelError, match=complaint):
+        JointPrior(PlainSprings(("k11",)), (given,))
+
+
+def test_a_summary_of_springs_held_rigid_is_refused_in_one_line(sampled):
+    problem = PROBLEMS["springs"]()
+    with pytest.raises(ModelError, match="found k11 held rigid; expected a joint whose stiffnesses are all uncertain"):
+        posterior_of(problem, sampled).summary()
+
+
+def test_an_extra_term_of_another_shape_is_refused_in_one_line():
+    problem = from_arrays(extra_log_likelihood=lambda theta: theta)
+    with pytest.raises(ModelError, match=r"found values of shape \(2, 3\).* expected one number, or -inf, .* \(2,\)"):
+        problem.log_posterior(np.log([TRUTH, TRUTH]))
+
+
+def test_parts_that_no_file_can_hold_are_named_and_asked_for(sampled, tmp_path):
+    own = tuple(Triangle(np.log(k), 3.0) for k in TRUTH)
+    problem = from_arrays(own, extra_log_likelihood=lambda theta: -theta[:, 0])
+    path = tmp_path / "kept.nc"
+    posterior_of(problem, sampled).save(path)
+    with pytest.raises(
+        ModelError, match=r"problem.prior.marginals\[0\].given \(Triangle\).*problem.extra_log_likelihood"
+    ):
+        jb.load_posterior(path)
+    assert jb.load_posterior(path, problem=problem).problem is problem
+    other = dataclasses.replace(problem, extra_log_likelihood=lambda theta: -2 * theta[:, 0])
+    with pytest.raises(ModelError, match=r"found draws of another density"):
+        jb.load_posterior(path, problem=other)
+    data = dataclasses.replace(problem.measurement, variance=2 * problem.measurement.variance)
+    with pytest.raises(ModelError, match=r"of another problem .*: other numbers in its arrays"):
+        jb.load_posterior(path, problem=dataclasses.replace(problem, measurement=data))
+    with pytest.raises(ModelError, match=r"of another problem .*: other joint"):
+        jb.load_posterior(path, problem=dataclasses.replace(problem, joint=Joint(("2:y", "2:rz"))))
