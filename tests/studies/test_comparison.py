@@ -14,7 +14,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID, joint_matrix
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.comparison.bayes_factors import bayes_factor_words, model_probabilities
+from jointbayes.studies.comparison.result import bayes_factor_words, model_probabilities
 from jointbayes.studies.comparison.compare import HYPOTHESES, compare, require_same_data, under
 from jointbayes.studies.comparison.directory import write_comparison
 from jointbayes.studies.comparison.leave_one_out import leave_one_out

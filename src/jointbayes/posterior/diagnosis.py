@@ -22,7 +22,7 @@ from jointbayes.frf import Ports, quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
-from jointbayes.posterior.resonances import SharedResonances, median_seen
+from jointbayes.identification.resonances import SharedResonances, median_seen
 
 __all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
 
