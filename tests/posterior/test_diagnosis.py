@@ -7,9 +7,9 @@ import pytest
 
 from jointbayes.case.case import case_from_text
 from jointbayes.frf import Ports
+from jointbayes.identification.resonances import fit_resonance
 from jointbayes.joint import joint_matrix
 from jointbayes.posterior.diagnosis import diagnose, diagnose_frequencies, diagnose_frfs
-from jointbayes.identification.resonances import fit_resonance
 from jointbayes.workflow import find_map
 from tests.conftest import CONFIGS, TABLE_3, edited
 

@@ -14,12 +14,17 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID, joint_matrix
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.comparison.result import bayes_factor_words, model_probabilities
 from jointbayes.studies.comparison.compare import HYPOTHESES, compare, require_same_data, under
 from jointbayes.studies.comparison.directory import write_comparison
 from jointbayes.studies.comparison.leave_one_out import leave_one_out
 from jointbayes.studies.comparison.report import build_comparison_report, evidence_table, text_table
-from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
+from jointbayes.studies.comparison.result import (
+    Candidate,
+    Comparison,
+    PriorEdge,
+    bayes_factor_words,
+    model_probabilities,
+)
 from tests.conftest import cheap_frequencies_text, cheap_text, edited
 
 DATE = datetime.date(2026, 1, 2)

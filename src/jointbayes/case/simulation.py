@@ -22,7 +22,7 @@ from jointbayes.measurement.signals.line_thinning import effective_averages, lin
 from jointbayes.measurement.signals.spectra import ShakerSettings, frfs_of_shaker
 from jointbayes.measurement.virtual.synthetic import channel_label, noisy_frf
 from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
-from jointbayes.structure import BeamFamily, LossFactor, ModalDamping, Structure
+from jointbayes.structure import BeamFamily, Structure
 
 __all__ = ["Truth", "describe", "simulate"]
 
@@ -74,15 +74,10 @@ class Truth:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
         joined = self.case.problem.joint.selection(self.structure)
         eigenvalues = self.structure.modes(joined @ self.stiffness @ joined.T).eigenvalues
-        omega = np.sqrt(eigenvalues[eigenvalues > 0])
-        match self.structure.damping:
-            case ModalDamping() as law:
-                rates = (law.per_mode(eigenvalues.size) * np.sqrt(eigenvalues))[eigenvalues > 0]
-            case LossFactor(loss_factor):
-                rates = loss_factor * omega / 2
-            case law:
-                rates = (law.alpha + law.beta * omega**2) / 2
-        return float(rates.min())
+        elastic, law = eigenvalues > 0, self.structure.damping
+        omega, (alpha, beta) = np.sqrt(eigenvalues[elastic]), law.viscous
+        ratio = law.per_mode(eigenvalues.size)[elastic] + law.hysteretic / 2
+        return float((ratio * omega + (alpha + beta * omega**2) / 2).min())
 
     def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""

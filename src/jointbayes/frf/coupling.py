@@ -15,7 +15,7 @@ from jointbayes.frf.kernels.multi_dof import SweepCoupling
 from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, split_along
 from jointbayes.joint import Joint
-from jointbayes.structure import FreeModes, ModalDamping, Rayleigh, Structure, StructureFamily, as_family
+from jointbayes.structure import FreeModes, Structure, StructureFamily, as_family
 
 __all__ = ["LowRankCoupling", "free_receptance"]
 
@@ -70,8 +70,7 @@ def free_receptance(
         Lines, shape (lines,), rad/s.
     """
     (lam,), (rows,) = modes(factors[None])
-    law = family.nominal.damping
-    alpha, beta = (law.alpha, law.beta) if isinstance(law, Rayleigh) else (0.0, 0.0)
+    alpha, beta = family.nominal.damping.viscous
     (loss,) = family.loss_factors(factors[None])
     free = np.empty((omega.size, len(rows), len(rows)), dtype=complex)
     _sum_modes(lam, np.ascontiguousarray(rows), float(loss), alpha, beta, omega, free)
@@ -98,7 +97,7 @@ class LowRankCoupling:
 
     def __init__(self, structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> None:
         family = as_family(structure)
-        if isinstance(family.nominal.damping, ModalDamping):
+        if family.nominal.damping.of_assembled_modes:
             raise ModelError(
                 "low-rank coupling: found modal damping of the assembled structure; expected a loss factor or "
                 "Rayleigh damping; use the modal sum instead"

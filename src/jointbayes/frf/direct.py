@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.ports import Ports, as_batch
 from jointbayes.joint import Joint
-from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
+from jointbayes.structure import Structure
 
 __all__ = ["DirectSolve", "solve_lines"]
 
@@ -71,21 +71,15 @@ def solve_lines(
 
 def _loss(structure: Structure) -> complex:
     """1 + jη of the stiffness."""
-    law = structure.damping
-    return 1 + 1j * (law.loss_factor if isinstance(law, LossFactor) else 0.0)
+    return 1 + 1j * structure.damping.hysteretic
 
 
 def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.float64]:
     law = structure.damping
-    if isinstance(law, LossFactor):
-        return np.zeros_like(structure.stiffness)
-    if isinstance(law, Rayleigh):
-        return law.alpha * structure.mass + law.beta * structure.stiffness
-    return _modal_damping_matrix(structure, added, law)
-
-
-def _modal_damping_matrix(structure: Structure, added: NDArray[np.float64], law: ModalDamping) -> NDArray[np.float64]:
-    """C = MΦ diag(2ζω) ΦᵀM of the assembled structure, shape (n, n)."""
+    if not law.of_assembled_modes:
+        alpha, beta = law.viscous
+        return alpha * structure.mass + beta * structure.stiffness
+    # C = MΦ diag(2ζω) ΦᵀM of the assembled structure
     modes = structure.modes(added)
     rate = 2 * law.per_mode(structure.n_dofs) * np.sqrt(np.maximum(modes.eigenvalues, 0.0))
     weighted = structure.mass @ modes.shapes

@@ -8,7 +8,7 @@ from jointbayes.frf.kernels.joined_modes import JoinedModes
 from jointbayes.frf.kernels.modal_sum import ModalMisfit, ModalSum
 from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
 from jointbayes.joint import Joint, symmetric_changes
-from jointbayes.structure import ModalDamping, Structure, StructureFamily, as_family
+from jointbayes.structure import Structure, StructureFamily, as_family
 
 __all__ = ["AssembledModes", "NaturalFrequencies"]
 
@@ -91,7 +91,7 @@ class AssembledModes:
 
     def __init__(self, structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> None:
         family = as_family(structure)
-        if not isinstance(family.nominal.damping, ModalDamping):
+        if not family.nominal.damping.of_assembled_modes:
             raise ModelError(
                 "modal sum: found a loss factor or Rayleigh damping; expected modal damping ratios; "
                 "use the low-rank coupling instead"

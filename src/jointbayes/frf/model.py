@@ -10,7 +10,7 @@ from jointbayes.frf.modal import AssembledModes
 from jointbayes.frf.ports import Misfit, Ports
 from jointbayes.frf.uncertain_coupling import UncertainCoupling
 from jointbayes.joint import Joint
-from jointbayes.structure import ModalDamping, Structure, StructureFamily, as_family
+from jointbayes.structure import Structure, StructureFamily, as_family
 
 __all__ = ["ReceptanceModel", "receptance_model"]
 
@@ -46,7 +46,7 @@ def receptance_model(structure: Structure | StructureFamily, joint: Joint, ports
     """
     dofs = dict.fromkeys((*joint.dofs, *joint.against, *ports.outputs, *ports.inputs))
     family = as_family(structure).at(dofs, float(np.max(ports.frequency_hz)))
-    if isinstance(family.nominal.damping, ModalDamping):
+    if family.nominal.damping.of_assembled_modes:
         return AssembledModes(family, joint, ports)
     if family.names:
         return UncertainCoupling(family, joint, ports)

@@ -158,7 +158,7 @@ def _common_peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
     """Lines of the resonances, of all FRFs together."""
     scaled = np.abs(values) / np.median(np.abs(values), axis=0)
     power = np.log((scaled**2).mean(axis=1)) / 2
-    found = prominent_common_peaks(power, _PROMINENCE)
+    found = prominent_peaks(power, PROMINENCE)
     clear = (np.abs(values[found]) > LEAST_SD * sd[found]).any(axis=1)
     return found[clear]
 

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import Ports, quantity_factor
+from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
-from jointbayes.identification.resonances import SharedResonances, median_seen
 
 __all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
 

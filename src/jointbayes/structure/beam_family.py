@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import LossFactor, ModalDamping
-from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes, nominal_ratios
+from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.mode_table import ModeTable, tabulated
@@ -160,7 +160,7 @@ class BeamFamily:
         """Damping ratio of every mode, shape (n, m)."""
         law = self.recipe.damping
         listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
-        ratios = np.repeat(nominal_ratios(self.nominal)[None], len(factors), axis=0)
+        ratios = np.tile(law.per_mode(self.nominal.n_dofs), (len(factors), 1))
         ratios *= self.factor(factors, "damping_ratio")[:, None]
         for i in range(listed):
             # the last one holds for all higher modes
@@ -169,9 +169,7 @@ class BeamFamily:
 
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (n,)."""
-        law = self.recipe.damping
-        nominal = law.loss_factor if isinstance(law, LossFactor) else 0.0
-        return nominal * self.factor(factors, "loss_factor")
+        return self.recipe.damping.hysteretic * self.factor(factors, "loss_factor")
 
     def frequency_factors(self, factors: Array) -> Array:
         """True over predicted natural frequency of the first modes of the assembled structure, shape (n, c)."""

@@ -1,6 +1,8 @@
 """Damping laws of a structure; a joint itself carries no damping, as in the paper."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +12,34 @@ from jointbayes.errors import ModelError
 __all__ = ["DampingLaw", "LossFactor", "ModalDamping", "Rayleigh"]
 
 
+class DampingLaw:
+    """What forward models ask of any damping law."""
+
+    __slots__ = ()
+    #: Whether its ratios are those of the assembled structure's modes, so that they follow the joint.
+    of_assembled_modes: ClassVar[bool] = False
+
+    @property
+    def hysteretic(self) -> float:
+        """Loss factor η of the stiffness."""
+        return 0.0
+
+    @property
+    def viscous(self) -> tuple[float, float]:
+        """α in 1/s and β in s of C = αM + βK."""
+        return 0.0, 0.0
+
+    def per_mode(self, count: int) -> NDArray[np.float64]:
+        """Damping ratio of each of the first `count` modes of the assembled structure, shape (count,)."""
+        return np.zeros(count)
+
+    def scaled(self, factors: Mapping[str, float]) -> "DampingLaw":
+        """The law with its quantities multiplied by factors, by name."""
+        return self
+
+
 @dataclass(frozen=True, slots=True)
-class ModalDamping:
+class ModalDamping(DampingLaw):
     """Modal damping ratios ζ of the *assembled* structure (joint included), as in the paper.
 
     Parameters
@@ -21,6 +49,7 @@ class ModalDamping:
     """
 
     ratios: tuple[float, ...]
+    of_assembled_modes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not self.ratios or not all(0.0 <= z < 1.0 for z in self.ratios):
@@ -33,9 +62,16 @@ class ModalDamping:
         given = np.asarray(self.ratios[:count], dtype=float)
         return np.concatenate([given, np.full(count - given.size, self.ratios[-1])])
 
+    def scaled(self, factors: Mapping[str, float]) -> DampingLaw:
+        """The law with all ratios times ``damping_ratio`` and that of the second mode times ``damping_ratio_2``."""
+        each = np.array(self.ratios) * factors.get("damping_ratio", 1.0)
+        for i in range(each.size):
+            each[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)
+        return ModalDamping(tuple(each.tolist()))
+
 
 @dataclass(frozen=True, slots=True)
-class LossFactor:
+class LossFactor(DampingLaw):
     """Structural (hysteretic) damping: the structure's stiffness is K(1 + jη)."""
 
     loss_factor: float
@@ -44,9 +80,18 @@ class LossFactor:
         if not self.loss_factor >= 0.0:
             raise ModelError(f"loss factor: found {self.loss_factor:g}; expected 0 or more; correct it")
 
+    @property
+    def hysteretic(self) -> float:
+        """η."""
+        return self.loss_factor
+
+    def scaled(self, factors: Mapping[str, float]) -> DampingLaw:
+        """The law with its ``loss_factor`` multiplied."""
+        return LossFactor(self.loss_factor * factors.get("loss_factor", 1.0))
+
 
 @dataclass(frozen=True, slots=True)
-class Rayleigh:
+class Rayleigh(DampingLaw):
     """Viscous damping C = αM + βK of the structure without the joint; α in 1/s, β in s."""
 
     alpha: float
@@ -59,5 +104,7 @@ class Rayleigh:
                 "expected both 0 or more; correct them"
             )
 
-
-DampingLaw = ModalDamping | LossFactor | Rayleigh
+    @property
+    def viscous(self) -> tuple[float, float]:
+        """α and β."""
+        return self.alpha, self.beta

@@ -7,11 +7,10 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.structure.damping import LossFactor, ModalDamping
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.reduction import Reduction
 
-__all__ = ["MOST_HELD", "Discretisation", "FixedFamily", "FreeModes", "StructureFamily", "as_family", "nominal_ratios"]
+__all__ = ["MOST_HELD", "Discretisation", "FixedFamily", "FreeModes", "StructureFamily", "as_family"]
 
 Array = NDArray[np.float64]
 
@@ -150,12 +149,11 @@ class FixedFamily:
 
     def damping_ratios(self, factors: Array) -> Array:
         """Damping ratio of every mode, shape (1, m)."""
-        return nominal_ratios(self.nominal)[None]
+        return self.nominal.damping.per_mode(self.nominal.n_dofs)[None]
 
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (1,)."""
-        law = self.nominal.damping
-        return np.array([law.loss_factor if isinstance(law, LossFactor) else 0.0])
+        return np.array([self.nominal.damping.hysteretic])
 
     def frequency_factors(self, factors: Array) -> Array:
         """No mode is off: shape (1, 0)."""
@@ -168,12 +166,6 @@ class _Unreduced(FixedFamily):
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same structure with all its modes."""
         return self
-
-
-def nominal_ratios(structure: Structure) -> Array:
-    """Damping ratio of every mode, shape (DOFs,); 0 where the law is another one."""
-    law = structure.damping
-    return law.per_mode(structure.n_dofs) if isinstance(law, ModalDamping) else np.zeros(structure.n_dofs)
 
 
 def as_family(structure: "Structure | StructureFamily") -> StructureFamily:

@@ -4,11 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
-
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial, beam
-from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.mesh import BeamMesh, BeamShape, mesh_through, meshed_beam
 from jointbayes.structure.section import Section
@@ -149,7 +147,7 @@ class BeamRecipe:
         shear = given.get("shear_coefficient", 1.0)
         section = self.section.scaled(given.get("section_size", 1.0), shear)
         kappa = None if self.shear_coefficient is None else self.shear_coefficient * shear
-        length, damping = self.length * given.get("length", 1.0), _damping(self.damping, given)
+        length, damping = self.length * given.get("length", 1.0), self.damping.scaled(given)
         mesh = mesh or self.mesh()
         if mesh is None:
             free = beam(
@@ -176,16 +174,3 @@ class BeamRecipe:
         at = [i for i, dof in enumerate(free.dofs) if dof.split(":")[0] in nodes and ":r" not in dof]
         total[at, at] += mass
         return replace(free, mass=total)
-
-
-def _damping(law: DampingLaw, factors: Mapping[str, float]) -> DampingLaw:
-    match law:
-        case ModalDamping():
-            each = np.array(law.ratios) * factors.get("damping_ratio", 1.0)
-            for i in range(each.size):
-                each[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)
-            return ModalDamping(tuple(each.tolist()))
-        case LossFactor():
-            return LossFactor(law.loss_factor * factors.get("loss_factor", 1.0))
-        case Rayleigh():
-            return law
