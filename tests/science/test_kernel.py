@@ -290,6 +290,15 @@ def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
     assert fastest["numpy"] > 5 * fastest["kernel"]
 
 
+def misfit_of_many_dofs():
+    structure, joint = with_law("loss factor"), Joint(tuple(f"{n}:y" for n in range(1, 7)))
+    ports = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",))
+    matrices = joints_of_many_dofs(6, seed=1)
+    model = model_of(structure, joint, ports)
+    measured = model.receptance(matrices[10])[0]
+    return model.misfit(measured, 1 / np.abs(measured)), matrices
+
+
 def test_the_process_that_compiles_has_the_same_last_bits_as_those_that_load_what_was_kept(tmp_path):
     script = (
         "import hashlib, sys, numpy as np, jointbayes as jb\n"
@@ -297,6 +306,10 @@ def test_the_process_that_compiles_has_the_same_last_bits_as_those_that_load_wha
         "    posterior = jb.load_case(f'{sys.argv[1]}/{name}.toml').problem.log_posterior\n"
         "    values = posterior(posterior.prior.sample(np.random.default_rng(0), 100))\n"
         "    print(hashlib.sha256(values.tobytes()).hexdigest())\n"
+        "from tests.science.test_kernel import misfit_of_many_dofs\n"
+        "misfit, matrices = misfit_of_many_dofs()\n"
+        "values = misfit.chi2(matrices), *misfit.chi2_gradient(matrices)\n"
+        "print(hashlib.sha256(b''.join(x.tobytes() for x in values)).hexdigest())\n"
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", script, str(CONFIGS)]
@@ -305,4 +318,4 @@ def test_the_process_that_compiles_has_the_same_last_bits_as_those_that_load_wha
     )
     assert any(tmp_path.rglob("*.nbc")), "nothing was kept"
     assert compiled == loaded
-    assert len(compiled.splitlines()) == 3
+    assert len(compiled.splitlines()) == 4

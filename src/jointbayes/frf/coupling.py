@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.compiled import compiled
-from jointbayes.frf.kernels.multi_dof import SweepCoupling
+from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
 from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, split_along
 from jointbayes.joint import Joint
@@ -111,8 +111,8 @@ class LowRankCoupling:
             free = free_receptance(family, family.free_modes(driven), np.empty(0), ports.omega)
         # reciprocity holds to the last bits if it holds here
         free = (free + free.swapaxes(-1, -2)) / 2
-        form = PairCoupling if joined.shape[1] <= 2 else SweepCoupling
-        self._form: PairCoupling | SweepCoupling = form(free, along, len(ports.outputs))
+        form = PairCoupling if joined.shape[1] <= 2 else MultiDofCoupling
+        self._form: PairCoupling | MultiDofCoupling = form(free, along, len(ports.outputs))
 
     def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs).

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.coupling import free_receptance
-from jointbayes.frf.kernels.multi_dof import SweepCoupling
+from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
 from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.ports import Misfit, Ports, as_batch, as_factors, split_along
 from jointbayes.joint import Joint
@@ -55,10 +55,10 @@ class UncertainCoupling:
         """Weighted distance from measured receptances, see `Misfit`."""
         return UncertainMisfit(self, measured, weight)
 
-    def _coupled(self, factors: Array) -> PairCoupling | SweepCoupling:
+    def _coupled(self, factors: Array) -> PairCoupling | MultiDofCoupling:
         """Coupling of the structure at factors (q,)."""
         free = free_receptance(self._family, self._modes, factors, self._omega)
-        form = PairCoupling if self._pair else SweepCoupling
+        form = PairCoupling if self._pair else MultiDofCoupling
         return form(free, self._along, self._n_out)
 
 

@@ -1,11 +1,20 @@
-"""How the hot loops are compiled."""
+"""How the hot loops are compiled, and kept for the next process."""
+# mypy: disable-error-code="attr-defined, no-untyped-call"
 
+import hashlib
+import logging
 import math
+import os
+import stat
+import tempfile
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numpy.typing import NDArray
 
 __all__ = ["LANES", "compiled", "in_order", "inner", "lane_blocks"]
@@ -21,14 +30,24 @@ LANES = 64
 # must be seen.
 _FAST = {"contract", "arcp", "nsz"}
 
+_THIS_FILE = hashlib.sha256(Path(__file__).read_bytes()).digest()
+_REMEDY = "set NUMBA_CACHE_DIR to a directory of yours"
+_said: set[str] = set()
+
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile to machine code at the first call, kept on disk for the next process.
 
-    What is kept is compiled anew when the function's own file changes, so its parts belong into the same file.
+    What is kept is compiled anew when the function's own file changes or this one, so its parts belong into the same
+    file. Where it is kept can be chosen by NUMBA_CACHE_DIR.
     """
     fast = _FAST | {"reassoc"}
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, fastmath=fast, error_model="numpy")(function))
+    dispatcher = numba.njit(nogil=True, fastmath=fast, error_model="numpy")(function)
+    try:
+        dispatcher._cache = _cache(function)
+    except (OSError, RuntimeError) as error:
+        _say("place", f"found no place to keep machine code ({error}); each run compiles it anew; {_REMEDY}")
+    return cast("Callable[P, R]", dispatcher)
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
@@ -44,6 +63,71 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
 def in_order(function: Callable[P, R]) -> Callable[P, R]:
     """A part of compiled functions whose sums are taken as written, (a − b) − c not as a − (b + c)."""
     return cast("Callable[P, R]", numba.njit(nogil=True, fastmath=_FAST, error_model="numpy")(function))
+
+
+class _File(IndexDataCacheFile):
+    """Machine code with a digest at its end: what a full disk or a power cut left of a file must not be run."""
+
+    def _dump(self, obj: object) -> bytes:
+        data: bytes = super()._dump(obj)
+        return data + hashlib.sha256(data).digest()
+
+    def _load_data(self, name: str) -> object:
+        data = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(data[: -len(_THIS_FILE)]).digest() != data[-len(_THIS_FILE) :]:
+            raise ValueError
+        return super()._load_data(name)
+
+
+class _Cache(FunctionCache):
+    """numba's cache of one function, but what is damaged is replaced, and a full disk is no reason to stop."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _File(self._cache_path, self._impl.filename_base, (stamp, _THIS_FILE))
+
+    def load_overload(self, sig: object, target_context: object) -> Any:  # noqa: ANN401 (numba's own signature)
+        try:
+            loaded = super().load_overload(sig, target_context)
+        except Exception as error:  # unpickling damaged bytes raises anything
+            what = f"found damaged machine code ({type(error).__name__}); compiling it anew, some seconds"
+            _say("compiling", f"{self._cache_path}: {what}")
+            with suppress(OSError):
+                Path(self._cache_file._index_path).unlink()
+            return None
+        if loaded is None:
+            _say("compiling", "compiling the loops that this run needs, once after an installation: some seconds")
+        return loaded
+
+    def save_overload(self, sig: object, data: object) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _say("place", f"{self._cache_path}: machine code cannot be kept ({error.strerror}); {_REMEDY}")
+
+
+def _cache(function: Callable[..., object]) -> _Cache:
+    """Cache beside the package, in the user's cache directory or, where neither can be written, in a temporary one."""
+    try:
+        return _Cache(function)
+    except RuntimeError:  # numba's "no locator available"
+        user = getattr(os, "getuid", int)()
+        path = Path(tempfile.gettempdir()) / f"jointbayes-{user}"
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != user or found.st_mode & 0o077:
+            path = Path(tempfile.mkdtemp(prefix="jointbayes-"))  # code is loaded from there: nobody else may write it
+        numba.config.CACHE_DIR = str(path)
+        _say("place", f"{path}: machine code is kept here, for want of another directory to write to; {_REMEDY}")
+        return _Cache(function)
+
+
+def _say(kind: str, text: str) -> None:
+    """One line on standard error, once a process, unless the program that imports this handles logging otherwise."""
+    if kind not in _said:
+        _said.add(kind)
+        logging.getLogger("jointbayes").warning("jointbayes: %s", text)
 
 
 def _aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:

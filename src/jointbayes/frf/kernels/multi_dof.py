@@ -13,7 +13,7 @@ from jointbayes.frf.kernels.compiled import compiled, inner, lane_blocks
 from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.ports import as_batch
 
-__all__ = ["SweepCoupling", "SweepMisfit"]
+__all__ = ["MultiDofCoupling", "MultiDofMisfit"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -24,6 +24,13 @@ _WELL_CONDITIONED = 1e4
 
 
 # A complex number at _WIDTH lines is one row: the real parts, then the imaginary ones.
+
+
+@inner
+def _copy(row: Array, out: Array) -> None:
+    """out = row; an assignment of slices takes a second to compile."""
+    for j in range(len(row)):
+        out[j] = row[j]
 
 
 @inner
@@ -67,13 +74,11 @@ def _add_compliance(compliance: Array, free: Array, a: Array) -> None:
     """K⁻¹ + A_jj, and beside it A_jp."""
     r, row = len(compliance), 2 * _WIDTH
     for i in range(r):
-        to, since = a[i, i * row :], free[i, i * row :]
-        for j in range(len(to)):
-            to[j] = since[j]
-        for k in range(r - i):
-            c = compliance[i, i + k]
+        for k in range(i, r):
+            c, since, here = compliance[i, k], free[i, k * row : (k + 1) * row], a[i, k * row : (k + 1) * row]
             for j in range(_WIDTH):
-                to[k * row + j] += c
+                here[j], here[_WIDTH + j] = since[j] + c, since[_WIDTH + j]
+        _copy(free[i, r * row :], a[i, r * row :])
 
 
 @inner
@@ -92,8 +97,8 @@ def _turn_into_springs(turn: Array, along: Array, free: Array, a: Array, rest: A
             for m in range(r):
                 if turn[m, k] != 0.0:
                     _add(turn[m, k], half[m * row : (m + 1) * row], here)
-        rest[i] = half[r * row :]
-        a[i, r * row :] = half[r * row :]
+        _copy(half[r * row :], rest[i])
+        _copy(half[r * row :], a[i, r * row :])
     for k in range(q):
         for m in range(r):
             if along[m, k] != 0.0:
@@ -110,8 +115,7 @@ def _eliminate(
     r, row = len(d), 2 * _WIDTH
     for n in range(len(ports)):
         x, y = r + ports[n, 0], (r + ports[n, 1]) * row
-        for j in range(row):
-            h[n, j] = free[x, y + j]
+        _copy(free[x, y : y + row], h[n])
     for p in range(r):
         _inverse_pivot(unit, d[p], a[p, p * row : (p + 1) * row], inverse[p])
         if d[p] != 0.0:
@@ -136,14 +140,14 @@ def _stretches(d: Array, a: Array, inverse: Array, f: Array) -> None:
                     _product(d[i], a[i, k : k + row], a[p, i * row : (i + 1) * row], f)
                     _add(-1.0, f, here)
             _product(1.0, inverse[p], here, f)
-            here[:] = f
+            _copy(f, here)
 
 
 @inner
 def _response(d: Array, along: Array, free: Array, rest: Array, a: Array, o: int, s: int, h: Array, f: Array) -> None:
     """H of one pair of ports, one row."""
     r, row = len(d), 2 * _WIDTH
-    h[:] = free[r + o, (r + s) * row : (r + s + 1) * row]
+    _copy(free[r + o, (r + s) * row : (r + s + 1) * row], h)
     for p in range(r):
         delta, own = a[p, (r + s) * row : (r + s + 1) * row], rest[p, o * row : (o + 1) * row]
         if along[p, o] != 0.0:
@@ -175,12 +179,13 @@ def _overlap(h: Array, data: Array, x: Array, y: Array) -> float:
 
 
 @compiled
-def _chi2(
+def _over_lines(
     unit: Array, turn: Array, d: Array, along: Array, free: Array, ports: NDArray[np.int64], data: Array, out: Array,
-    slope: Array,
+    slope: Array, value: Array, delta: Array,
 ) -> None:  # fmt: skip
-    """χ² (batch,) and, if `slope` has any row, its gradient in the springs' coordinates (batch, r, r).
+    """χ² (batch,), and its gradient in the springs' coordinates (batch, r, r) where `slope` has any row.
 
+    Where `value` has any row, H (blocks, pairs, row) and δ (blocks, r, q rows) of one joint at every line instead.
     Where `unit` (batch,) is 0, `turn` is K⁻¹ and d is 1; where it is 1, they are the springs.
     """
     r, q = along.shape[1:]
@@ -197,40 +202,27 @@ def _chi2(
             else:
                 _turn_into_springs(turn[i], along[i], free[b], a, rest, half)
             _eliminate(unit[i], d[i], ports, free[b], a, inverse, h, f)
-            if at_joint or len(slope) > 0:
+            if at_joint or len(slope) > 0 or len(value) > 0:
                 _stretches(d[i], a, inverse, f)
             for n in range(len(ports)):
                 o, s = ports[n]
                 if at_joint:
                     _response(d[i], along[i], free[b], rest, a, o, s, h[n], f)
-                out[i] += _distance(h[n], data[b, n])
+                if len(value) > 0:
+                    _copy(h[n], value[b, n])
+                else:
+                    out[i] += _distance(h[n], data[b, n])
                 if len(slope) > 0:  # dH = −δ_oᵀ dK̃ δ_i
                     for p in range(r):
                         for k in range(r):
                             x, y = a[p, (r + o) * row :], a[k, (r + s) * row :]
                             slope[i, p, k] -= 2.0 * _overlap(h[n], data[b, n], x, y)
+            if len(value) > 0:
+                for p in range(r):
+                    _copy(a[p, r * row :], delta[b, p])
 
 
-@compiled
-def _lines(
-    turn: Array, d: Array, along: Array, free: Array, ports: NDArray[np.int64], value: Array, delta: Array
-) -> None:
-    """H (blocks, pairs, row) and δ (blocks, r, q rows) of one joint at every line."""
-    r, q = along.shape
-    row = 2 * _WIDTH
-    a, rest, half = np.empty((r, (r + q) * row)), np.empty((r, q * row)), np.empty((r + q) * row)
-    inverse, f = np.empty((r, row)), np.empty(row)
-    for b in range(len(free)):
-        _turn_into_springs(turn, along, free[b], a, rest, half)
-        _eliminate(1.0, d, ports[:0], free[b], a, inverse, value[b], f)
-        _stretches(d, a, inverse, f)
-        for n in range(len(ports)):
-            _response(d, along, free[b], rest, a, ports[n, 0], ports[n, 1], value[b, n], f)
-        for p in range(r):
-            delta[b, p] = a[p, r * row :]
-
-
-class SweepCoupling:
+class MultiDofCoupling:
     """Receptance of a structure whose joint has any number of DOFs; parameters as `PairCoupling`."""
 
     def __init__(self, free: ComplexArray, along: Array, n_out: int) -> None:
@@ -259,10 +251,10 @@ class SweepCoupling:
         pairs = [-np.einsum("pij,il,jl->pl", change, delta[:, o], delta[:, i]) for o, i in self.ports]
         return value, np.stack(pairs, axis=-1).reshape(len(change), self._lines, self._n_out, self._n_in)
 
-    def misfit(self, measured: ComplexArray, weight: Array) -> "SweepMisfit":
+    def misfit(self, measured: ComplexArray, weight: Array) -> "MultiDofMisfit":
         """Weighted distance from measured receptances, shape (lines, outputs, inputs)."""
         flat, square = measured.reshape(self._lines, -1).T, weight.reshape(self._lines, -1).T ** 2
-        return SweepMisfit(self, _blocks(np.stack([flat.real, flat.imag, square], axis=1)))
+        return MultiDofMisfit(self, _blocks(np.stack([flat.real, flat.imag, square], axis=1)))
 
     def springs(self, matrices: Array) -> tuple[Array, Array, Array]:
         """Directions L (batch, r, r), stiffness d (batch, r) of the springs, and the ports' parts along them."""
@@ -271,13 +263,14 @@ class SweepCoupling:
 
     def _solve(self, matrix: Array) -> tuple[ComplexArray, ComplexArray, Array]:
         """H (lines, outputs, inputs), stretches (r, ports, lines) and the springs' directions of one joint."""
-        (turn,), (stiffness,), (along,) = self.springs(matrix[None])
-        blocks = len(self.free)
+        turn, stiffness, along = self.springs(matrix[None])
+        blocks, (_, r, q) = len(self.free), along.shape
         value = np.empty((blocks, len(self.ports), 2 * _WIDTH))
-        delta = np.empty((blocks, len(along), along.shape[1] * 2 * _WIDTH))
-        _lines(turn, stiffness, along, self.free, self.ports, value, delta)
-        h, d = (self._as_lines(x) for x in (value, delta.reshape(blocks, *along.shape, -1)))
-        return h.T.reshape(self._lines, self._n_out, self._n_in), d, turn
+        delta = np.empty((blocks, r, q * 2 * _WIDTH))
+        none, one = np.empty((0, 0, 0)), np.ones(1)
+        _over_lines(one, turn, stiffness, along, self.free, self.ports, none, one.copy(), none, value, delta)
+        h, d = (self._as_lines(x) for x in (value, delta.reshape(blocks, r, q, -1)))
+        return h.T.reshape(self._lines, self._n_out, self._n_in), d, turn[0]
 
     def _as_lines(self, rows: Array) -> ComplexArray:
         """Rows (blocks, ..., row) as complex numbers (..., lines)."""
@@ -285,10 +278,10 @@ class SweepCoupling:
         return value.reshape(*value.shape[:-2], -1)[..., : self._lines]
 
 
-class SweepMisfit:
+class MultiDofMisfit:
     """χ² = Σ |H − H^x|² w² over lines and FRFs as a function of the joint, without any array over its lines."""
 
-    def __init__(self, coupling: SweepCoupling, data: Array) -> None:
+    def __init__(self, coupling: MultiDofCoupling, data: Array) -> None:
         self._coupling, self._data = coupling, data
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
@@ -312,7 +305,8 @@ class SweepMisfit:
                 product = np.einsum("bii,bii->bi", compliance, stiffness)
             plain = (d > 0).all(axis=1) & (product <= _WELL_CONDITIONED).all(axis=1)
             unit[plain], turn[plain], d[plain] = 0.0, compliance[plain], 1.0
-        _chi2(unit, turn, d, along, self._coupling.free, self._coupling.ports, self._data, out, slope)
+        free, ports, none = self._coupling.free, self._coupling.ports, np.empty((0, 0, 0))
+        _over_lines(unit, turn, d, along, free, ports, self._data, out, slope, none, none)
         return out, slope, turn
 
 

@@ -1,0 +1,87 @@
+"""Compiled loops are kept for the next process; a cache that is damaged or cannot be written costs one line."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = (
+    "import sys\n"
+    "if '--nowhere' in sys.argv:\n"
+    "    from numba.core import caching\n"
+    "    caching.CacheImpl._locator_classes = [caching.UserProvidedCacheLocator]\n"
+    "import numpy as np\n"
+    "from jointbayes.frf.kernels.springs import springs\n"
+    "print(springs(np.diag([2.0, 3.0])[None])[1])\n"
+)
+
+
+def run(*options, **variables):
+    """Standard error of a process that uses one compiled loop."""
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {
+        k: str(v) for k, v in variables.items()
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, *options], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[[3. 2.]]\n"
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("cache")
+    said = run(NUMBA_CACHE_DIR=directory)
+    assert said.startswith("jointbayes: compiling the loops")
+    assert said.count("\n") == 1
+    return directory
+
+
+def kept(cache, ending) -> Path:
+    (path,) = cache.rglob(f"springs.*{ending}")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("ending", "damage"),
+    [
+        ("nbi", lambda whole: b""),
+        ("nbi", lambda whole: b"\x93" + os.urandom(200)),
+        ("nbc", lambda whole: whole[:100]),
+        ("nbc", lambda whole: whole[:4096] + bytes(len(whole) - 4096)),
+        ("nbc", lambda whole: whole[: len(whole) // 2] + b"!" + whole[len(whole) // 2 + 1 :]),
+    ],
+)
+def test_a_damaged_cache_is_replaced_with_one_line(cache, ending, damage):
+    path = kept(cache, ending)
+    path.write_bytes(damage(path.read_bytes()))
+    said = run(NUMBA_CACHE_DIR=cache)
+    assert "compiling it anew" in said
+    assert said.count("\n") == 1
+
+
+def test_what_was_compiled_is_not_compiled_again_and_not_used_on_another_machine(cache):
+    run(NUMBA_CACHE_DIR=cache)
+    assert run(NUMBA_CACHE_DIR=cache) == ""
+    said = run(NUMBA_CACHE_DIR=cache, NUMBA_CPU_NAME="generic")
+    assert said.startswith("jointbayes: compiling the loops")
+    assert said.count("\n") == 1
+    assert run(NUMBA_CACHE_DIR=cache) == ""
+
+
+def test_without_a_directory_to_write_to_a_temporary_one_of_the_user_serves(tmp_path):
+    (tmp_path / "file").touch()
+    first, second = (run("--nowhere", TMPDIR=tmp_path, NUMBA_CACHE_DIR=tmp_path / "file") for _ in range(2))
+    assert first.count("\n") == 2
+    assert str(tmp_path / "jointbayes-") in first
+    assert "compiling the loops" in first
+    assert second.count("\n") == 1
+    (directory,) = tmp_path.glob("jointbayes-*")
+    assert directory.stat().st_mode & 0o777 == 0o700
+
+    directory.chmod(0o777)  # anybody could have put code there
+    third = run("--nowhere", TMPDIR=tmp_path, NUMBA_CACHE_DIR=tmp_path / "file")
+    assert "compiling the loops" in third
+    assert str(directory) + ":" not in third
