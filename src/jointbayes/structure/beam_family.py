@@ -154,7 +154,7 @@ class BeamFamily:
         factors = dict(zip(self._axes.names, np.exp(numbers).tolist(), strict=True))
         if "accelerometer_mass" in factors:  # the section's size changes the beam's mass, and the ratio is wanted
             factors["accelerometer_mass"] *= factors.get("section_size", 1.0) ** 2
-        return self.recipe.structure(factors, self.mesh)
+        return self.recipe.lumped.structure(factors, self.mesh)
 
     def damping_ratios(self, factors: Array) -> Array:
         """Damping ratio of every mode, shape (n, m)."""
@@ -178,9 +178,11 @@ class BeamFamily:
         return np.stack(each, axis=-1) if each else np.empty((len(factors), 0))
 
     def factor(self, factors: Array, name: str) -> Array:
-        """Factor on one quantity, shape (n,); ones where it is certain, or no factors are given."""
-        known = name in self.names and factors.shape[1] > 0
-        return factors[:, self.names.index(name)] if known else np.ones(len(factors))
+        """Factor on one quantity, shape (n,), or all mass at an accelerometer; ones where it is certain."""
+        if name not in self.names or not factors.shape[1]:
+            return np.ones(len(factors))
+        found = factors[:, self.names.index(name)]
+        return self.recipe.lumped_factor(found) if name == "accelerometer_mass" else found
 
     def shape_numbers(self, factors: Array) -> Array:
         """Logarithms of the numbers that change the modes by more than factors, shape (n, axes)."""
@@ -195,7 +197,10 @@ class _ShapeAxes:
             "section_size": {"section_size": 1.0, "length": -1.0},
             "shear_coefficient": {"shear_coefficient": 1.0},
         }
-        if recipe.accelerometer_mass > 0 and recipe.accelerometer_dofs:
+        if recipe.lumped.accelerometer_mass > 0 and recipe.accelerometer_dofs:
+            if "accelerometer_mass" in ranges:
+                low, high = np.log(recipe.lumped_factor(np.exp(ranges["accelerometer_mass"])))
+                ranges = {**ranges, "accelerometer_mass": (float(low), float(high))}
             # the mass beside that of the beam, ρ d² L
             exponents["accelerometer_mass"] = {
                 "accelerometer_mass": 1.0, "density": -1.0, "section_size": -2.0, "length": -1.0

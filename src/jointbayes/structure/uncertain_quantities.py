@@ -4,6 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial, beam
 from jointbayes.structure.damping import DampingLaw
@@ -60,6 +63,8 @@ class BeamRecipe:
         DOFs held fixed.
     accelerometer_mass
         Mass of each accelerometer, kg.
+    added_mass
+        Mass that is exactly known, beside that of each accelerometer, kg.
     accelerometer_dofs
         Where one sits: its mass moves in all translations of the node of each of these DOFs that is a translation.
     element
@@ -77,9 +82,20 @@ class BeamRecipe:
     shear_coefficient: float | None = None
     supports: tuple[str, ...] = ()
     accelerometer_mass: float = 0.0
+    added_mass: float = 0.0
     accelerometer_dofs: tuple[str, ...] = ()
     element: ElementKind = "converged"
     richer: bool = False
+
+    @property
+    def lumped(self) -> "BeamRecipe":
+        """The same beam, all mass at an accelerometer's place taken for the accelerometer's."""
+        return replace(self, accelerometer_mass=self.accelerometer_mass + self.added_mass, added_mass=0.0)
+
+    def lumped_factor(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
+        own, added = self.accelerometer_mass, self.added_mass
+        return (own * factor + added) / (own + added) if added else factor
 
     @property
     def shape(self) -> BeamShape:
@@ -161,7 +177,7 @@ class BeamRecipe:
             )
         else:
             free = meshed_beam(BeamShape(length, section, material, kappa), damping, mesh, self.dofs_per_node)
-        loaded = self._loaded(free, self.accelerometer_mass * given.get("accelerometer_mass", 1.0))
+        loaded = self._loaded(free, self.accelerometer_mass * given.get("accelerometer_mass", 1.0) + self.added_mass)
         return loaded.fixed(self.supports) if self.supports else loaded
 
     def _loaded(self, free: Structure, mass: float) -> Structure:

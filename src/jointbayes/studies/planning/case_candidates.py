@@ -1,9 +1,8 @@
 """The further measurements that a case could be given, from its `[plan]` table."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,9 @@ from jointbayes.case.schema import case as schema
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.structure import BeamFamily, BeamRecipe, Discretisation, FreeModes, Structure
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
 
-__all__ = ["HeavierFamily", "candidates_of"]
+__all__ = ["candidates_of"]
 
 Array = NDArray[np.float64]
 _G = 1e-3
@@ -125,13 +123,11 @@ class _Maker:
         if grams is None or not translations:
             return
         data, problem = self._data, self._case.problem
-        uncertain = problem.structures.names
-        ranges = {n.name: n.range for n in problem.prior.nuisances if n.name in uncertain}
         yield Candidate(
             f"+{grams:g} g",
             "mass",
             f"a mass of {grams:g} g at {' and '.join(translations)}",
-            HeavierFamily.of(self._recipe, grams * _G, ranges),
+            family_of(replace(self._recipe, added_mass=grams * _G), problem.prior),
             Ports(self._lines, data.outputs, data.inputs),
             data.quantity,
             self._law,
@@ -162,109 +158,3 @@ class _Maker:
         if share in (0.0, 1.0) and nodes <= {1, spec.nodes} and len(nodes) == 1:
             return "at the tip"
         return "at mid-span" if share == 0.5 else "on the beam"
-
-
-def _heavier(recipe: BeamRecipe, mass: float) -> BeamRecipe:
-    """The beam with a further mass at each measured translation."""
-    return replace(recipe, accelerometer_mass=recipe.accelerometer_mass + mass)
-
-
-class HeavierFamily:
-    """A family of beams with a mass, exactly known, added to each accelerometer.
-
-    Parameters
-    ----------
-    beams
-        The beams with that mass, their factor of ``accelerometer_mass`` that on accelerometer and added mass together.
-    own, added
-        Mass of each accelerometer, and mass added at each measured translation, kg.
-    """
-
-    def __init__(self, beams: BeamFamily, own: float, added: float) -> None:
-        self._family, self._own, self._added = beams, own, added
-        self.names = beams.names
-        self._at = self.names.index("accelerometer_mass") if "accelerometer_mass" in self.names else None
-
-    @classmethod
-    def of(cls, recipe: BeamRecipe, added: float, ranges: Mapping[str, tuple[float, float]]) -> Self:
-        """From the beam without that mass.
-
-        Parameters
-        ----------
-        recipe
-            The beam without that mass.
-        added
-            Mass added at each measured translation, kg.
-        ranges
-            Smallest and largest logarithm of the factor by uncertain quantity, as for `BeamFamily`; the factor of
-            ``accelerometer_mass`` is that on the accelerometer alone.
-        """
-        own, turned = recipe.accelerometer_mass, dict(ranges)
-        if "accelerometer_mass" in turned:
-            low, high = np.log(_total(np.exp(turned["accelerometer_mass"]), own, added))
-            turned["accelerometer_mass"] = float(low), float(high)
-        return cls(BeamFamily(_heavier(recipe, added), turned), own, added)
-
-    @property
-    def nominal(self) -> Structure:
-        """Beam at all factors 1."""
-        return self._family.nominal
-
-    @property
-    def discretisation(self) -> Discretisation:
-        """Elements."""
-        return self._family.discretisation
-
-    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
-        """The same beams, exact at these DOFs up to this frequency."""
-        return type(self)(self._family.at(dofs, top_hz), self._own, self._added)
-
-    def reference(self, *, solved: bool = True) -> Self:
-        """The same beams on a much richer mesh."""
-        return type(self)(self._family.reference(solved=solved), self._own, self._added)
-
-    def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, Hz."""
-        return self._family.reach_hz(count)
-
-    def _turned(self, factors: Array) -> Array:
-        if self._at is None or factors.shape[-1] == 0:
-            return factors
-        turned = np.array(factors, dtype=float)
-        turned[..., self._at] = _total(turned[..., self._at], self._own, self._added)
-        return turned
-
-    def structure(self, factors: Array) -> Structure:
-        """Beam at factors (q,), assembled anew."""
-        return self._family.structure(self._turned(np.asarray(factors, dtype=float)))
-
-    def free_modes(self, motions: Array) -> FreeModes:
-        """Modes without the joint as functions of the factors."""
-        return _TurnedModes(self._family.free_modes(motions), self)
-
-    def damping_ratios(self, factors: Array) -> Array:
-        """Damping ratio of every mode, shape (n, m)."""
-        return self._family.damping_ratios(self._turned(factors))
-
-    def loss_factors(self, factors: Array) -> Array:
-        """Loss factor, shape (n,)."""
-        return self._family.loss_factors(self._turned(factors))
-
-    def frequency_factors(self, factors: Array) -> Array:
-        """True over predicted natural frequency of the first modes, shape (n, c)."""
-        return self._family.frequency_factors(self._turned(factors))
-
-
-class _TurnedModes:
-    """Free modes at the factors that a heavier family hands on."""
-
-    def __init__(self, modes: FreeModes, family: HeavierFamily) -> None:
-        self._modes, self._family = modes, family
-
-    def __call__(self, factors: Array) -> tuple[Array, Array]:
-        return self._modes(self._family._turned(factors))
-
-
-def _total(factor: Array, own: float, added: float) -> Array:
-    """Factor on accelerometer and added mass together, from that on the accelerometer alone."""
-    return (own * factor + added) / (own + added)
