@@ -1,6 +1,7 @@
 """The documentation says what the code does: keys, defaults, commands and names are compared with it."""
 
 import ast
+import importlib
 import json
 import re
 import tomllib
@@ -174,6 +175,18 @@ def test_every_case_file_and_page_named_exists(page):
         assert (ROOT / name).is_file(), name
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
         assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
+def test_every_module_and_python_file_named_exists(page):
+    text = page.read_text(encoding="utf-8")
+    for name in set(re.findall(r"`((?:src|tests|benchmarks)/[\w/]+\.\w+)", text)):
+        assert (ROOT / name).is_file(), name
+    for name in set(re.findall(r"`(?:from |python -m )?((?:jointbayes|benchmarks)\.[\w.]*\w)`", text)):
+        top, *parts = name.split(".")
+        place = importlib.import_module(top)
+        for part in parts:
+            place = getattr(place, part, None) or importlib.import_module(f"{place.__name__}.{part}")
 
 
 def test_the_readme_states_the_exit_codes_of_the_command_line():

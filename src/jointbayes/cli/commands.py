@@ -142,8 +142,8 @@ def identify(config: Path) -> None:
     elif provenance is not None and provenance.iteration:
         click.echo(f"The paper's iteration is left out. {provenance.iteration}.")
     estimate = find_map(case, tell=_tell)
-    found = zip(case.problem.quantities, estimate.stiffness, strict=True)
-    click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in found))
+    stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
+    click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in stiffnesses))
     edges = case.problem.prior.at_edge(estimate.theta)
     if edges:
         click.echo(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
@@ -270,17 +270,17 @@ def plan(
 
     if out is not None:
         require_plan_directory(out)
-    found = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
+    result = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
     if out is not None:
-        write_plan(found, case, out)
+        write_plan(result, case, out)
     if as_json:
-        click.echo(json.dumps(found.summary(), indent=2, ensure_ascii=False, allow_nan=False))
+        click.echo(json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
-        for line in plan_lines(found):
+        for line in plan_lines(result):
             click.echo(line)
         if out is not None:
             click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
-    if not found.converged:
+    if not result.converged:
         sys.exit(NOT_CONVERGED)
 
 
@@ -322,14 +322,14 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
     from jointbayes.measurement.inspection.inspection import inspect_file
     from jointbayes.measurement.inspection.text import text_of
 
-    found = inspect_file(file, mass)
-    for line in text_of(found):
+    inspection = inspect_file(file, mass)
+    for line in text_of(inspection):
         click.echo(line)
     if figure is not None:
         from jointbayes.report.inspect_figure import inspect_figure
 
-        traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in found.hits]
-        figure.write_text(inspect_figure(found.frfs, found.modes, traces), encoding="utf-8")
+        traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in inspection.hits]
+        figure.write_text(inspect_figure(inspection.frfs, inspection.modes, traces), encoding="utf-8")
         click.echo(f"Figure: {figure}")
 
 

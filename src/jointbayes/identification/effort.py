@@ -65,16 +65,16 @@ def search_further(
         theta, density = search.best
         squares, limit = squared_residuals(log_posterior, theta)
         reached = list(search.reached().values())
-        found = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
-        agreed = found.agreeing >= max(AGREED * found.starts, LEAST_AGREEING)
-        if found.explains or agreed or rounds == ROUNDS or (rounds and last_gain < GAIN):
-            return found
+        effort = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
+        agreed = effort.agreeing >= max(AGREED * effort.starts, LEAST_AGREEING)
+        if effort.explains or agreed or rounds == ROUNDS or (rounds and last_gain < GAIN):
+            return effort
         rounds += 1
         if tell is not None:
             tell(
                 f"the best mode so far does not explain the data ({squares:.3g} times the expected noise), and "
-                f"{found.starts - found.agreeing} of {found.starts} starts disagree: searching further, round {rounds} "
-                f"of at most {ROUNDS}"
+                f"{effort.starts - effort.agreeing} of {effort.starts} starts disagree: searching further, round "
+                f"{rounds} of at most {ROUNDS}"
             )
         _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
         last_gain = search.best[1] - density

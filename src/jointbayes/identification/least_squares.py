@@ -72,13 +72,13 @@ def climb_all(squares: Squares, starts: Array, steps: int) -> tuple[Array, Array
         moves, promised = _moves(squares, theta[chosen], damping[chosen])
         low, high = squares.prior.support
         trials = np.clip(theta[chosen, None] + moves, low, high)
-        found = squares.value(trials.reshape(-1, theta.shape[1])).reshape(trials.shape[:2])
-        best = np.argmax(found, axis=1)
+        values = squares.value(trials.reshape(-1, theta.shape[1])).reshape(trials.shape[:2])
+        best = np.argmax(values, axis=1)
         row = np.arange(chosen.size)
-        gain = found[row, best] - value[chosen]
+        gain = values[row, best] - value[chosen]
         better = gain > 0
         theta[chosen[better]] = trials[row, best][better]
-        value[chosen[better]] = found[row, best][better]
+        value[chosen[better]] = values[row, best][better]
         damping[chosen] *= np.where(better, _FACTORS[best], 1e5)
         np.maximum(damping, _LEAST, out=damping)
         arrived = (promised < _GAIN) & ~(gain > _GAIN)

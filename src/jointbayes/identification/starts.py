@@ -292,9 +292,9 @@ def with_modes_on_data(log_posterior: LogPosterior, theta: Array) -> Array:
             points = np.tile(tolerant, (grid.size, 1))
             points[:, i] = grid
             tolerant[i] = grid[np.argmax(log_posterior(points))]
-    found = np.array(theta)
-    found[columns] = tolerant[columns]
-    return found
+    moved = np.array(theta)
+    moved[columns] = tolerant[columns]
+    return moved
 
 
 def _soft(residual: Array | float) -> Array:

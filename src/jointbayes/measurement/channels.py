@@ -101,16 +101,16 @@ class ChannelMap:
             return self._channels[label], False
         opposite = label[:-1] + _OPPOSITE.get(label[-1:], "")
         if opposite != label and opposite in self._channels:
-            found = self._channels[opposite]
-            return replace(found, sign=-found.sign), True
+            channel = self._channels[opposite]
+            return replace(channel, sign=-channel.sign), True
         return None
 
     def use(self, label: str, role: Role) -> ChannelUse | None:
         """How a label of the file is used in a role; None if it is not mapped."""
-        found = self.find(label)
-        if found is None:
+        mapped = self.find(label)
+        if mapped is None:
             return None
-        channel, turned = found
+        channel, turned = mapped
         mass = channel.accelerometer_mass if role == "response" else 0.0
         return ChannelUse(label, channel.dof, role, channel.sign * channel.gain, turned, mass)
 

@@ -44,6 +44,6 @@ def loo_pointwise(log_likelihood: NDArray[np.float64], efficiency: float) -> tup
     tree = xr.DataTree.from_dict({"/log_likelihood": values})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of large Pareto shapes, which are returned
-        found = _arviz().loo(to_arviz(tree), pointwise=True, reff=efficiency)
-    each = found.elpd_i if hasattr(found, "elpd_i") else found.loo_i
-    return np.asarray(each, dtype=float).ravel(), np.asarray(found.pareto_k, dtype=float).ravel()
+        loo = _arviz().loo(to_arviz(tree), pointwise=True, reff=efficiency)
+    each = loo.elpd_i if hasattr(loo, "elpd_i") else loo.loo_i
+    return np.asarray(each, dtype=float).ravel(), np.asarray(loo.pareto_k, dtype=float).ravel()

@@ -98,8 +98,8 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     -------
     MeshCheck, or None where the structure is given by matrices, which have no mesh
     """
-    found = problem.structures_of_data.discretisation
-    if found is None:
+    elements = problem.structures_of_data.discretisation
+    if elements is None:
         return None
     reference = replace(problem, structure=problem.structures.reference())
     prior = problem.prior.sample(np.random.default_rng([seed, 3]), _PRIOR_DRAWS)
@@ -107,9 +107,10 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     error_sd, error_of_peak = float(np.abs(here - there).max()), _error_of_peak(problem, reference, theta)
     exact_data = bool(np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)
     within = error_of_peak <= LARGEST_ERROR_OF_PEAK if exact_data else error_sd <= LARGEST_ERROR_SD
-    moved = _first_order(problem, reference, theta, covariance) if within else _found_anew(problem, theta)
+    moved = _first_order(problem, reference, theta, covariance) if within else _after_a_climb(problem, theta)
     shift_sd = _over_sd(problem, theta, theta - moved, draws)
-    return MeshCheck(found.kind, found.elements, found.order, error_sd, error_of_peak, shift_sd, exact_data, within)
+    size = elements.kind, elements.elements, elements.order
+    return MeshCheck(*size, error_sd, error_of_peak, shift_sd, exact_data, within)
 
 
 def _standardised(problem: Problem, theta: Array) -> NDArray[np.inexact]:
@@ -137,11 +138,11 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
     return covariance @ (jacobian.T @ (exact - residual))
 
 
-def _found_anew(problem: Problem, theta: Array) -> Array:
+def _after_a_climb(problem: Problem, theta: Array) -> Array:
     """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
     richer = replace(problem, structure=problem.structures.reference(solved=False))
-    found, _ = refine(richer.log_posterior, theta)
-    return theta - found
+    mode, _ = refine(richer.log_posterior, theta)
+    return theta - mode
 
 
 def _over_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:

@@ -101,17 +101,17 @@ def _length_of_table_2() -> Finding:
 
 def _frequencies_of_table_3() -> Finding:
     model = NaturalFrequencies(_rod(_PRINTED_LENGTH, None), _JOINT, 3)
-    found = model.frequency_hz(joint_matrix(TABLE_3))[0]
+    predicted = model.frequency_hz(joint_matrix(TABLE_3))[0]
     return Finding(
         "Table 4 gives the frequencies with the stiffnesses of Table 3.",
-        f"Table 3's stiffnesses in Table 1's beam give {_list(found)} Hz, not {_list(TABLE_4.simulation, 0)} Hz: "
+        f"Table 3's stiffnesses in Table 1's beam give {_list(predicted)} Hz, not {_list(TABLE_4.simulation, 0)} Hz: "
         f"Table 4 does not follow from Tables 1 and 3.",
         ("Mode", "Table 4 (Hz)", "Table 3 in Table 1's beam (Hz)", "Difference (%)"),
         tuple(
             (str(i), f"{t:.0f}", f"{f:.1f}", signed(100 * (f / t - 1)))
-            for i, (t, f) in enumerate(zip(TABLE_4.simulation, found, strict=True), 1)
+            for i, (t, f) in enumerate(zip(TABLE_4.simulation, predicted, strict=True), 1)
         ),
-        found,
+        predicted,
     )
 
 
@@ -129,8 +129,8 @@ def _two_springs() -> Finding:
 
     fit = optimize.least_squares(error, np.log([1e9, 1e6]))
     k11, _, k22 = stiffness(fit.x)
-    found = model.frequency_hz(joint_matrix(stiffness(fit.x)))[0]
-    worst = 100 * np.abs(found / measured - 1).max()
+    predicted = model.frequency_hz(joint_matrix(stiffness(fit.x)))[0]
+    worst = 100 * np.abs(predicted / measured - 1).max()
     paper = np.abs(TABLE_4.error).max()
     ratio = np.array([TABLE_3[0] / k11, TABLE_3[2] / k22])
     return Finding(
@@ -141,9 +141,9 @@ def _two_springs() -> Finding:
         ("Mode", "Measured (Hz)", "Two springs, 360 mm (Hz)", "Error (%)", "Paper's error (%)"),
         tuple(
             (str(i), f"{m:.0f}", f"{f:.2f}", signed(100 * (f / m - 1)), signed(e, 1))
-            for i, (m, f, e) in enumerate(zip(measured, found, TABLE_4.error, strict=True), 1)
+            for i, (m, f, e) in enumerate(zip(measured, predicted, TABLE_4.error, strict=True), 1)
         ),
-        found,
+        predicted,
     )
 
 

@@ -94,11 +94,11 @@ def newton_climb(
         move = turned @ (turned.T @ np.linalg.solve(axes.T, gradient))
         move *= min(1.0, _FARTHEST / np.abs(move).max(initial=_FARTHEST))
         trials = place + _LENGTHS[:, None] * move
-        found = log_density(trials)
-        best = int(np.argmax(found))
-        axes, gained = turned, float(found[best]) - value
+        values = log_density(trials)
+        best = int(np.argmax(values))
+        axes, gained = turned, float(values[best]) - value
         if gained > least:
-            place, value = trials[best], float(found[best])
+            place, value = trials[best], float(values[best])
         if not gained > gain and (curvature > 1 / settled).all() and (curvature < settled).all():
             break
     return place, value, axes @ axes.T

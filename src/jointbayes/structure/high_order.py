@@ -130,13 +130,13 @@ def _assembled(parts: Sequence[tuple[tuple[Array, Array], Span]], per_node: int)
 
 def node_positions(spans: Sequence[Span]) -> Array:
     """Position of every node along the beam, shape (nodes,), m."""
-    found, start = [np.zeros(1)], 0.0
+    points, start = [np.zeros(1)], 0.0
     for span in spans:
         length = span.length / span.elements
         for _ in range(span.elements):
-            found.append(start + length * _reference(span.order)[0][1:])
+            points.append(start + length * _reference(span.order)[0][1:])
             start += length
-    return np.concatenate(found)
+    return np.concatenate(points)
 
 
 def element_error(length: float, order: int, plane: BeamPlane, omega: float) -> float:

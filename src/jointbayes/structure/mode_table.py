@@ -81,8 +81,8 @@ class ModeTable:
     def __call__(self, numbers: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes)."""
         k, m = self._rows.shape[1:]
-        found = self._grid.coefficients(numbers) @ self._flat
-        return found[:, :m], found[:, m:].reshape(-1, k, m)
+        values = self._grid.coefficients(numbers) @ self._flat
+        return values[:, :m], values[:, m:].reshape(-1, k, m)
 
     def _turned(self, modes_at: ModesAt, numbers: Sequence[float]) -> tuple[Array, Array]:
         """Eigenvalues (m,) and motions (k, m) of modes ordered and turned like their nominal counterparts."""
@@ -126,10 +126,10 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
         alone = [end if j == i else (0.0, 0.0) for j, end in enumerate(ends)]
         each = [[n if j == i else 1 for j in range(len(ends))] for n in _NODES]
         tables = (ModeTable(modes_at, motions, alone, n) for n in each)
-        found = next((n[i] for n, t in zip(each, tables, strict=True) if t.error(modes_at) < _ACCURATE), None)
-        if found is None:
+        enough = next((n[i] for n, t in zip(each, tables, strict=True) if t.error(modes_at) < _ACCURATE), None)
+        if enough is None:
             return None
-        counts.append(found)
+        counts.append(enough)
     if math.prod(counts) > _MOST_POINTS:
         return None
     table = ModeTable(modes_at, motions, ends, counts)

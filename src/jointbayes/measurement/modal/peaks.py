@@ -25,7 +25,7 @@ def prominent_peaks(curve: ArrayLike, least: float) -> NDArray[np.intp]:
     array([3])
     """
     values = np.asarray(curve, dtype=float).tolist()
-    found = []
+    peaks = []
     rising, low, top, at = True, np.inf, -np.inf, 0
     for i, value in enumerate(values):
         if rising:
@@ -34,11 +34,11 @@ def prominent_peaks(curve: ArrayLike, least: float) -> NDArray[np.intp]:
             elif top - low < least and value < low:  # what rose so far was a ripple on the way down
                 low, top = value, value
             elif top - low >= least and top - value >= least:
-                found.append(at)
+                peaks.append(at)
                 rising, low = False, value
             low = min(low, value) if top - low < least else low
         elif value < low:
             low = value
         elif value - low >= least:
             rising, top, at = True, value, i
-    return np.array(found, dtype=np.intp)
+    return np.array(peaks, dtype=np.intp)

@@ -53,7 +53,7 @@ def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_or
     tau = 2 * np.pi * _ARC / (omega[-1] - omega[0])
     powers = np.exp(-1j * tau * np.outer(omega - omega[0], np.arange(max_order + 1)))
     numerator, mixed, denominator = _normal_matrices(powers, values, weight)
-    found = []
+    poles_by_order = []
     for order in range(2, max_order + 1):
         used = slice(0, order + 1)
         reduced = sum(
@@ -68,8 +68,8 @@ def polynomial_poles(frequency_hz: Array, values: Complex, weight: Array, max_or
         # ln z = −τ(λ − jω₁); the band is the arc from 0 to −2π·_ARC
         angle = np.mod(-np.angle(roots), 2 * np.pi)
         poles = 1j * omega[0] + (-np.log(np.abs(roots)) + 1j * angle) / tau
-        found.append(poles[_possible(poles, omega)])
-    return found
+        poles_by_order.append(poles[_possible(poles, omega)])
+    return poles_by_order
 
 
 def _normal_matrices(

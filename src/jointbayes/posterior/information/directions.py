@@ -163,9 +163,9 @@ def name_directions(
     after = None if wider is None else (np.asarray(wider[0], dtype=float), np.asarray(wider[1], dtype=float))
     search = _Search(draws, before, dict(known or {}), after)
     singles = [search.judged(quantity) for quantity in search.singles]
-    if all(found.verdict == "identified" for found in singles):
+    if all(single.verdict == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
-        return tuple(_named(quantity.name, found) for quantity, found in order)
+        return tuple(_named(quantity.name, single) for quantity, single in order)
     return search.run()
 
 
@@ -204,34 +204,34 @@ class _Search:
     def run(self) -> tuple[NamedDirection, ...]:
         """Best known first; the last is a single stiffness, and says what moves with it."""
         axes = np.empty((0, len(self.names)))
-        found: list[NamedDirection] = []
-        while len(found) < len(self.names):
-            last = len(found) == len(self.names) - 1
+        named: list[NamedDirection] = []
+        while len(named) < len(self.names):
+            last = len(named) == len(self.names) - 1
             quantity, judged = self._widest(axes) if last else self._best(axes)
             words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
-            found.append(_named(quantity.name, judged, words))
+            named.append(_named(quantity.name, judged, words))
             beside = _beside(self._gradient(quantity), axes)
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
-        return tuple(found)
+        return tuple(named)
 
     def judged(self, quantity: Combination) -> Identifiability:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
-            found = self._assessed(quantity)
+            known = self._assessed(quantity)
             withheld = [one.verdict for one in self._known.values() if str(one.verdict) == "no verdict"]
-            self._known[quantity.name] = replace(found, verdict=withheld[0]) if withheld else found
+            self._known[quantity.name] = replace(known, verdict=withheld[0]) if withheld else known
         return self._known[quantity.name]
 
     def _assessed(self, quantity: Combination) -> Identifiability:
         """By the draws, and no better than by those under wider priors."""
-        found = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+        known = assess(quantity.of(self._stiffness), quantity.of(self._prior))
         if self._wider is None:
-            return found
+            return known
         wider = assess(*(quantity.of(draws) for draws in self._wider)).verdict
-        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(found.verdict, 0):
-            return found
+        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(known.verdict, 0):
+            return known
         reason = f"rests on the prior: {wider} with wider priors of the joint"
-        return replace(found, verdict=wider, verdict_reason=reason)
+        return replace(known, verdict=wider, verdict_reason=reason)
 
     def _best(self, axes: Array) -> tuple[Combination, Identifiability]:
         """The best known quantity that says something else than those named."""
@@ -317,23 +317,23 @@ def _beside(gradient: Array, axes: Array) -> Array:
     return gradient - axes.T @ (axes @ gradient)
 
 
-def _named(quantity: str, found: Identifiability, moving: str = "") -> NamedDirection:
+def _named(quantity: str, known: Identifiability, moving: str = "") -> NamedDirection:
     """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
-    low, high = found.interval95
-    if found.limit:
-        spread = f"it is {found.limit} with 95 % probability"
+    low, high = known.interval95
+    if known.limit:
+        spread = f"it is {known.limit} with 95 % probability"
     elif low <= 0 <= high:
         spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, contains zero"
-    elif math.isinf(found.ratio):
+    elif math.isinf(known.ratio):
         spread = f"its 95 % credible interval is {low:.3g} to {high:.3g}, and it has draws of either sign"
     else:
-        spread = f"its 95 % credible interval spans {factor_in_words(found.ratio)}"
-        if found.verdict not in (verdict_by_rule(found.ratio, 1.0)[0], "no verdict"):
-            spread += f", and {found.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
-    verb = "has" if found.verdict == "no verdict" else "is"  # a failed run
-    sentence = f"{quantity} {verb} {found.verdict}: {spread}{moving}"
+        spread = f"its 95 % credible interval spans {factor_in_words(known.ratio)}"
+        if known.verdict not in (verdict_by_rule(known.ratio, 1.0)[0], "no verdict"):
+            spread += f", and {known.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
+    verb = "has" if known.verdict == "no verdict" else "is"  # a failed run
+    sentence = f"{quantity} {verb} {known.verdict}: {spread}{moving}"
     return NamedDirection(
-        quantity, (low, high), found.ratio, found.sd_log, found.verdict, sentence, found.interval95_error, found.limit
+        quantity, (low, high), known.ratio, known.sd_log, known.verdict, sentence, known.interval95_error, known.limit
     )
 
 

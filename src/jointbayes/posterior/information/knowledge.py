@@ -127,13 +127,13 @@ def _prior_words(nuisance: Nuisance) -> str:
 
 
 def _profiles(problem: Problem, posterior: Posterior) -> tuple[ProfileLikelihood, ...]:
-    found = []
+    profiles = []
     for name in problem.parametrisation.names:
         try:
-            found.append(profile_likelihood(problem, posterior.estimate.theta, name))
+            profiles.append(profile_likelihood(problem, posterior.estimate.theta, name))
         except ModelError:
             continue  # no residual depends on it: its prior is all there is, and the verdict says so
-    return tuple(found)
+    return tuple(profiles)
 
 
 def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:

@@ -269,11 +269,11 @@ class _Climb:
         low, high = self.low[free], self.high[free]
         inner = 1e-12 * (high - low)
         scale = 1 / np.maximum(np.linalg.norm(jacobian(start[free]), axis=0), 1 / (high - low))
-        found = optimize.least_squares(
+        fit = optimize.least_squares(
             residual, np.clip(start[free], low + inner, high - inner), jac=jacobian, bounds=(low, high),
             x_scale=scale, xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=60,
         )  # fmt: skip
-        best, cost = whole(found.x).copy(), float(found.cost)
+        best, cost = whole(fit.x).copy(), float(fit.cost)
         return self._along_edge(best, cost, free, scale)
 
     def _along_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
@@ -295,7 +295,7 @@ class _Climb:
             residual, jacobian = self._both(whole(u))
             return residual @ jacobian[:, free] * scale
 
-        found = optimize.minimize(
+        fit = optimize.minimize(
             value,
             np.zeros(scale.size),
             jac=gradient,
@@ -304,5 +304,5 @@ class _Climb:
             constraints=optimize.LinearConstraint(normal[free] * scale, ub=-_EDGE - normal @ theta),
             options={"ftol": 1e-9, "maxiter": 100},
         )
-        end = whole(found.x).copy()
-        return (end, float(found.fun)) if self._possible(end) and found.fun < cost else (theta, cost)
+        end = whole(fit.x).copy()
+        return (end, float(fit.fun)) if self._possible(end) and fit.fun < cost else (theta, cost)

@@ -49,9 +49,9 @@ def check_blocks(posterior: Posterior, knowledge: Knowledge) -> list[Block]:
 
 def _measure(posterior: Posterior) -> list[Block]:
     """Resonances and correlation of the FRFs, measured against the MAP."""
-    found = posterior.diagnosis
+    diagnosis = posterior.diagnosis
     blocks: list[Block] = []
-    if found.modes:
+    if diagnosis.modes:
         rows = tuple(
             (
                 f"{m.measured_hz:.2f}",
@@ -59,13 +59,13 @@ def _measure(posterior: Posterior) -> list[Block]:
                 signed(m.error_percent),
                 number(m.damping_ratio, 2),
             )
-            for m in found.modes
+            for m in diagnosis.modes
         )
         head = ("Measured (Hz)", "MAP (Hz)", "Error (%)", "Damping, measured over MAP")
         note = "Fitted to measured and predicted data in the same way. A dash: natural frequencies have no damping."
         blocks.append(Table("Resonances", head, rows, note=note))
-    if found.pairs:
-        pairs = tuple((f"{p.output}/{p.input}", f"{p.correlation:.4f}", number(p.level)) for p in found.pairs)
+    if diagnosis.pairs:
+        pairs = tuple((f"{p.output}/{p.input}", f"{p.correlation:.4f}", number(p.level)) for p in diagnosis.pairs)
         note = (
             "Correlation: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
             "resonances where there are any."

@@ -43,8 +43,8 @@ def _predicted(posterior: Posterior, provenance: Provenance) -> list[float]:
     measured = np.array([mode.frequency_hz for mode in provenance.modes])
     most = problem.structures_of_data.nominal.n_dofs - len(problem.joint.dofs)
     count = min(most, 2 * len(measured) + 4)
-    found = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
-    return [float(found[np.argmin(np.abs(found - f))]) for f in measured]
+    predicted = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
+    return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 
 def measurement_section(provenance: Provenance) -> Section:

@@ -53,13 +53,13 @@ def sd_of(fisher: FisherInformation, quantity: str) -> float:
     ModelError
         If the joint's coordinates do not move that stiffness.
     """
-    found = fisher.stiffness_sd()
-    if quantity not in found:
-        raise ModelError(f"planning: found parameter {quantity!r}; expected one of {', '.join(found)}")
+    spread = fisher.stiffness_sd()
+    if quantity not in spread:
+        raise ModelError(f"planning: found parameter {quantity!r}; expected one of {', '.join(spread)}")
     limit = math.inf
     if quantity in fisher.joint_names:
         limit = float(fisher.prior_sd[fisher.names.index(quantity)])
-    return min(found[quantity], limit)
+    return min(spread[quantity], limit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

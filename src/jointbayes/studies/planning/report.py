@@ -53,17 +53,17 @@ def plan_lines(plan: Plan) -> list[str]:
 def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
     names = " + ".join(entry["names"]) + (" (recommended)" if entry["names"] == recommended else "")
     where = " + ".join(place for place in entry["positions"] if place)
-    found = entry["simulated"]
-    if found is None:
+    simulated = entry["simulated"]
+    if simulated is None:
         sd = entry["linearised"]["median"]
         return names, where, "–", f"about {number(sd)} (linearised)", "–", "not simulated"
-    if not found["valid"]:
-        return names, where, "–", "–", "–", f"{found['lost']} of {found['truths']} simulations failed"
-    low, high = found["sd_range80"]
-    known = f"{spread_in_words(found['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
-    sds = f"{number(found['sd_median'])} ({number(low)} to {number(high)})"
-    count = found["truths"] - found["lost"]
-    return names, where, known, sds, found["verdict"], f"{count} simulations"
+    if not simulated["valid"]:
+        return names, where, "–", "–", "–", f"{simulated['lost']} of {simulated['truths']} simulations failed"
+    low, high = simulated["sd_range80"]
+    known = f"{spread_in_words(simulated['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
+    sds = f"{number(simulated['sd_median'])} ({number(low)} to {number(high)})"
+    count = simulated["truths"] - simulated["lost"]
+    return names, where, known, sds, simulated["verdict"], f"{count} simulations"
 
 
 def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report:
@@ -115,13 +115,13 @@ def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
         place = np.arange(len(entries))[::-1]
         colour = SERIES_COLOURS[0]
         for y, entry in zip(place, entries, strict=True):
-            found = entry["simulated"]
-            if found is not None and found["valid"]:
-                sds = [sd for sd in found["sds"] if sd is not None]
-                axes.hlines(y, *found["sd_range80"], color=colour, lw=2)
+            simulated = entry["simulated"]
+            if simulated is not None and simulated["valid"]:
+                sds = [sd for sd in simulated["sds"] if sd is not None]
+                axes.hlines(y, *simulated["sd_range80"], color=colour, lw=2)
                 axes.plot(sds, np.full(len(sds), y), "o", ms=2.5, color=SERIES_COLOURS[1], alpha=0.6)
-                axes.plot(found["sd_median"], y, "o", ms=6, color=colour)
-            elif found is None and entry["linearised"]["median"] is not None:
+                axes.plot(simulated["sd_median"], y, "o", ms=6, color=colour)
+            elif simulated is None and entry["linearised"]["median"] is not None:
                 axes.plot(entry["linearised"]["median"], y, "x", ms=6, color="0.4")
         axes.axvline(now["sd"], color="0.4", ls="--", lw=1, label="now")
         axes.set_xscale("log")
