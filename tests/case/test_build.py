@@ -276,6 +276,14 @@ def test_priors_stand_in_the_order_of_the_coordinates():
     ).problem
     assert signed.names[:3] == ("k11", "k22", "rho")
     assert signed.prior.marginals[2] == Uniform(-0.5, 0.9)
+    centre = case_of(
+        ('parametrisation = "log" ', 'parametrisation = "elastic_centre" '),
+        (old_k12, '[prior.arm]\ndistribution = "uniform"\nlow = -0.05\nhigh = 0.02'),
+        ("[prior.k22] ", "[prior.k22c] "),
+    ).problem
+    assert centre.prior.labels == ("ln k11", "arm", "ln k22c")
+    assert centre.prior.marginals[1] == Uniform(-0.05, 0.02)
+    assert np.isfinite(centre.log_posterior([np.log(3e8), -0.01, np.log(2e5)])).all()
 
 
 #: Key of [uncertain], nominal value and unit, further changes of the case.
@@ -417,6 +425,10 @@ def test_without_priors_and_first_guess_the_beam_sets_their_scale():
     own = E * SECTIONS["circle"][2] * (25 / 30) ** 4 / L ** np.array([3.0, 1.0])
     np.testing.assert_allclose([k11.low, k22.high], np.log([0.1 * own[0], 1e6 * own[1]]))
     assert (rho.low, rho.high) == (-1.0, 1.0)
+    centre = edited(bare, ('parametrisation = "log" ', 'parametrisation = "elastic_centre" '))
+    _, arm, k22c = jb.case_from_text("centre", centre).problem.prior.marginals
+    assert (arm.low, arm.high) == (-L, L)
+    assert (k22c.low, k22c.high) == (k22.low, k22.high)
 
 
 def test_a_case_without_title_is_named_after_its_file_and_a_band_without_lower_end_begins_at_its_step():

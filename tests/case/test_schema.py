@@ -140,6 +140,8 @@ k11 = 1.0e8=>k11 = -1.0e8 ;; joint.initial.k11 ;; in N/m
 k12 = 0.0=>k12 = 1.0 ;; joint.initial.k12 ;; not positive semidefinite
 [prior.k12]=>[prior.k12x] ;; prior.k12x ;; did you mean "k12"?
 = "log"=>= "signed" && [prior.k12]=>@[prior.k12] ;; prior.k12 ;; replace it by rho
+= "log"=>= "elastic_centre" && [prior.k12]=>@[prior.k12] && [prior.k22]=>[prior.k22c] ;; prior.k12 ;; replace it by arm
+= "log"=>= "elastic" ;; joint.parametrisation ;; did you mean "elastic_centre"?
 [prior.k11]=>[prior.rho]\ndistribution="uniform"\nlow=0\nhigh=1\n[prior.k11] ;; prior.rho ;; there is no rho
 "log_uniform" #=>"loguniform" # ;; prior.k11.distribution ;; did you mean "log_uniform"?
 low = 1.0e6=>low = 0.0 ;; prior.k11.low ;; N/m

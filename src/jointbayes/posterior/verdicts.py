@@ -29,6 +29,7 @@ __all__ = [
     "reasons_for_no_verdict",
     "verdict_line",
     "verdict_text",
+    "with_limit",
 ]
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ LEAST_EXCLUDED = 0.1
 #: What is added to a verdict where the model does not explain the data.
 IF_MODEL_RIGHT = "if the model were right"
 
+_LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
 _WIDER = "every prior of the joint a decade wider on each side"
 
@@ -191,20 +193,28 @@ def _bounded(
         both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
         return replace(known, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
     side: Side = "upper" if above > BEYOND else "lower"
-    probability = 0.05 if side == "upper" else 0.95
     reason = f"{_bound_in_words(posterior, name, side)} limits it"
-    limit = float(np.quantile(posterior.values(name), probability))
-    drawn = posterior.prior_values(name)
-    excluded = float(((drawn < limit) if side == "upper" else (drawn > limit)).mean())
+    known = replace(known, unit=posterior.unit(name))
+    known = with_limit(known, posterior.values(name), posterior.prior_values(name), side, reason)
+    if not known.limit:
+        return known
+    reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
+    error = quantile_error(posterior.by_ensemble(name), _LIMIT[side])
+    return replace(known, verdict_reason=reason, limit95_error=error)
+
+
+def with_limit(known: Identifiability, values: Array, prior: Array, side: Side, reason: str) -> Identifiability:
+    """A stiffness that a bound of its prior limits on one side: its 95 % limit to the other side, where it has one.
+
+    Draws that exclude next to nothing of the prior's draws give none.
+    """
+    limit = float(np.quantile(values, _LIMIT[side]))
+    excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
         reason += f", and the data exclude only {100 * excluded:.0f} % of the prior"
         return replace(known, verdict="not identified", verdict_reason=reason)
-    if wider in CERTAINTY:
-        reason += f"; with {_WIDER} it would be {wider}"
-    error = quantile_error(posterior.by_ensemble(name), probability)
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
-    unit = posterior.unit(name)
-    return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit, limit95_error=error, unit=unit)
+    return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit)
 
 
 def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:

@@ -21,7 +21,7 @@ from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED
+from jointbayes.posterior.verdicts import BEYOND, with_limit
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
     Coordinates,
@@ -221,13 +221,7 @@ def _judged(values: Array, prior: Array, held: Sequence[Side]) -> Identifiabilit
         return found
     if len(held) > 1:
         return replace(found, verdict="not identified", verdict_reason="both bounds of its prior limit it")
-    above = held[0] == "upper"
-    limit = float(np.quantile(values, 0.05 if above else 0.95))
-    reason = f"the prior's {held[0]} bound limits it"
-    if float(((prior < limit) if above else (prior > limit)).mean()) < LEAST_EXCLUDED:
-        return replace(found, verdict="not identified", verdict_reason=reason)
-    verdict: Verdict = "bounded below" if above else "bounded above"
-    return replace(found, verdict=verdict, verdict_reason=reason, limit95=limit)
+    return with_limit(found, values, prior, held[0], f"the prior's {held[0]} bound limits it")
 
 
 class _Part:
