@@ -16,8 +16,7 @@ from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.hits import Hit
 from jointbayes.measurement.warnings.of_frfs import pair_of, usable
-from jointbayes.measurement.warnings.of_records import hits_of
-from jointbayes.measurement.warnings.warnings import WarningCollector
+from jointbayes.measurement.warnings.warnings import WarningCollector, hits_of
 
 __all__ = ["ChannelUse", "HitTrace", "Inspection", "inspect_file", "inspect_records"]
 

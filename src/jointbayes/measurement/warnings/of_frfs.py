@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ from jointbayes.measurement.modal.peaks import prominent_peaks
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
 
-__all__ = ["Resonance", "noise_of", "pair_of", "resonances_of", "usable", "warnings_of_frf", "warnings_of_notes"]
+__all__ = ["ClearFrf", "Resonance", "pair_of", "usable", "warnings_of_frf", "warnings_of_notes"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -26,6 +27,8 @@ _RISE, _ABOVE_NOISE = 3.0, 10.0
 _SIGNED, _UNSIGNED = 0.5, 0.35
 #: Lines above half power that a resonance needs to be looked at.
 _RESOLVED = 3
+#: A mass line may be wrong by this factor for calibration and for modes near by.
+_TOO_HEAVY = 1.3
 #: No phase error of a measuring chain makes a drive point less passive than this fraction of its magnitude.
 _PHASE_ERROR = 0.15
 
@@ -68,57 +71,77 @@ def usable(record: FrfRecord) -> FrfRecord:
     )
 
 
-def noise_of(values: Complex) -> Array:
-    """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
-    if values.size < 8:
-        return np.full(values.size, np.inf)
-    # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
-    square = np.abs(np.diff(values, 3)) ** 2 / (20 * np.log(2))
-    local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
-    noise: Array = np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]]))
-    return noise
+@dataclass(frozen=True, eq=False)
+class ClearFrf:
+    """The usable lines of an FRF of known quantity as mobility, signs of directions taken out; and where it is from."""
+
+    response: str
+    reference: str
+    quantity: Quantity
+    frequency_hz: Array
+    mobility: Complex
+
+    @classmethod
+    def of(cls, record: FrfRecord) -> "ClearFrf | None":
+        """What can be judged of a record; None where it has too few usable lines or no quantity."""
+        good = usable(record)
+        if good.quantity is None or good.frequency_hz.size < 16:
+            return None
+        response, reference, sign = pair_of(good)
+        mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
+        return cls(response, reference, good.quantity, good.frequency_hz, mobility)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
+        # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
+        square = np.abs(np.diff(self.mobility, 3)) ** 2 / (20 * np.log(2))
+        local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
+        return np.asarray(np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]])))
+
+    @cached_property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Peaks of |mobility| that stand out from their surroundings and from the noise."""
+        magnitude = np.abs(self.mobility)
+        found = []
+        for top in prominent_peaks(np.log(magnitude), np.log(_RISE)):
+            if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
+                continue
+            low = magnitude < magnitude[top] / np.sqrt(2)
+            before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
+            first = int(before[-1]) + 1 if before.size else 0
+            last = top + int(after[0]) if after.size else magnitude.size
+            total = self.mobility[first:last].sum()
+            cosine = float(total.real / abs(total))
+            found.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first)))
+        return tuple(found)
 
 
-def resonances_of(frequency_hz: Array, mobility: Complex) -> tuple[Resonance, ...]:
-    """Peaks of |mobility| that stand out from their surroundings and from the noise."""
-    magnitude = np.abs(mobility)
-    tops = prominent_peaks(np.log(magnitude), np.log(_RISE))
-    noise = noise_of(mobility)
-    found = []
-    for top in tops:
-        if magnitude[top] < _ABOVE_NOISE * noise[top]:
-            continue
-        low = magnitude < magnitude[top] / np.sqrt(2)
-        before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
-        first = int(before[-1]) + 1 if before.size else 0
-        last = top + int(after[0]) if after.size else magnitude.size
-        total = mobility[first:last].sum()
-        found.append(Resonance(float(frequency_hz[top]), float(total.real / abs(total)), int(last - first)))
-    return tuple(found)
-
-
-def warnings_of_frf(record: FrfRecord) -> Iterator[MeasurementWarning]:
+def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | None) -> Iterator[MeasurementWarning]:
     """What one FRF contradicts by itself.
 
     Parameters
     ----------
     record
         As a reader gives it.
+    clear
+        What can be judged of it.
+    mass_kg
+        Mass of the structure if it hangs free, kg.
     """
     yield from _of_lines(record)
     yield from _of_coherence(record)
     yield from _of_unit(record)
-    good = usable(record)
-    if good.quantity is None or good.frequency_hz.size < 16:
+    if clear is None:
         return
-    response, reference, sign = pair_of(good)
-    mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
     # the phase at a resonance between two lines is anything
-    peaks = tuple(p for p in resonances_of(good.frequency_hz, mobility) if p.lines >= _RESOLVED)
-    if response == reference:
-        yield from _of_drive_point(good.frequency_hz, mobility, peaks, good.quantity)
+    peaks = tuple(p for p in clear.resonances if p.lines >= _RESOLVED)
+    if clear.response == clear.reference:
+        yield from _of_drive_point(clear, peaks)
+        if mass_kg is not None:
+            yield from _of_mass_line(clear, mass_kg)
     elif len(peaks) >= 2 and max(abs(p.cosine) for p in peaks) < _UNSIGNED:
-        yield _quadrature(peaks, good.quantity)
+        yield _quadrature(peaks, clear.quantity)
 
 
 def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
@@ -251,9 +274,8 @@ def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
             )
 
 
-def _of_drive_point(
-    f: Array, mobility: Complex, peaks: tuple[Resonance, ...], quantity: Quantity
-) -> Iterator[MeasurementWarning]:
+def _of_drive_point(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[MeasurementWarning]:
+    mobility, quantity = clear.mobility, clear.quantity
     cosines = np.array([p.cosine for p in peaks])
     if cosines.size and (np.abs(cosines) < _UNSIGNED).all():
         yield _quadrature(peaks, quantity)
@@ -261,11 +283,11 @@ def _of_drive_point(
     if cosines.size and (cosines < -_SIGNED).all():
         yield _turned(peaks, quantity)
         return
-    wrong = mobility.real < -(4 * noise_of(mobility) + _PHASE_ERROR * np.abs(mobility))
+    wrong = mobility.real < -(4 * clear.noise + _PHASE_ERROR * np.abs(mobility))
     run = scipy.ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
     wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
     if wrong_peaks or (run.any() and wrong.mean() > 0.03):
-        at = wrong_peaks[0] if wrong_peaks else float(f[np.argmax(run)])
+        at = wrong_peaks[0] if wrong_peaks else float(clear.frequency_hz[np.argmax(run)])
         yield MeasurementWarning(
             "not_passive",
             f"the real part of the drive point's mobility is negative near {at:.4g} Hz: the structure would release "
@@ -283,6 +305,30 @@ def _of_drive_point(
                 "look whether force and response are at one point and in one direction, and whether a label is wrong",
             )
             return
+
+
+def _of_mass_line(clear: ClearFrf, mass_kg: float) -> Iterator[MeasurementWarning]:
+    """A free structure's drive point has at low frequency an accelerance of 1/m at least, more off its centre."""
+    f, peaks = clear.frequency_hz, clear.resonances
+    accelerance = 2j * np.pi * f * clear.mobility
+    line = accelerance[f < (peaks[0].frequency_hz / 6 if peaks else f[-1])]
+    if line.size < 6:
+        return
+    level = float(np.median(line.real))
+    parts = [float(np.median(line.real[: line.size // 2])), float(np.median(line.real[line.size // 2 :]))]
+    # a mass line is flat and real
+    if level <= 0 or np.median(np.abs(np.angle(line))) > 0.3 or abs(parts[0] - parts[1]) > 0.1 * level:
+        return
+    heavy = 1 / (level * mass_kg)
+    if heavy > _TOO_HEAVY:
+        in_g = abs(np.log(heavy / 9.80665)) < 1.5
+        yield MeasurementWarning(
+            "g_against_ms2" if in_g else "mass_line",
+            f"below its first resonance the drive point moves like {1 / level:.4g} kg, {heavy:.3g} times the "
+            f"structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
+            + (": the response is probably in g" if in_g else ""),
+            "find out the unit of the accelerometer" + (" and give the channel the gain 9.80665" if in_g else ""),
+        )
 
 
 def _turned(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import quantity_factor
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
-from jointbayes.measurement.warnings.of_frfs import noise_of, pair_of, usable
+from jointbayes.measurement.warnings.of_frfs import ClearFrf
 
 __all__ = ["Sketch", "disagreement", "sketch_of"]
 
@@ -36,23 +35,12 @@ class Sketch:
     noise: Array
 
 
-def sketch_of(record: FrfRecord) -> Sketch | None:
-    """Sketch of a record, or None where it has too few usable lines or no quantity."""
-    good = usable(record)
-    if good.quantity is None or good.frequency_hz.size < 16:
-        return None
-    kept = np.unique(np.linspace(0, good.frequency_hz.size - 1, _KEPT).astype(int))
-    mobility = pair_of(good)[2] * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
-    noise = noise_of(mobility)
-    name = f"{record.response}/{record.reference}"
+def sketch_of(record: FrfRecord, clear: ClearFrf) -> Sketch:
+    """Sketch of a record and of what can be judged of it."""
+    kept = np.unique(np.linspace(0, clear.frequency_hz.size - 1, _KEPT).astype(int))
     # single precision is enough and half as large
-    return Sketch(
-        name,
-        record.where,
-        good.frequency_hz[kept],
-        mobility[kept].astype(np.complex64),
-        noise[kept].astype(np.float32),
-    )
+    mobility, noise = clear.mobility[kept].astype(np.complex64), clear.noise[kept].astype(np.float32)
+    return Sketch(f"{record.response}/{record.reference}", record.where, clear.frequency_hz[kept], mobility, noise)
 
 
 def disagreement(one: Sketch, other: Sketch) -> MeasurementWarning | None:

@@ -1,23 +1,27 @@
 """Warnings about measured records: what in a file contradicts itself or physics, in words."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from jointbayes.frf import quantity_factor
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.warnings.of_frfs import pair_of, resonances_of, usable, warnings_of_frf
+from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, is_clipped
+from jointbayes.measurement.warnings.of_frfs import ClearFrf, warnings_of_frf, warnings_of_notes
 from jointbayes.measurement.warnings.of_pairs import Sketch, disagreement, sketch_of
-from jointbayes.measurement.warnings.of_records import warnings_of_history
 
-__all__ = ["WarningCollector", "find_warnings"]
+__all__ = ["WarningCollector", "find_warnings", "hits_of"]
 
 #: Places named in one warning; the rest are counted.
 _NAMED = 3
-#: A mass line may be wrong by this factor for calibration and for modes near by.
-_TOO_HEAVY = 1.3
+#: A second contact within this time after the first is one hit gone wrong; later it is the next hit. s
+_REBOUND_S = 0.15
+#: A hammer's force is at rest nearly always.
+_AT_REST = 0.9
+#: Offsets smaller than this fraction of the largest value do no harm.
+_OFFSET = 0.01
 
 
 def find_warnings(records: Record | Iterable[Record], mass_kg: float | None = None) -> tuple[MeasurementWarning, ...]:
@@ -67,21 +71,17 @@ class WarningCollector:
         if isinstance(record, TimeRecord):
             where = _named(record.channel, record.where)
             self._nyquist_hz = min(self._nyquist_hz, record.sample_rate_hz / 2)
-            for warning in warnings_of_history(record):
+            for warning in _of_history(record):
                 self._keep(where, warning)
             return
-        where = _named(f"{record.response}/{record.reference}", record.where)
-        for warning in warnings_of_frf(record):
+        where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
+        for warning in warnings_of_frf(record, clear, self._mass_kg):
             self._keep(where, warning)
-        if self._mass_kg is not None:
-            for warning in _mass_line(record, self._mass_kg):
-                self._keep(where, warning)
         highest = float(np.max(record.frequency_hz, initial=0.0))
         if highest > self._highest_hz:
             self._highest_hz, self._highest_where = highest, where
-        sketch = sketch_of(record)
-        if sketch is not None:
-            self._compare(pair_of(record)[:2], sketch)
+        if clear is not None:
+            self._compare((clear.response, clear.reference), sketch_of(record, clear))
 
     def warnings(self) -> tuple[MeasurementWarning, ...]:
         """All warnings so far, equal ones put together."""
@@ -135,34 +135,75 @@ def _of_pair(warning: MeasurementWarning, reciprocal: bool) -> MeasurementWarnin
     return replace(warning, key=key, sentence=f"{what}, but {warning.sentence}")
 
 
-def _mass_line(record: FrfRecord, mass_kg: float) -> Iterable[MeasurementWarning]:
-    """A free structure's drive point has at low frequency an accelerance of 1/m at least, more off its centre."""
-    response, reference, sign = pair_of(record)
-    good = usable(record)
-    if response != reference or good.quantity is None or good.frequency_hz.size < 16:
-        return
-    f = good.frequency_hz
-    accelerance = sign * good.values * quantity_factor(f, "accelerance", good.quantity)
-    peaks = resonances_of(f, accelerance / (2j * np.pi * f))
-    line = accelerance[f < (peaks[0].frequency_hz / 6 if peaks else f[-1])]
-    if line.size < 6:
-        return
-    level = float(np.median(line.real))
-    parts = [float(np.median(line.real[: line.size // 2])), float(np.median(line.real[line.size // 2 :]))]
-    # a mass line is flat and real
-    if level <= 0 or np.median(np.abs(np.angle(line))) > 0.3 or abs(parts[0] - parts[1]) > 0.1 * level:
-        return
-    heavy = 1 / (level * mass_kg)
-    if heavy > _TOO_HEAVY:
-        in_g = abs(np.log(heavy / 9.80665)) < 1.5
-        yield MeasurementWarning(
-            "g_against_ms2" if in_g else "mass_line",
-            f"below its first resonance the drive point moves like {1 / level:.4g} kg, {heavy:.3g} times the "
-            f"structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
-            + (": the response is probably in g" if in_g else ""),
-            "find out the unit of the accelerometer" + (" and give the channel the gain 9.80665" if in_g else ""),
-        )
-
-
 def _named(channel: str, where: str) -> str:
     return f"{where} ({channel})" if where else channel
+
+
+def hits_of(record: TimeRecord) -> tuple[Hit, ...]:
+    """Hits in a record of a hammer's force; none where it is another channel or no hammer's.
+
+    A record of more than a second may hold several hits; each is looked at for 0.15 s.
+    """
+    if record.quantity != "force" or record.values.size < 16 or not np.isfinite(record.values).all():
+        return ()
+    x = np.abs(record.values - np.median(record.values))
+    largest = float(x.max())
+    if largest == 0 or np.mean(x < 0.1 * largest) < _AT_REST:
+        return ()
+    several = record.hit is None and record.values.size / record.sample_rate_hz > 1.0
+    return find_hits([record], HitSettings(block_s=_REBOUND_S if several else None))
+
+
+def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
+    """What one time history contradicts."""
+    x = record.values
+    if not np.isfinite(x).all():
+        yield MeasurementWarning(
+            "not_finite", f"{int((~np.isfinite(x)).sum())} of {x.size} samples are NaN or infinite", "drop the record"
+        )
+        return
+    if x.size < 16:
+        return
+    if record.quantity == "unknown":
+        yield MeasurementWarning(
+            "quantity_missing",
+            "neither unit nor type says whether it is a force or a motion",
+            "name the unit of the channel",
+        )
+    if np.ptp(x) == 0:
+        yield MeasurementWarning("dead_channel", f"all samples are {x[0]:g}", "look at cable and channel")
+        return
+    yield from warnings_of_notes(record.notes)
+    if is_clipped(x) or _at_its_ends(x):
+        yield MeasurementWarning(
+            "overload",
+            f"the signal stays at its largest value, {np.abs(x).max():.4g}, again and again: it was cut off",
+            "leave this hit out, and measure with a larger range",
+        )
+    for hit in hits_of(record):
+        if hit.reason.startswith("double hit"):
+            number = hit.number if record.hit is None else record.hit
+            yield MeasurementWarning("double_hit", f"hit {number} is a {hit.reason}", "leave this hit out")
+    yield from _offset(x)
+
+
+def _at_its_ends(x: NDArray[np.float64]) -> bool:
+    """Whether one end is taken again and again, and the value next to it is not: a random signal cut off."""
+    for side in (x, -x):
+        values, counts = np.unique(side[side > 0.5 * side.max()], return_counts=True)
+        if values.size > 1 and counts[-1] >= 5 and counts[-1] > 3 * counts[-2]:
+            return True
+    return False
+
+
+def _offset(x: NDArray[np.float64]) -> Iterator[MeasurementWarning]:
+    largest = float(np.abs(x - np.median(x)).max())
+    spread = float(np.median(np.abs(x - np.median(x))))
+    # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike
+    level = min(np.median(x), np.mean(x), key=abs)
+    if largest > 0 and np.median(x) * np.mean(x) > 0 and abs(level) > _OFFSET * largest + spread:
+        yield MeasurementWarning(
+            "offset",
+            f"the signal rests at {level:.4g}, {100 * abs(level) / largest:.2g} % of its largest swing, and not at 0",
+            "take the offset away, or couple the channel AC",
+        )
