@@ -7,7 +7,31 @@ from importlib import import_module
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.schema import case as schema
+from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec, TruthSpec
+from jointbayes.case.schema.joint import JointSpec, StiffnessSpec
+from jointbayes.case.schema.noise import NoiseModelSpec
+from jointbayes.case.schema.priors import (
+    DecadesPriorSpec,
+    FactorPriorSpec,
+    LogNormalPriorSpec,
+    LogUniformPriorSpec,
+    PriorSpec,
+    UncertainSpec,
+    UniformPriorSpec,
+)
+from jointbayes.case.schema.structure import (
+    BoxSpec,
+    CircleSpec,
+    DampingSpec,
+    LossFactorDampingSpec,
+    ModalDampingSpec,
+    RayleighDampingSpec,
+    RectangleSpec,
+    SectionSpec,
+    StructureSpec,
+    TubeSpec,
+)
 from jointbayes.frf import NaturalFrequencies, Ports
 from jointbayes.inference import (
     JointPrior,
@@ -64,11 +88,9 @@ _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
 
 
-def beam_recipe(
-    spec: schema.StructureSpec, data: schema.DataSpec, measurement: Measurement | None = None
-) -> BeamRecipe:
+def beam_recipe(spec: StructureSpec, data: DataSpec, measurement: Measurement | None = None) -> BeamRecipe:
     """The beam of a case; accelerometers sit where translations are measured, as files or the case say."""
-    loaded = data.outputs if isinstance(data, schema.SyntheticFrfSpec) else ()
+    loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else ()
     if measurement is not None and measurement.provenance is not None:
         loaded = measurement.provenance.loaded
     kappa = None if spec.shear_coefficient == "cowper" else float(spec.shear_coefficient)
@@ -87,29 +109,29 @@ def beam_recipe(
     )
 
 
-def _section(spec: schema.SectionSpec) -> Section:
+def _section(spec: SectionSpec) -> Section:
     match spec:
-        case schema.CircleSpec():
+        case CircleSpec():
             return Section.circle(spec.diameter_mm * _MM)
-        case schema.TubeSpec():
+        case TubeSpec():
             return Section.tube(spec.outer_diameter_mm * _MM, spec.inner_diameter_mm * _MM)
-        case schema.RectangleSpec():
+        case RectangleSpec():
             return Section.rectangle(spec.width_mm * _MM, spec.height_mm * _MM)
-        case schema.BoxSpec():
+        case BoxSpec():
             return Section.box(spec.width_mm * _MM, spec.height_mm * _MM, spec.wall_mm * _MM)
 
 
-def _damping(spec: schema.DampingSpec) -> DampingLaw:
+def _damping(spec: DampingSpec) -> DampingLaw:
     match spec:
-        case schema.ModalDampingSpec():
+        case ModalDampingSpec():
             return ModalDamping(spec.ratio)
-        case schema.LossFactorDampingSpec():
+        case LossFactorDampingSpec():
             return LossFactor(spec.loss_factor)
-        case schema.RayleighDampingSpec():
+        case RayleighDampingSpec():
             return Rayleigh(spec.alpha_per_s, spec.beta_s)
 
 
-def prior_of(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
+def prior_of(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
     """Priors on the joint's coordinates and on all else that the case calls uncertain."""
     parametrisation = parametrisation_named(spec.joint.parametrisation)
     if spec.prior is None:
@@ -130,48 +152,48 @@ def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
-def own_stiffness(recipe: BeamRecipe, joint: schema.JointSpec) -> Array:
+def own_stiffness(recipe: BeamRecipe, joint: JointSpec) -> Array:
     """The beam's own stiffnesses EI/L³ (N/m), EI/L² (N), EI/L (N·m/rad) in bending along the joint's translation."""
     inertia = recipe.section.inertia_y if joint.dofs[0].endswith("z") else recipe.section.inertia_z
     return recipe.material.youngs_modulus * inertia / recipe.length ** np.array([3.0, 2.0, 1.0])
 
 
-def first_guess(spec: schema.CaseSpec, recipe: BeamRecipe) -> Array:
+def first_guess(spec: CaseSpec, recipe: BeamRecipe) -> Array:
     """First guess (k11, k12, k22) of the paper's iteration, shape (3,): as stated, or a translational spring alone."""
     if spec.joint.initial is not None:
         return stiffness_of(spec.joint.initial)
     return own_stiffness(recipe, spec.joint) * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
 
 
-def _marginal(spec: schema.PriorSpec | schema.UniformPriorSpec) -> Marginal:
+def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:
     match spec:
-        case schema.LogUniformPriorSpec():
+        case LogUniformPriorSpec():
             return Uniform(math.log(spec.low), math.log(spec.high))
-        case schema.LogNormalPriorSpec():
+        case LogNormalPriorSpec():
             return Normal(math.log(spec.median), spec.sd_log)
-        case schema.DecadesPriorSpec():
+        case DecadesPriorSpec():
             return Normal.from_decades(spec.guess, spec.decades)
-        case schema.UniformPriorSpec():
+        case UniformPriorSpec():
             return Uniform(spec.low, spec.high)
 
 
 def with_workshop_uncertainty(
-    prior: JointPrior, spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement
+    prior: JointPrior, spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement
 ) -> JointPrior:
     """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
-    usual = {name: schema.FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items()}
+    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items()}
     damping = spec.structure.damping
-    ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, schema.ModalDampingSpec) else (0.0, 0.0)
+    ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, ModalDampingSpec) else (0.0, 0.0)
     if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):
         widest = min(10.0, 0.9 / ratio[1])
-        usual["damping_ratio"] = schema.FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
-    given = schema.UncertainSpec(**(usual | spec.uncertain.given))
+        usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
+    given = UncertainSpec(**(usual | spec.uncertain.given))
     freed = spec.model_copy(update={"uncertain": given})
     everything = (*_quantities(freed, recipe, measurement), *noise_of(spec.noise, measurement)[1])
     return replace(prior, nuisances=everything)
 
 
-def _quantities(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> list[Nuisance]:
+def _quantities(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> list[Nuisance]:
     """Uncertain quantities of structure and measurement, those of the structure first."""
     structure = spec.structure
     stated = {
@@ -183,11 +205,11 @@ def _quantities(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurem
         "accelerometer_mass": ("g", structure.accelerometer_mass_g),
         "gain": ("1", 1.0),
     }
-    if isinstance(structure.damping, schema.LossFactorDampingSpec):
+    if isinstance(structure.damping, LossFactorDampingSpec):
         stated["loss_factor"] = ("1", structure.damping.loss_factor)
     found = []
     for name, prior in spec.uncertain.given.items():
-        if name == "damping_ratio" and isinstance(structure.damping, schema.ModalDampingSpec):
+        if name == "damping_ratio" and isinstance(structure.damping, ModalDampingSpec):
             ratios = structure.damping.ratio
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             found += [Nuisance(n, "1", ratio, _factor_prior(prior)) for n, ratio in zip(labels, ratios, strict=True)]
@@ -201,7 +223,7 @@ def _quantities(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurem
     return sorted(found, key=lambda nuisance: nuisance.name == "gain")
 
 
-def _modes_in_band(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> int:
+def _modes_in_band(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
     if isinstance(measurement, FrequencyMeasurement):
         return measurement.frequency_hz.size
@@ -212,7 +234,7 @@ def _modes_in_band(spec: schema.CaseSpec, recipe: BeamRecipe, measurement: Measu
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 
 
-def _factor_prior(spec: schema.FactorPriorSpec) -> Marginal:
+def _factor_prior(spec: FactorPriorSpec) -> Marginal:
     if spec.sd_percent is not None:
         return Normal(0.0, spec.sd_percent / 100)
     assert spec.low_factor is not None
@@ -220,7 +242,7 @@ def _factor_prior(spec: schema.FactorPriorSpec) -> Marginal:
     return Uniform(math.log(spec.low_factor), math.log(spec.high_factor))
 
 
-def noise_of(spec: schema.NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+def noise_of(spec: NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
     complex_frf = isinstance(measurement, FrfMeasurement) and spec.residuals == "complex"
     d = spec.discrepancy
@@ -247,11 +269,9 @@ def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:
     return BeamFamily(recipe, ranges)
 
 
-def measurement_of(
-    recipe: BeamRecipe, joint: Joint, spec: schema.SyntheticFrfSpec | schema.NaturalFrequenciesSpec
-) -> Measurement:
+def measurement_of(recipe: BeamRecipe, joint: Joint, spec: SyntheticFrfSpec | NaturalFrequenciesSpec) -> Measurement:
     """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs."""
-    if isinstance(spec, schema.NaturalFrequenciesSpec):
+    if isinstance(spec, NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
         return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
@@ -271,7 +291,7 @@ def measurement_of(
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
 
 
-def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
+def true_beam(recipe: BeamRecipe, truth: TruthSpec) -> BeamRecipe:
     """The beam that makes the data: as analysed, but for what the truth states otherwise."""
     stated = {
         "youngs_modulus": truth.youngs_modulus_gpa and truth.youngs_modulus_gpa * 1e9,
@@ -288,13 +308,13 @@ def true_beam(recipe: BeamRecipe, truth: schema.TruthSpec) -> BeamRecipe:
     )
 
 
-def noise_law(spec: schema.NoiseSpec) -> NoiseLaw:
+def noise_law(spec: NoiseSpec) -> NoiseLaw:
     """Law of the noise of synthetic data."""
     if spec.coherence is not None and spec.averages is not None:
         return CoherenceNoise(spec.coherence, spec.averages, spec.floor)
     return RelativeNoise(spec.relative, spec.floor)
 
 
-def stiffness_of(spec: schema.StiffnessSpec) -> Array:
+def stiffness_of(spec: StiffnessSpec) -> Array:
     """(k11, k12, k22), shape (3,)."""
     return np.array([getattr(spec, name) for name in STIFFNESS_NAMES])

@@ -20,7 +20,7 @@ from jointbayes.case.build import (
 )
 from jointbayes.case.files import plan_of, require_lowest, with_estimated_variance, with_measured_damping
 from jointbayes.case.plausibility import InputWarning, input_warnings
-from jointbayes.case.schema import case as schema
+from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError, JointBayesError
@@ -54,7 +54,7 @@ class Case:
 
     name: str
     text: str
-    spec: "schema.CaseSpec"
+    spec: CaseSpec
     problem: Problem
     stated: Problem | None = None
 
@@ -140,7 +140,7 @@ def load_case(path: str | os.PathLike[str]) -> Case:
     """
     file = Path(path)
     text = read_text(file)
-    return _build(file.stem, text, schema.parse_case(text, str(file)), str(file), file.parent)
+    return _build(file.stem, text, parse_case(text, str(file)), str(file), file.parent)
 
 
 def case_from_text(
@@ -157,7 +157,7 @@ def case_from_text(
     measurement
         Data of a case with measurement files, as they were read before; the files are then not needed.
     """
-    return _build(name, text, schema.parse_case(text, name), name, Path(directory), measurement)
+    return _build(name, text, parse_case(text, name), name, Path(directory), measurement)
 
 
 def case_around(problem: Problem, text: str) -> Case:
@@ -166,7 +166,7 @@ def case_around(problem: Problem, text: str) -> Case:
 
 
 def _build(
-    name: str, text: str, spec: "schema.CaseSpec", where: str, directory: Path, measurement: Measurement | None = None
+    name: str, text: str, spec: CaseSpec, where: str, directory: Path, measurement: Measurement | None = None
 ) -> Case:
     stated, line = spec, 1
     try:

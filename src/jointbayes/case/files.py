@@ -2,8 +2,16 @@
 
 import numpy as np
 
-from jointbayes.case.schema import case as schema
-from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.schema.measured import (
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    MeasuredSpec,
+    RotationSpec,
+    VarianceSpec,
+)
+from jointbayes.case.schema.priors import FactorPriorSpec
+from jointbayes.case.schema.structure import ModalDampingSpec, StructureSpec
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import RIGID, Joint, joint_matrix
@@ -25,12 +33,12 @@ _NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent
 _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
 
 
-def plan_of(spec: schema.CaseSpec) -> MeasurementPlan:
+def plan_of(spec: CaseSpec) -> MeasurementPlan:
     """What a case with data of kind ``"measured_frf"`` or ``"measured_frequencies"`` asks for of its files."""
     data = spec.data
     assert isinstance(data, MeasuredSpec)
-    frf = data if isinstance(data, schema.MeasuredFrfSpec) else None
-    frequencies = data if isinstance(data, schema.MeasuredFrequenciesSpec) else None
+    frf = data if isinstance(data, MeasuredFrfSpec) else None
+    frequencies = data if isinstance(data, MeasuredFrequenciesSpec) else None
     return MeasurementPlan(
         {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()},
         _variance(data.variance) if data.variance else None,
@@ -48,7 +56,7 @@ def plan_of(spec: schema.CaseSpec) -> MeasurementPlan:
     )
 
 
-def _variance(spec: schema.VarianceSpec) -> VarianceSource:
+def _variance(spec: VarianceSpec) -> VarianceSource:
     law = RelativeNoise(spec.relative, spec.floor) if spec.relative + spec.floor > 0 else None
     return VarianceSource(spec.source, law, spec.averages, "relative" in spec.model_fields_set)
 
@@ -63,7 +71,7 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
     return ImpactSettings(hits, spec.force_window_s, spec.exponential_end, spec.estimator, *band)
 
 
-def _rotation(label: str, spec: schema.RotationSpec, structure: schema.StructureSpec) -> Rotation:
+def _rotation(label: str, spec: RotationSpec, structure: StructureSpec) -> Rotation:
     """A rotation with the distance of its stations, negative where they run backwards."""
     first, second, *_ = (int(station.split(":")[0]) for station in spec.stations)
     spacing = (second - first) * structure.length_mm / structure.elements
@@ -72,7 +80,7 @@ def _rotation(label: str, spec: schema.RotationSpec, structure: schema.Structure
     return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood)
 
 
-def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, measured: Measurement) -> None:
+def require_lowest(spec: CaseSpec, recipe: BeamRecipe, joint: Joint, measured: Measurement) -> None:
     """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
 
     No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.
@@ -83,9 +91,9 @@ def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, meas
         If natural frequencies, or damping ratios mode by mode, are taken from the data and a lower mode was missed.
     """
     damping = spec.structure.damping
-    ratios = isinstance(damping, schema.ModalDampingSpec) and damping.measured
+    ratios = isinstance(damping, ModalDampingSpec) and damping.measured
     modes = measured.provenance.modes if measured.provenance else ()
-    if not modes or not (ratios or isinstance(spec.data, schema.MeasuredFrequenciesSpec)):
+    if not modes or not (ratios or isinstance(spec.data, MeasuredFrequenciesSpec)):
         return
     family = BeamFamily(recipe, {})
     count = min(len(modes), recipe.dofs_per_node * recipe.elements)
@@ -99,7 +107,7 @@ def require_lowest(spec: schema.CaseSpec, recipe: BeamRecipe, joint: Joint, meas
             )
 
 
-def with_estimated_variance(spec: schema.CaseSpec, measured: Measurement) -> schema.CaseSpec:
+def with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
 
     A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
@@ -115,7 +123,7 @@ def with_estimated_variance(spec: schema.CaseSpec, measured: Measurement) -> sch
     return spec.model_copy(update={"noise": chosen})
 
 
-def with_measured_damping(spec: schema.CaseSpec, measured: Measurement) -> schema.CaseSpec:
+def with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     """The case with the damping ratios that the data show, where it asks for them.
 
     For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
@@ -127,7 +135,7 @@ def with_measured_damping(spec: schema.CaseSpec, measured: Measurement) -> schem
         If the data show no mode with a damping ratio between 0 and 1.
     """
     damping = spec.structure.damping
-    if not (isinstance(damping, schema.ModalDampingSpec) and damping.measured):
+    if not (isinstance(damping, ModalDampingSpec) and damping.measured):
         return spec
     assert measured.provenance is not None
     ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
@@ -140,6 +148,6 @@ def with_measured_damping(spec: schema.CaseSpec, measured: Measurement) -> schem
     uncertain = spec.uncertain
     if uncertain.damping_ratio is None and isinstance(measured, FrfMeasurement):
         high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
-        prior = schema.FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high)
+        prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high)
         uncertain = uncertain.model_copy(update={"damping_ratio": prior})
     return spec.model_copy(update={"structure": structure, "uncertain": uncertain})

@@ -3,8 +3,7 @@
 Each field's ``description`` is also the "expected …" of its error messages, and its first example the remedy.
 Units are in the keys; nothing is converted here. Importing this module loads pydantic.
 
-The tables stand in modules of their own (`case_structure`, `case_joint`, `case_priors`, `case_data`, `case_noise`,
-`case_settings`); here they come together, with the rules between them in `case_rules`.
+The tables stand in modules of their own; here they come together, with the rules between them.
 """
 
 from __future__ import annotations
@@ -16,28 +15,12 @@ import pydantic
 from pydantic import Field
 
 from jointbayes.case.errors import Finding, fault_lines
-from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec, TruthSpec
+from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
 from jointbayes.case.schema.fields import Spec
-from jointbayes.case.schema.joint import JointSpec, StiffnessSpec
-from jointbayes.case.schema.measured import (
-    ChannelSpec,
-    MeasuredFrequenciesSpec,
-    MeasuredFrfSpec,
-    RecordsSpec,
-    RotationSpec,
-    VarianceSpec,
-)
-from jointbayes.case.schema.noise import DiscrepancySpec, NoiseModelSpec
-from jointbayes.case.schema.priors import (
-    DecadesPriorSpec,
-    FactorPriorSpec,
-    LogNormalPriorSpec,
-    LogUniformPriorSpec,
-    PriorSpec,
-    PriorsSpec,
-    UncertainSpec,
-    UniformPriorSpec,
-)
+from jointbayes.case.schema.joint import JointSpec
+from jointbayes.case.schema.measured import MeasuredFrfSpec
+from jointbayes.case.schema.noise import NoiseModelSpec
+from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.rules import (
     dof_findings,
     noise_findings,
@@ -47,74 +30,13 @@ from jointbayes.case.schema.rules import (
     uncertain_findings,
     virtual_test_findings,
 )
-from jointbayes.case.schema.settings import (
-    CompareSpec,
-    Hypothesis,
-    IdentificationSpec,
-    PlanSpec,
-    ReferenceSpec,
-    SamplingSpec,
-)
-from jointbayes.case.schema.structure import (
-    BoxSpec,
-    CircleSpec,
-    DampingSpec,
-    LossFactorDampingSpec,
-    ModalDampingSpec,
-    RayleighDampingSpec,
-    RectangleSpec,
-    SectionSpec,
-    StructureSpec,
-    TubeSpec,
-)
+from jointbayes.case.schema.settings import CompareSpec, IdentificationSpec, PlanSpec, ReferenceSpec, SamplingSpec
+from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import parse_toml
 from jointbayes.errors import CaseError
 
-__all__ = [
-    "BoxSpec",
-    "CaseSpec",
-    "ChannelSpec",
-    "CircleSpec",
-    "CompareSpec",
-    "DampingSpec",
-    "DataSpec",
-    "DecadesPriorSpec",
-    "DiscrepancySpec",
-    "FactorPriorSpec",
-    "Hypothesis",
-    "IdentificationSpec",
-    "JointSpec",
-    "LogNormalPriorSpec",
-    "LogUniformPriorSpec",
-    "LossFactorDampingSpec",
-    "MeasuredFrequenciesSpec",
-    "MeasuredFrfSpec",
-    "ModalDampingSpec",
-    "NaturalFrequenciesSpec",
-    "NoiseModelSpec",
-    "NoiseSpec",
-    "PlanSpec",
-    "PriorSpec",
-    "PriorsSpec",
-    "RayleighDampingSpec",
-    "RectangleSpec",
-    "RecordsSpec",
-    "ReferenceSpec",
-    "RotationSpec",
-    "SamplingSpec",
-    "SectionSpec",
-    "StiffnessSpec",
-    "StructureSpec",
-    "SyntheticFrfSpec",
-    "TruthSpec",
-    "TubeSpec",
-    "UncertainSpec",
-    "UniformPriorSpec",
-    "VarianceSpec",
-    "VirtualTestSpec",
-    "parse_case",
-]
+__all__ = ["CaseSpec", "parse_case"]
 
 _TITLE = Field(
     min_length=1,

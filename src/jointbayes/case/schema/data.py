@@ -13,7 +13,6 @@ from jointbayes.case.schema.fields import (
     FREQUENCIES,
     Frequencies,
     Labels,
-    Positive,
     Ratios,
     Spec,
     count_field,
@@ -30,16 +29,10 @@ __all__ = ["DataSpec", "NaturalFrequenciesSpec", "NoiseSpec", "SyntheticFrfSpec"
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 
 
-def _of_truth(what: str, example: float) -> object:
-    return Field(description=f"{what} that makes the data, a number greater than 0", examples=[example])
-
-
 _COHERENCE = Field(gt=0, lt=1, description="the coherence γ², a number above 0 and below 1", examples=[0.98])
 # One average makes every coherence 1, so that it says nothing about the noise.
 _AVERAGES = Field(ge=2, le=10**6, description="the number of averages, a whole number from 2 to 1000000", examples=[10])
-_MASS = Field(
-    ge=0, description="the mass in g of each accelerometer that makes the data, a number of at least 0", examples=[2.0]
-)
+_MASS = not_negative("the mass in g of each accelerometer that makes the data", 2.0)
 _RATIO = key_field("the damping ratio that makes the data, from 0 to below 1, or a list of such numbers", 0.01)
 
 
@@ -71,16 +64,12 @@ class NoiseSpec(Spec):
 class TruthSpec(StiffnessSpec):
     """The joint that makes the data, and where the structure that makes them differs from `[structure]`."""
 
-    youngs_modulus_gpa: Annotated[Positive | None, _of_truth("Young's modulus in GPa", 210.0)] = None
-    density_kg_m3: Annotated[Positive | None, _of_truth("the density in kg/m³", 7800.0)] = None
-    length_mm: Annotated[Positive | None, _of_truth("the length of the beam in mm", 360.0)] = None
+    youngs_modulus_gpa: Annotated[float | None, positive("Young's modulus in GPa that makes the data", 210.0)] = None
+    density_kg_m3: Annotated[float | None, positive("the density in kg/m³ that makes the data", 7800.0)] = None
+    length_mm: Annotated[float | None, positive("the length of the beam in mm that makes the data", 360.0)] = None
     accelerometer_mass_g: Annotated[float | None, _MASS] = None
     gain: Annotated[float, positive("the factor on the measured FRFs", 1.02)] = 1.0
     damping_ratio: Annotated[Ratios | None, _RATIO] = None
-
-
-def _band(what: str, example: float) -> object:
-    return Field(description=f"{what} in Hz, a number greater than 0", examples=[example])
 
 
 _KIND = key_field(
@@ -97,9 +86,9 @@ class SyntheticFrfSpec(Spec):
     outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
     inputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one excited DOF", ["11:y"])]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY] = "receptance"
-    f_min_hz: Annotated[Positive | None, _band("the lowest frequency", 20.0)] = None
-    f_max_hz: Annotated[Positive | None, _band("the highest frequency", 2500.0)] = None
-    f_step_hz: Annotated[Positive | None, _band("the distance of the lines", 1.0)] = None
+    f_min_hz: Annotated[float | None, positive("the lowest frequency in Hz", 20.0)] = None
+    f_max_hz: Annotated[float | None, positive("the highest frequency in Hz", 2500.0)] = None
+    f_step_hz: Annotated[float | None, positive("the distance of the lines in Hz", 1.0)] = None
     frequencies_hz: Annotated[Frequencies | None, FREQUENCIES] = None
     truth: Annotated[TruthSpec, Field(description="the joint that makes the data: k11, k12, k22")]
     noise: Annotated[NoiseSpec, Field(description="the noise: relative, floor, seed")]

@@ -23,6 +23,7 @@ __all__ = [
     "Ratio",
     "Ratios",
     "Spec",
+    "as_list",
     "ascii_unit",
     "count_field",
     "either",
@@ -95,7 +96,8 @@ def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
-def _as_list(value: object) -> object:
+def as_list(value: object) -> object:
+    """A value alone, as the list of one that it stands for."""
     return value if isinstance(value, list | tuple) else [value]
 
 
@@ -106,7 +108,7 @@ Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
 Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
 Ratio = Annotated[float, Field(ge=0, lt=1)]
-Ratios = Annotated[tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(_as_list)]
+Ratios = Annotated[tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list)]
 
 
 class Spec(BaseModel):

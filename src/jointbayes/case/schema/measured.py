@@ -14,8 +14,8 @@ from jointbayes.case.schema.fields import (
     Fraction,
     Label,
     Labels,
-    Positive,
     Spec,
+    as_list,
     count_field,
     key_field,
     not_above,
@@ -73,9 +73,7 @@ _STATIONS = key_field("two or three translations in order along the structure", 
 _SCHEME = key_field(
     'the differences, "first order" (two stations), "second order, end" or "second order, centre"', "first order"
 )
-_SPACING = Field(
-    gt=0, description="the distance of neighbouring stations in mm, a number greater than 0", examples=[20.0]
-)
+_SPACING = positive("the distance of neighbouring stations in mm", 20.0)
 _USE = key_field("true (the rotation is data, its stations are not) or false (it serves the iteration)", False)
 
 
@@ -125,10 +123,10 @@ class VarianceSpec(Spec):
 _METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
 _ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")
 _WINDOW = key_field('the window of the blocks, "hann" or "boxcar"', "hann")
-_LENGTH = Field(gt=0, description="the length of a block in s, a number greater than 0", examples=[1.0])
+_LENGTH = positive("the length of a block in s", 1.0)
 _PULSE = Field(gt=0, description="how long after its trigger the force counts in s, above 0", examples=[0.005])
 _END = key_field("what is left of the exponential window at the end of a block, above 0 and at most 1", 0.05)
-_RANGE = Field(gt=0, description="the full scale of the force channel in N, a number greater than 0", examples=[500.0])
+_RANGE = positive("the full scale of the force channel in N", 500.0)
 _OVERLAP = Field(ge=0, lt=1, description="the overlap of blocks, a number of at least 0 and below 1", examples=[0.5])
 #: Keys that one method alone uses.
 _USED_WITH = {
@@ -175,24 +173,16 @@ _SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor move
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
-def _files(value: object) -> object:
-    return value if isinstance(value, list | tuple) else [value]
-
-
-def _band(what: str, example: float) -> object:
-    return Field(description=f"{what} in Hz, a number greater than 0", examples=[example])
-
-
 _Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_as_table)]]
 
 
 class MeasuredSpec(Spec):
     """What all data from files have: the files, what their channels stand for, and the lines that are used."""
 
-    file: Annotated[tuple[_FileName, ...], Strict(False), Field(min_length=1), BeforeValidator(_files), _FILE]
+    file: Annotated[tuple[_FileName, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), _FILE]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _QUANTITY] = None
-    f_min_hz: Annotated[Positive | None, _band("the lowest frequency used", 20.0)] = None
-    f_max_hz: Annotated[Positive | None, _band("the highest frequency used", 2500.0)] = None
+    f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
+    f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
     thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: Annotated[_Channels, _MAP]

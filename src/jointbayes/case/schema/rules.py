@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
@@ -52,24 +53,26 @@ def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, pla
             )
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
-        yield from absent_dofs(structure, labels, loc)
-        for i, label in enumerate(labels):
-            if label in structure.supports:
-                found = f'"{label}" is held fixed by structure.supports'
-                yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+        yield from _immovable_dofs(structure, labels, loc)
     if isinstance(data, MeasuredSpec):
         yield from _channel_findings(structure, data)
+
+
+def _immovable_dofs(structure: StructureSpec, labels: Sequence[str], loc: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield DOFs that the structure does not have or that cannot move."""
+    yield from absent_dofs(structure, labels, loc)
+    for i, label in enumerate(labels):
+        if label in structure.supports:
+            found = f'"{label}" is held fixed by structure.supports'
+            yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
 
 
 def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[Finding]:
     """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)
-        for finding in absent_dofs(structure, [channel.label], loc):
-            yield Finding(loc, finding.found, finding.expected, finding.remedy)
-        if channel.label in structure.supports:
-            found = f'"{channel.label}" is held fixed by structure.supports'
-            yield Finding(loc, found, "a DOF that can move", "choose another or free this one")
+        for finding in _immovable_dofs(structure, [channel.label], loc):
+            yield replace(finding, loc=loc)
         if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
             found = "accelerometer_mass_g is given here and in [structure]"
             expected = "the mass taken out of the data or put into the model, not both"
@@ -88,7 +91,7 @@ def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[
         for label in data.rotations:
             loc = ("data", "rotations", label)
             for finding in absent_dofs(structure, [label], loc):
-                yield Finding(loc, finding.found, finding.expected, finding.remedy)
+                yield replace(finding, loc=loc)
 
 
 def prior_findings(joint: JointSpec, priors: PriorsSpec) -> Iterator[Finding]:
@@ -222,11 +225,8 @@ def virtual_test_findings(test: VirtualTestSpec, structure: StructureSpec, data:
             yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
         return
     loc = ("virtual_test", "extra_outputs")
-    yield from absent_dofs(structure, test.extra_outputs, loc)
+    yield from _immovable_dofs(structure, test.extra_outputs, loc)
     for i, label in enumerate(test.extra_outputs):
-        if label in structure.supports:
-            found = f'"{label}" is held fixed by structure.supports'
-            yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
-        elif label in data.outputs:
+        if label in data.outputs:
             found = f'"{label}" is one of data.outputs, which are measured anyway'
             yield Finding((*loc, i), found, "a further DOF", "remove it")

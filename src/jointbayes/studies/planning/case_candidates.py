@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.case.build import beam_recipe, family_of, noise_law
 from jointbayes.case.case import Case
-from jointbayes.case.schema import case as schema
+from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
 from jointbayes.measurement import FrfMeasurement
@@ -50,7 +50,7 @@ class _Maker:
         self._recipe = beam_recipe(case.spec.structure, data, case.problem.measurement)
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
-        if isinstance(data, schema.SyntheticFrfSpec):
+        if isinstance(data, SyntheticFrfSpec):
             self._law, self._step_hz = noise_law(data.noise), data.f_step_hz
         self._lines = measurement.frf.frequency_hz
 
