@@ -7,7 +7,7 @@ import stat
 import numpy as np
 import pytest
 
-from jointbayes.errors import MeasurementError
+from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats import (
     FORMATS,
@@ -20,9 +20,8 @@ from jointbayes.measurement.formats import (
     write_frf,
     write_records,
 )
-from jointbayes.measurement.formats.labels import Dof, dof_label, parse_dof
 from jointbayes.measurement.formats.units import G_STANDARD, frequency_factor, frf_unit, parse_unit, sensor_unit
-from jointbayes.measurement.records import FrfRecord, TimeRecord
+from jointbayes.measurement.records import Dof, FrfRecord, TimeRecord, dof_label, parse_dof
 
 KINDS = {"uff58": "uff", "uff58b": "uff", "csv": "table", "tsv": "table"}
 AXES = {
@@ -190,7 +189,7 @@ def test_writing_says_what_it_needs(tmp_path, form, records, message):
 
 
 def test_writing_into_no_directory_is_one_line(tmp_path):
-    with pytest.raises(MeasurementError, match="cannot be written"):
+    with pytest.raises(WriteError, match="cannot be written"):
         write_frf(frf_set(), tmp_path / "none" / "a", "csv")
 
 

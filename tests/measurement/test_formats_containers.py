@@ -9,7 +9,7 @@ import scipy.io
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats import iter_records, read_frf
-from jointbayes.measurement.formats.arrays.npz import read_npz
+from jointbayes.measurement.formats.arrays.read import read_npz
 
 LINES = np.array([1.5, 2.0, 2.5, 3.25])
 RNG = np.random.default_rng(4)

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
+from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.report.figures import legend_above, svg
@@ -22,7 +23,6 @@ HitCurve = tuple[str, str, Array, Array]
 #: A curve of more than two points each is drawn by the lowest and highest of so many stretches.
 _STRETCHES = 750
 _HITS_IN_A_ROW = 4
-_UNITS = {"receptance": "m/N", "mobility": "(m/s)/N", "accelerance": "(m/s²)/N", None: "unknown quantity"}
 
 
 def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hits: Sequence[HitCurve]) -> str:
@@ -73,7 +73,8 @@ def _draw_frfs(panels: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredM
             panel.plot(f[kept], curve[kept], color=colour, label=f"{record.response}/{record.reference}", **style)
     panels[0].set_yscale("log")
     kinds = dict.fromkeys(r.quantity for r in frfs)
-    panels[0].set_ylabel(" or ".join(f"{k or 'H'} ({_UNITS[k]})" for k in kinds))
+    units = [si_frf_unit(kind).replace("^2", "²") or "unknown quantity" for kind in kinds]
+    panels[0].set_ylabel(" or ".join(f"{k or 'H'} ({unit})" for k, unit in zip(kinds, units, strict=True)))
     panels[1].set_ylabel("phase (°)")
     panels[1].set_yticks([-180, -90, 0, 90, 180])
     if len(panels) > 2:

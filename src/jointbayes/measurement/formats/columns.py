@@ -13,11 +13,9 @@ from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.arrays.layout import even_rate
 from jointbayes.measurement.formats.units import (
     frequency_factor,
-    frf_unit,
+    read_frf_unit,
+    read_sensor_unit,
     scaled,
-    sensor_unit,
-    si_frf_unit,
-    si_sensor_unit,
 )
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 
@@ -190,12 +188,9 @@ def _frf(
         phase = _phase(values[:, parts["phase"]], columns[parts["phase"]].unit, said)
         with np.errstate(invalid="ignore"):
             complex_ = magnitude * np.exp(1j * phase)
-    parsed = frf_unit(unit)
-    if parsed is not None and parsed[0] != 1:
-        complex_ = scaled(complex_, parsed[0])
-        said.append(f"{unit} converted to {si_frf_unit(parsed[1])}")
-    elif unit and parsed is None:
-        said.append(f"unit {unit!r} not understood, values left as written")
+    factor, of_unit, converted = read_frf_unit(unit)
+    complex_ = scaled(complex_, factor)
+    said += converted
     word = comments.get("quantity", "").lower()
     named = next((known for known, words in _QUANTITY_WORDS if word and re.fullmatch(words, word)), None)
     response, _, reference = (part.strip() for part in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
@@ -205,7 +200,7 @@ def _frf(
     numbers = sorted(parts.values())
     place = f"columns {', '.join(str(i + 1) for i in numbers[:-1])} and {numbers[-1] + 1}"
     coherence = values[:, parts["coherence"]] if "coherence" in parts else None
-    quantity = first.quantity or named or (parsed[1] if parsed else None)
+    quantity = first.quantity or named or of_unit
     return FrfRecord(
         response, reference, lines, complex_, quantity, first.unit, coherence, averages, place, tuple(said)
     )
@@ -247,22 +242,16 @@ def _time_records(
     if re.fullmatch(r"[\d.]+(?:e[+-]?\d+)?", told) and abs(float(told) / rate - 1) < 1e-3:
         rate = float(told)  # exact, where the instants are rounded
     for i, column in enumerate(columns[1:], start=1):
-        said = list(notes)
-        parsed = sensor_unit(column.unit)
-        factor, quantity = parsed if parsed is not None else (1.0, "unknown")
-        if parsed is None:
-            said.append(f"unit {column.unit!r} not understood, values left as written")
-        elif factor != 1:
-            said.append(f"{column.unit} converted to {si_sensor_unit(quantity)}")
+        factor, quantity, converted = read_sensor_unit(column.unit)
         hit = re.search(r"\bhit (\d{1,6})$", column.name)
         name = column.name[: hit.start()].strip() if hit else column.name
         yield TimeRecord(
             name or f"column {i + 1}",
             rate,
             scaled(values[:, i], factor),
-            quantity,
+            quantity or "unknown",
             column.unit,
             int(hit[1]) if hit else None,
             f"column {i + 1}",
-            tuple(said),
+            (*notes, *converted),
         )

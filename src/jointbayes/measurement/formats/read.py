@@ -7,9 +7,8 @@ from pathlib import Path
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
-from jointbayes.measurement.formats.arrays.isolated import read_isolated
 from jointbayes.measurement.formats.arrays.layout import Arrays, records_of
-from jointbayes.measurement.formats.arrays.npz import read_npz
+from jointbayes.measurement.formats.arrays.read import read_isolated, read_npz
 from jointbayes.measurement.formats.detect import detect_format
 from jointbayes.measurement.formats.grid import in_band, join_frfs
 from jointbayes.measurement.formats.lvm import read_lvm

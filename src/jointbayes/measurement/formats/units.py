@@ -2,8 +2,9 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,19 @@ __all__ = [
     "ATOMS",
     "FREQUENCY_HZ",
     "G_STANDARD",
+    "MOTION_OF",
     "Unit",
     "frequency_factor",
     "frf_unit",
+    "read_frf_unit",
+    "read_sensor_unit",
     "scaled",
     "sensor_unit",
     "si_frf_unit",
     "si_sensor_unit",
 ]
+
+Q = TypeVar("Q")
 
 #: Standard acceleration of gravity, m/s² (exact).
 G_STANDARD = 9.80665
@@ -79,6 +85,12 @@ _SENSORS: dict[tuple[int, int, int], SensorQuantity] = {
     (1, 0, 0): "displacement",
     (1, 0, -1): "velocity",
     _ACCELERATION: "acceleration",
+}
+#: What a sensor measures that makes the FRF.
+MOTION_OF: dict[Quantity, SensorQuantity] = {
+    "receptance": "displacement",
+    "mobility": "velocity",
+    "accelerance": "acceleration",
 }
 _SI_SENSOR = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "unknown": ""}
 
@@ -194,6 +206,23 @@ def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | 
     if unit is None or unit.powers[1] != -1 or unit.powers[0] not in (0, -1, -2) or unit.powers[2] not in (0, 1, 2):
         return None
     return unit.factor, get_args(Quantity)[2 - unit.powers[2]]
+
+
+def read_frf_unit(label: str) -> tuple[float, Quantity | None, list[str]]:
+    """Factor to SI, quantity where the unit of an FRF says it, and notes on what becomes of the values."""
+    return _read(label, frf_unit(label), si_frf_unit)
+
+
+def read_sensor_unit(label: str) -> tuple[float, SensorQuantity | None, list[str]]:
+    """The same for the unit of a time history."""
+    return _read(label, sensor_unit(label), si_sensor_unit)
+
+
+def _read(label: str, parsed: tuple[float, Q] | None, si_unit: Callable[[Q], str]) -> tuple[float, Q | None, list[str]]:
+    if parsed is None:
+        return 1.0, None, [f"unit {label!r} not understood, values left as written"] if label else []
+    factor, quantity = parsed
+    return factor, quantity, [f"{label} converted to {si_unit(quantity)}"] if factor != 1 else []
 
 
 def scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:

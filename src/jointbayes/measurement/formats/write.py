@@ -1,20 +1,18 @@
 """Records written in any of the formats; a file is there completely or not at all."""
 
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats.arrays.layout import arrays_of
-from jointbayes.measurement.formats.arrays.npz import write_npz
-from jointbayes.measurement.formats.arrays.write import write_hdf5, write_mat73, write_matlab
+from jointbayes.measurement.formats.arrays.write import write_hdf5, write_mat73, write_matlab, write_npz
 from jointbayes.measurement.formats.lvm import write_lvm
 from jointbayes.measurement.formats.table import write_table
 from jointbayes.measurement.formats.uff.write import write_uff
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.records import FrfRecord, Record
+from jointbayes.whole_file import whole_file
 
 __all__ = ["FORMATS", "records_of_frf", "write_frf", "write_records"]
 
@@ -40,7 +38,9 @@ def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
     Raises
     ------
     MeasurementError
-        If the format is unknown or cannot hold the records, or the file cannot be written.
+        If the format is unknown or cannot hold the records.
+    WriteError
+        If the file cannot be written.
     """
     write_records(records_of_frf(frf), path, format)
 
@@ -72,7 +72,9 @@ def write_records(records: Iterable[Record], path: str | Path, format: str) -> N
     Raises
     ------
     MeasurementError
-        If the format is unknown or cannot hold the records, or the file cannot be written.
+        If the format is unknown or cannot hold the records.
+    WriteError
+        If the file cannot be written.
     """
     path, records = Path(path), tuple(records)
     if format not in _WRITERS:
@@ -80,25 +82,7 @@ def write_records(records: Iterable[Record], path: str | Path, format: str) -> N
     if not records:
         raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as error:
-        raise MeasurementError(
-            f"{path}: found that it cannot be written ({error.strerror}); choose another place"
-        ) from None
-    os.close(handle)
-    part = Path(name)
-    try:
-        _WRITERS[format](records, part)
-        # mkstemp makes files for their owner alone; a measurement is as readable as any other new file
-        umask = os.umask(0)
-        os.umask(umask)
-        part.chmod(0o666 & ~umask)
-        part.replace(path)
+        with whole_file(path) as part:
+            _WRITERS[format](records, part)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
-    except OSError as error:
-        raise MeasurementError(
-            f"{path}: found that it cannot be written ({error.strerror}); choose another place"
-        ) from None
-    finally:
-        part.unlink(missing_ok=True)

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import TypeVar
 
-from jointbayes.measurement.formats.labels import parse_dof
 from jointbayes.measurement.inspection.inspection import ChannelUse, Inspection
+from jointbayes.measurement.records import parse_dof
 
 __all__ = ["text_of"]
 

@@ -34,9 +34,8 @@ class HitSettings:
         Force that triggers, as a fraction of the largest force of all records.
     double_hit_level
         A second peak in a block above this fraction of the first makes the hit a double one.
-    force_range_n, response_range
-        Full scale of the channels, N and the response's SI unit; None where it is not known: then only a flat top
-        shows that a channel was overloaded.
+    force_range_n
+        Full scale of the force, N; None where it is not known: then only a flat top shows that it was overloaded.
 
     Raises
     ------
@@ -49,7 +48,6 @@ class HitSettings:
     trigger_level: float = 0.1
     double_hit_level: float = 0.05
     force_range_n: float | None = None
-    response_range: float | None = None
 
     def __post_init__(self) -> None:
         if not (0 < self.trigger_level < 1 and 0 < self.double_hit_level < 1):
@@ -227,7 +225,7 @@ def reject_overloads(hits: Sequence[Hit], responses: Sequence[TimeRecord], setti
         record = responses[hit.record]
         samples = record.values.size if settings.block_s is None else round(settings.block_s * record.sample_rate_hz)
         block = record.values[max(hit.start, 0) : hit.start + samples]
-        if hit.kept and is_clipped(block, settings.response_range):
+        if hit.kept and is_clipped(block):
             hit = replace(hit, reason=f"response {record.channel} overloaded")
         judged.append(hit)
     return tuple(judged)

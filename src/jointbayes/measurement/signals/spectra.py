@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.units import si_frf_unit
+from jointbayes.measurement.formats.units import MOTION_OF, si_frf_unit
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.signals.line_thinning import effective_averages, independent_step, line_correlation
 
@@ -31,11 +31,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 Estimator = Literal["H1", "H2", "Hv"]
-_QUANTITY: dict[str, Quantity] = {
-    "displacement": "receptance",
-    "velocity": "mobility",
-    "acceleration": "accelerance",
-}
+_QUANTITY = {motion: quantity for quantity, motion in MOTION_OF.items()}
 #: Above this share of the sample rate the anti-aliasing filters of analysers fall off.
 HIGHEST_LINE = 1 / 2.56
 #: Of a window on paper: the correlation of lines does not depend on their number.

@@ -9,19 +9,13 @@ from scipy import fft
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.records import SensorQuantity, TimeRecord
+from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
+from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.virtual.synthetic import channel_label
 
 __all__ = ["ChannelNoise", "Hammer", "Rig", "half_sine", "hammer_records", "shaker_records"]
 
 Array = NDArray[np.float64]
-
-SENSOR: dict[Quantity, SensorQuantity] = {
-    "receptance": "displacement",
-    "mobility": "velocity",
-    "accelerance": "acceleration",
-}
-SENSOR_UNIT: dict[Quantity, str] = {"receptance": "m", "mobility": "m/s", "accelerance": "m/s^2"}
 
 _NOMINAL_N = 100.0
 _SPREAD = 0.25  # of the logarithm of the peak force from hit to hit
@@ -157,7 +151,7 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
         Force first, then the outputs in order; `hit` says which belong together.
     """
     tail = round(rig.decay_s * rig.sample_rate_hz)
-    responses = rig.responses(rig.block + tail)
+    responses, motion = rig.responses(rig.block + tail), MOTION_OF[rig.quantity]
     number = 0
     for j, input_ in enumerate(rig.inputs):
         nominal = _force(responses.period, rig, hammer, 1.0, 1.0)
@@ -174,8 +168,8 @@ def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random
                     channel_label(output),
                     rig.sample_rate_hz,
                     _limited(moved[:, i], float(scale[i]), noise.response, _RESPONSE_RANGE, rng),
-                    SENSOR[rig.quantity],
-                    SENSOR_UNIT[rig.quantity],
+                    motion,
+                    si_sensor_unit(motion),
                     number,
                     "virtual test",
                 )
@@ -223,7 +217,7 @@ def shaker_records(rig: Rig, samples: int, noise: ChannelNoise, rng: np.random.G
     TimeRecord
         Force first, then the outputs in order; `hit` counts the inputs.
     """
-    responses = rig.responses(samples + round(rig.decay_s * rig.sample_rate_hz))
+    responses, motion = rig.responses(samples + round(rig.decay_s * rig.sample_rate_hz)), MOTION_OF[rig.quantity]
     for j, input_ in enumerate(rig.inputs):
         # a random force that repeats after the record's end has no beginning: no transient to wait for
         force = _NOMINAL_N * rng.standard_normal(responses.period)
@@ -236,8 +230,8 @@ def shaker_records(rig: Rig, samples: int, noise: ChannelNoise, rng: np.random.G
                 channel_label(output),
                 rig.sample_rate_hz,
                 moved[:, i] + sd * rng.standard_normal(samples),
-                SENSOR[rig.quantity],
-                SENSOR_UNIT[rig.quantity],
+                motion,
+                si_sensor_unit(motion),
                 j + 1,
                 "virtual test",
             )

@@ -10,11 +10,10 @@ import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
 from jointbayes.frf import Quantity, quantity_factor
-from jointbayes.measurement.formats.labels import parse_dof
 from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.modal.peaks import prominent_peaks
 from jointbayes.measurement.provenance import MeasurementWarning
-from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.records import FrfRecord, parse_dof
 
 __all__ = ["ClearFrf", "Resonance", "pair_of", "usable", "warnings_of_frf", "warnings_of_notes"]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.units import frf_unit, scaled, sensor_unit, si_frf_unit, si_sensor_unit
+from jointbayes.measurement.formats.units import read_frf_unit, read_sensor_unit, scaled, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import FrfRecord, Record, SensorQuantity, TimeRecord
 
 __all__ = ["Arrays", "arrays_of", "records_of"]
@@ -138,13 +138,9 @@ def _frf_records(block: _Block) -> Iterator[FrfRecord]:
                 "store one coherence for each FRF"
             )
     unit = block.string("unit")
-    said = frf_unit(unit)
-    factor, quantity = said if said is not None else (1.0, None)
-    if unit and said is None:
-        notes.append(f"unit {unit!r} not understood, values left as written")
-    elif factor != 1:
-        notes.append(f"{unit} converted to {si_frf_unit(quantity)}")
-    quantity = _quantity(block) or quantity
+    factor, said, of_unit = read_frf_unit(unit)
+    notes += of_unit
+    quantity = _quantity(block) or said
     averages = _averages(block)
     for i, output in enumerate(outputs):
         for j, input_ in enumerate(inputs):
@@ -307,16 +303,10 @@ def _time_record(
         raise MeasurementError(
             f"{block.where('quantities')}: found {word!r}; expected one of {', '.join(get_args(SensorQuantity))}"
         )
-    notes: tuple[str, ...] = ()
-    parsed = sensor_unit(unit)
-    factor, quantity = parsed if parsed is not None else (1.0, "unknown")
-    if unit and parsed is None:
-        notes = (f"unit {unit!r} not understood, values left as written",)
-    elif factor != 1:
-        notes = (f"{unit} converted to {si_sensor_unit(quantity)}",)
-    claimed = cast(SensorQuantity, word) if word else quantity
-    values = scaled(samples, factor)
-    return TimeRecord(channel, rate, values, claimed, unit, hit, f"{block.where('samples')}, {channel!r}", notes)
+    factor, quantity, notes = read_sensor_unit(unit)
+    claimed = cast(SensorQuantity, word) if word else quantity or "unknown"
+    place, values = f"{block.where('samples')}, {channel!r}", scaled(samples, factor)
+    return TimeRecord(channel, rate, values, claimed, unit, hit, place, tuple(notes))
 
 
 def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Program that reads an HDF5 or MATLAB file and leaves plain arrays in an npz file; run by `isolated`.
+"""Program that reads an HDF5 or MATLAB file and leaves plain arrays in an npz file; run by `read`.
 
 It knows nothing of the package, so that it starts quickly: ``reader_process.py KIND FILE TARGET MOST_BYTES``.
 """

@@ -1,13 +1,22 @@
-"""Blocks of named arrays written as HDF5, as MATLAB 7.3 (HDF5 with arrays turned round) and as MATLAB 5."""
+"""Blocks of named arrays written as npz, as HDF5, as MATLAB 7.3 (HDF5 with arrays turned round) and as MATLAB 5."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-__all__ = ["write_hdf5", "write_mat73", "write_matlab"]
+__all__ = ["write_hdf5", "write_mat73", "write_matlab", "write_npz"]
 
 _MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
+
+
+def write_npz(blocks: dict[str, dict[str, Any]], path: Path) -> None:
+    """Write blocks of named arrays; exact, uncompressed."""
+    arrays = {
+        f"{name}/{key}" if name else key: np.asarray(v) for name, block in blocks.items() for key, v in block.items()
+    }
+    with path.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes every name for allow_pickle
 
 
 def write_matlab(blocks: dict[str, dict[str, Any]], path: Path) -> None:

@@ -9,7 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from jointbayes.measurement.formats.labels import Dof
+from jointbayes.measurement.records import Dof
 
 __all__ = ["Axis", "FieldError", "FunctionHeader", "body_bytes", "function_header"]
 

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.arrays.layout import even_rate
-from jointbayes.measurement.formats.labels import dof_label
 from jointbayes.measurement.formats.uff.header import FunctionHeader
 from jointbayes.measurement.formats.uff.scan import DataSet, line_of, scan
 from jointbayes.measurement.formats.uff.units import FileUnits, frf_meaning, sensor_meaning, units_of
 from jointbayes.measurement.formats.uff.values import Function, LineError, decode
 from jointbayes.measurement.formats.units import frequency_factor, scaled
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, dof_label
 
 __all__ = ["CORRECTIONS", "read_uff"]
 

@@ -2,18 +2,32 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.uff.header import Axis, FunctionHeader
-from jointbayes.measurement.formats.units import frf_unit, sensor_unit, si_frf_unit, si_sensor_unit
+from jointbayes.measurement.formats.uff.header import FunctionHeader
+from jointbayes.measurement.formats.units import MOTION_OF, frf_unit, sensor_unit, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import SensorQuantity
 
-__all__ = ["FileUnits", "frf_meaning", "sensor_meaning", "units_of"]
+__all__ = ["AXIS_TYPES", "FileUnits", "frf_meaning", "sensor_meaning", "units_of"]
 
-_QUANTITIES: dict[int, Quantity] = {8: "receptance", 11: "mobility", 12: "accelerance"}
-_SENSORS: dict[int, SensorQuantity] = {8: "displacement", 9: "force", 11: "velocity", 12: "acceleration", 13: "force"}
+Q = TypeVar("Q")
+
+#: Specific data types of the format.
+AXIS_TYPES: dict[SensorQuantity, int] = {
+    "unknown": 0,
+    "displacement": 8,
+    "velocity": 11,
+    "acceleration": 12,
+    "force": 13,
+}
+_SENSORS: dict[int, SensorQuantity] = {kind: sensor for sensor, kind in AXIS_TYPES.items() if kind} | {
+    9: "force"
+}  # 9: excitation force
+_QUANTITIES = {AXIS_TYPES[motion]: quantity for quantity, motion in MOTION_OF.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,23 +74,39 @@ def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | No
     the axes, which take precedence by the format's own words, else that of data set 164.
     """
     unit, parsed = _written(header)
-    quantity = _QUANTITIES.get(header.numerator.kind) if header.denominator.kind in (0, 1, 9, 13) else None
-    of_file = units.length / units.force if quantity is not None else 1.0
+    named = _QUANTITIES.get(header.numerator.kind) if header.denominator.kind in (0, 1, 9, 13) else None
+    return _meaning(unit, parsed, named, units.length / units.force, units.name, si_frf_unit)
+
+
+def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuantity, float, str, list[str]]:
+    """Quantity, factor to SI, unit as written and notes of a time response."""
+    axis = header.numerator
+    named: SensorQuantity | None = _SENSORS.get(axis.kind)
+    of_file = units.force if named == "force" else units.length
+    said = sensor_unit(axis.unit)
+    quantity, factor, unit, notes = _meaning(axis.unit, said, named, of_file, units.name, si_sensor_unit)
+    return quantity or "unknown", factor, unit, notes
+
+
+def _meaning(
+    unit: str, parsed: tuple[float, Q] | None, named: Q | None, of_file: float, file_name: str, si: Callable[[Any], str]
+) -> tuple[Q | None, float, str, list[str]]:
+    """What a unit that was written, the type of an axis and the units of the file say together."""
     notes: list[str] = []
     if parsed is not None:
         factor, said = parsed
         if factor != 1:
-            notes.append(f"{unit} converted to {si_frf_unit(said)}")
-        if quantity is not None and said != quantity:
-            notes.append(f"axis types say {quantity}, the unit {unit} says {said}")
-        if units.name and not math.isclose(factor, of_file, rel_tol=1e-3):
-            notes.append(f"unit {unit} taken; data set 164 ({units.name}) says otherwise")
-        return quantity or said, factor, unit, notes
+            notes.append(f"{unit} converted to {si(said)}")
+        if named not in (None, said):
+            notes.append(f"axis types say {named}, the unit {unit} says {said}")
+        if file_name and named is not None and not math.isclose(factor, of_file, rel_tol=1e-3):
+            notes.append(f"unit {unit} taken; data set 164 ({file_name}) says otherwise")
+        return named or said, factor, unit, notes
     if unit:
         notes.append(f"unit {unit!r} not understood")
-    if of_file != 1:
-        notes.append(f"converted to {si_frf_unit(quantity)} by data set 164 ({units.name})")
-    return quantity, of_file, unit, notes
+    if named is None or of_file == 1:
+        return named, 1.0, unit, notes
+    return named, of_file, unit, [*notes, f"converted to {si(named)} by data set 164 ({file_name})"]
 
 
 def _written(header: FunctionHeader) -> tuple[str, tuple[float, Quantity] | None]:
@@ -86,26 +116,3 @@ def _written(header: FunctionHeader) -> tuple[str, tuple[float, Quantity] | None
         return above, whole
     bracketed = f"({above})" if "/" in above else above
     return (f"{bracketed}/{below}" if above else ""), frf_unit(above, below)
-
-
-def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuantity, float, str, list[str]]:
-    """Quantity, factor to SI, unit as written and notes of a time response."""
-    axis: Axis = header.numerator
-    quantity = _SENSORS.get(axis.kind, "unknown")
-    of_file = {"unknown": 1.0, "force": units.force}.get(quantity, units.length)
-    parsed = sensor_unit(axis.unit)
-    notes: list[str] = []
-    if parsed is not None:
-        factor, said = parsed
-        if factor != 1:
-            notes.append(f"{axis.unit} converted to {si_sensor_unit(said)}")
-        if quantity not in ("unknown", said):
-            notes.append(f"axis type says {quantity}, the unit {axis.unit} says {said}")
-        if units.name and quantity != "unknown" and not math.isclose(factor, of_file, rel_tol=1e-3):
-            notes.append(f"unit {axis.unit} taken; data set 164 ({units.name}) says otherwise")
-        return (said if quantity == "unknown" else quantity), factor, axis.unit, notes
-    if axis.unit:
-        notes.append(f"unit {axis.unit!r} not understood")
-    if of_file != 1:
-        notes.append(f"converted to {si_sensor_unit(quantity)} by data set 164 ({units.name})")
-    return quantity, of_file, axis.unit, notes

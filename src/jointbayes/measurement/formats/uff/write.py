@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.labels import Dof, dof_label, parse_dof
 from jointbayes.measurement.formats.uff.read import CORRECTIONS
-from jointbayes.measurement.formats.units import si_sensor_unit
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.formats.uff.units import AXIS_TYPES
+from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
+from jointbayes.measurement.records import Dof, FrfRecord, Record, SensorQuantity, TimeRecord, dof_label, parse_dof
 
 __all__ = ["write_uff"]
 
-_KINDS = {"receptance": (8, "m"), "mobility": (11, "m/s"), "accelerance": (12, "m/s^2"), None: (0, "")}
-_SENSORS = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13, "unknown": 0}
 _AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force", 17: "Time", 18: "Frequency"}
 
 
@@ -51,9 +49,8 @@ def _lines(file: BinaryIO, lines: Iterable[str]) -> None:
 
 
 def _frf(file: BinaryIO, record: FrfRecord, binary: bool) -> None:
-    kind, unit = _KINDS[record.quantity]
-    below = (13, "N") if record.quantity else (0, "")
-    axes = ((18, "Hz"), (kind, unit), below)
+    above: SensorQuantity = MOTION_OF[record.quantity] if record.quantity else "unknown"
+    axes = ((18, "Hz"), _axis(above), _axis("force" if record.quantity else "unknown"))
     ids = ["" if record.averages is None else f"averages {record.averages}"]
     pair = (record.response, record.reference)
     _function(file, 4, pair, ids, axes, record.frequency_hz, record.values, binary)
@@ -61,8 +58,12 @@ def _frf(file: BinaryIO, record: FrfRecord, binary: bool) -> None:
         _function(file, 6, pair, ids, ((18, "Hz"), (0, ""), (0, "")), record.frequency_hz, record.coherence, binary)
 
 
+def _axis(quantity: SensorQuantity) -> tuple[int, str]:
+    return AXIS_TYPES[quantity], si_sensor_unit(quantity)
+
+
 def _time(file: BinaryIO, record: TimeRecord, binary: bool) -> None:
-    axes = ((17, "s"), (_SENSORS[record.quantity], si_sensor_unit(record.quantity)), (0, ""))
+    axes = ((17, "s"), _axis(record.quantity), (0, ""))
     ids = [f"sample_rate_hz={float(record.sample_rate_hz)!r}", "" if record.hit is None else f"hit {record.hit}"]
     time = np.arange(record.values.size) / record.sample_rate_hz
     _function(file, 1, (record.channel, ""), ids, axes, time, record.values, binary, always_even=True)
