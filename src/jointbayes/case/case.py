@@ -162,7 +162,7 @@ def case_from_text(
 
 def case_around(problem: Problem, text: str) -> Case:
     """A case whose problem is not the one that its text states: for what the text says of title and reference."""
-    return Case(problem.name, text, schema.parse_case(text, problem.name), problem)
+    return Case(problem.name, text, parse_case(text, problem.name), problem)
 
 
 def _build(
