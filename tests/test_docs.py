@@ -4,6 +4,8 @@ import ast
 import importlib
 import json
 import re
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +20,7 @@ from pydantic_core import PydanticUndefined
 import jointbayes as jb
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.cli.commands import main
-from jointbayes.posterior import Posterior, RunRecord
+from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
 from jointbayes.workflow import package_versions
@@ -108,7 +110,7 @@ def _leaf_tables(summary: dict[str, object]) -> Iterator[tuple[str, set[str]]]:
 @pytest.mark.parametrize("data", ["clamped_beam", "clamped_beam_frequencies"])
 def test_every_key_of_the_summary_is_documented_in_its_section(data):
     case, posterior = _tiny_posterior(data)
-    summary = jb.summarise(posterior, case.problem.first_guess, case.measured_frequencies_hz).to_json()
+    summary = summarise(posterior, case.problem.first_guess, case.measured_frequencies_hz).to_json()
     page = DOCS / "summary-json.md"
     sections = {heading: {key for key, _ in TABLE_ROW.findall(text)} for heading, text in _sections(page)}
     for name, keys in _leaf_tables(summary):
@@ -160,6 +162,17 @@ def test_every_python_block_compiles_and_uses_public_names_that_exist(page):
                     assert node.attr in jb.__all__
                 elif node.value.id == "posterior":
                     assert hasattr(Posterior, node.attr), node.attr
+
+
+def test_every_public_name_is_there_and_is_loaded_at_first_use_only():
+    stub = (ROOT / "src" / "jointbayes" / "__init__.pyi").read_text(encoding="utf-8")
+    assert len(jb.__all__) == len(set(jb.__all__)) == stub.count("\nfrom ")
+    assert all(getattr(jb, name).__name__ == name for name in jb.__all__)
+    assert dir(jb) == sorted(jb.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'no_such_name'"):
+        _ = jb.no_such_name
+    code = "import sys, jointbayes; sys.exit(any(name in sys.modules for name in ('numpy', 'scipy', 'xarray')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_every_public_name_has_its_place_in_the_api_page():

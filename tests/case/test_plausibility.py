@@ -17,6 +17,7 @@ from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.limits import LIMITS, TABLE, limit_text
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError
+from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
@@ -151,7 +152,7 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     assert inputs.summary.warnings == notes
     first = build_report(inputs, datetime.date(2026, 1, 5)).lead[0]
     assert first == Callout("caution", f"**Check the case file.** {notes[0]}.")
-    assert jb.summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
+    assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 
 def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):
