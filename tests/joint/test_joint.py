@@ -92,7 +92,7 @@ def test_a_parametrisation_says_what_its_coordinates_are(parametrisation):
         == {
             "log": {},
             "signed": {"rho": ("1", "ρ", "ρ", True)},
-            "elastic_centre": {"arm": ("m", "arm", "arm", False)},
+            "elastic_centre": {"arm": ("m", "arm", "arm (m)", False)},
         }[parametrisation.key]
     )
 

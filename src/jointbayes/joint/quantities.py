@@ -96,8 +96,10 @@ class Coordinate:
 
     @property
     def axis_label(self) -> str:
-        """How the axis of a figure is labelled, which shows decades: ``"log₁₀ k11"``, ``"ρ"``."""
-        return f"log₁₀ {self.name}" if self.logarithmic else self.symbol or self.name
+        """How the axis of a figure is labelled, which shows decades: ``"log₁₀ k11"``, ``"ρ"``, ``"arm (m)"``."""
+        if self.logarithmic:
+            return f"log₁₀ {self.name}"
+        return self.label if self.unit == "1" else f"{self.label} ({self.unit})"
 
     @property
     def axis_scale(self) -> float:
