@@ -92,11 +92,6 @@ def _choices(annotation: object) -> list[str]:
     return [c for arg in get_args(annotation) for c in _choices(arg)]
 
 
-def _has_free_keys(annotation: object) -> bool:
-    """Whether an annotation is a table whose keys are the user's own names."""
-    return get_origin(annotation) is dict
-
-
 def _tags(model: type[BaseModel]) -> dict[str, str]:
     """Give the keys whose only allowed text tells this kind of table from its siblings."""
     words = {k: get_args(f.annotation) for k, f in model.model_fields.items() if _is_literal(f.annotation)}
@@ -132,7 +127,7 @@ class _Place:
             return self  # the name of a type inside a union of plain values
         info = owner[0].model_fields[part] if owner else None
         tables, kin = _models(info.annotation) if info else [], tuple(fitting or self.tables)
-        free_keys = info is not None and _has_free_keys(info.annotation)
+        free_keys = info is not None and get_origin(info.annotation) is dict
         return _Place(tables, given.get(part), (*self.path, part), kin, given, info, free_keys)
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -79,13 +79,6 @@ def column_of(header: str) -> Column:
     return Column("other", " ".join(name.split()), unit, quantity)
 
 
-@dataclass(slots=True)
-class _Parts:
-    """Columns (counted from 0) of one FRF."""
-
-    columns: dict[Role, int] = field(default_factory=dict)
-
-
 def column_records(
     columns: Sequence[Column], values: NDArray[np.float64], comments: Mapping[str, str], notes: tuple[str, ...] = ()
 ) -> Iterator[Record]:
@@ -125,29 +118,29 @@ def column_records(
     frfs = _pair_up(columns)
     averages = _averages(comments, len(frfs))
     for (name, parts), n in zip(frfs, averages, strict=True):
-        yield _frf(columns, parts.columns, values, lines, name, n, comments, notes)
+        yield _frf(columns, parts, values, lines, name, n, comments, notes)
 
 
-def _pair_up(columns: Sequence[Column]) -> list[tuple[str, _Parts]]:
-    """FRFs of the table: columns of one name belong together, a role that comes again begins the next FRF."""
-    frfs: list[tuple[str, _Parts]] = []
+def _pair_up(columns: Sequence[Column]) -> list[tuple[str, dict[Role, int]]]:
+    """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next."""
+    frfs: list[tuple[str, dict[Role, int]]] = []
     for i, column in enumerate(columns[1:], start=1):
         if column.role not in ("real", "imaginary", "magnitude", "phase", "coherence"):
             raise MeasurementError(
                 f"column {i + 1}: found {column.name!r}; expected real, imaginary, magnitude, phase or coherence in "
                 "the name; name the column"
             )
-        open_ = [parts for name, parts in frfs if name == column.name and column.role not in parts.columns]
+        open_ = [parts for name, parts in frfs if name == column.name and column.role not in parts]
         if not open_:
-            open_ = [_Parts()]
+            open_ = [{}]
             frfs.append((column.name, open_[0]))
-        open_[0].columns[column.role] = i
+        open_[0][column.role] = i
     for name, parts in frfs:
-        roles = set(parts.columns) - {"coherence"}
+        roles = set(parts) - {"coherence"}
         if roles not in ({"real", "imaginary"}, {"magnitude", "phase"}):
-            first = min(parts.columns.values()) + 1
+            first = min(parts.values()) + 1
             raise MeasurementError(
-                f"column {first}: found {' and '.join(sorted(parts.columns))} of {name!r}; expected real and "
+                f"column {first}: found {' and '.join(sorted(parts))} of {name!r}; expected real and "
                 "imaginary, or magnitude and phase; complete the columns"
             )
     if not frfs:

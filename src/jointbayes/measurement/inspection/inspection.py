@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.modal.fit import identify_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
@@ -253,21 +253,10 @@ def _modes(kept: tuple[FrfRecord, ...]) -> tuple[tuple[MeasuredMode, ...], tuple
     names = tuple(f"{r.response}/{r.reference}" for r in members)
     if first.frequency_hz.size > _MOST_LINES:
         return (), names, f"{first.frequency_hz.size} lines are too many to fit at once: choose a band"
-    assert first.quantity is not None
-    coherence = [r.coherence for r in members if r.coherence is not None and np.isfinite(r.coherence).all()]
-    averages = [r.averages for r in members if r.averages is not None]
-    whole = len(coherence) == len(averages) == len(members)
+    known = [r.coherence for r in members if r.averages and r.coherence is not None]
+    told = len(known) == len(members) and all(((c >= 0) & (c <= 1)).all() for c in known)
     try:
-        frf = FrfSet(
-            first.frequency_hz,
-            np.stack([r.values for r in members], axis=1)[:, :, None],
-            tuple(r.response for r in members),
-            (first.reference,),
-            first.quantity,
-            np.clip(np.stack(coherence, axis=1), 0, 1)[:, :, None] if whole else None,
-            min(averages) if whole else None,
-        )
-        modes = identify_modes(frf)
+        modes = identify_modes(join_frfs(members if told else [replace(r, coherence=None) for r in members], "modes"))
     except (MeasurementError, np.linalg.LinAlgError) as error:
         return (), names, str(error)
     return modes, names, "" if modes else "none stands out of the noise"

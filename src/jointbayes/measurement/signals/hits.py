@@ -116,7 +116,8 @@ def find_hits(forces: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit,
     MeasurementError
         If no record holds any force.
     """
-    quiet = [_without_offset(record.values) for record in forces]
+    # a hammer is at rest nearly always, so that the median is the offset and no hit moves it
+    quiet = [r.values - np.median(r.values) if r.values.size else r.values for r in forces]
     largest = max((float(np.abs(x).max(initial=0.0)) for x in quiet), default=0.0)
     if not largest > 0:
         raise MeasurementError(
@@ -126,12 +127,6 @@ def find_hits(forces: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit,
     for i, (record, x) in enumerate(zip(forces, quiet, strict=True)):
         found += _hits_of_record(i, record, x, settings.trigger_level * largest, settings)
     return tuple(replace(hit, number=number) for number, hit in enumerate(found, 1))
-
-
-def _without_offset(values: Array) -> Array:
-    # a hammer is at rest nearly always, so that the median is the offset and no hit moves it
-    free: Array = values - np.median(values) if values.size else values
-    return free
 
 
 def _hits_of_record(index: int, record: TimeRecord, x: Array, threshold: float, settings: HitSettings) -> list[Hit]:

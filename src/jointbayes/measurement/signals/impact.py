@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
+from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.modal.fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
@@ -213,22 +214,11 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     if rate == 0:
         return [result.frf for result in results]
     records = [result.frf for result in results]
-    first = records[0]
-    known = [record.coherence for record in records if record.coherence is not None]
-    coherence = np.stack(known, axis=1)[:, :, None] if known else None
-    together = FrfSet(
-        first.frequency_hz,
-        np.stack([record.values for record in records], axis=1)[:, :, None],
-        tuple(str(i) for i in range(len(records))),
-        ("force",),
-        _quantity(first),
-        coherence,
-        first.averages,
-    )
+    together = join_frfs(records, "exponential window")
     modes = identify_modes(_with_honest_coherence(together, rate))
     if not modes:
         raise MeasurementError(
-            f"exponential window: found no mode in the FRFs of {first.reference!r}; expected some, by which the "
+            f"exponential window: found no mode in the FRFs of {records[0].reference!r}; expected some, by which the "
             "window's damping can be taken out; widen the band or use longer blocks without a window"
         )
     frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
@@ -250,11 +240,6 @@ def _with_honest_coherence(frf: FrfSet, rate: float) -> FrfSet:
     block_s = 1 / float(np.median(np.diff(frf.frequency_hz)))
     worth = _line_step(float(np.exp(-rate * block_s)))
     return replace(frf, coherence=1 / (1 + worth * (1 / frf.coherence - 1)))
-
-
-def _quantity(record: FrfRecord) -> Quantity:
-    assert record.quantity is not None
-    return record.quantity
 
 
 def _samples(record: TimeRecord, settings: ImpactSettings) -> int:
