@@ -20,10 +20,9 @@ from pydantic_core import PydanticUndefined
 import jointbayes as jb
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.cli.commands import main
-from jointbayes.posterior import Posterior, RunRecord, summarise
+from jointbayes.posterior import Posterior, RunRecord, package_versions, summarise
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
-from jointbayes.workflow import package_versions
 from tests.conftest import CONFIGS, TABLE_3, edited
 
 ROOT = CONFIGS.parent

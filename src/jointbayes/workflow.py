@@ -1,10 +1,8 @@
 """The steps of a run: identify, find the MAP, sample, load. One function each, from a case or a problem to a result."""
 
 import os
-import platform
 from collections.abc import Callable
 from dataclasses import replace
-from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +23,7 @@ from jointbayes.identification import (
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior import Posterior, RunRecord
+from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.storage import draws_tree, read_record, stored_measurement
 from jointbayes.posterior.stored_problem import problem_from, require_same_problem
@@ -393,10 +391,3 @@ def _require_same_density(posterior: Posterior, where: str) -> None:
             f"{stored[rows][worst]:.6g} in the file and {found[worst]:.6g} by the problem; expected the problem that "
             "was sampled; pass that one"
         )
-
-
-def package_versions() -> dict[str, str]:
-    """Version of Python and of every package that numbers depend on."""
-    numbers = ("jointbayes", "numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
-    packages = (*numbers, "matplotlib", "typst")
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}

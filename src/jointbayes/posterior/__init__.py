@@ -6,7 +6,7 @@ from jointbayes.posterior.identifiability import Identifiability, assess
 from jointbayes.posterior.information.knowledge import Knowledge, gather_knowledge
 from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.prediction import FrfPrediction
-from jointbayes.posterior.run_record import RunRecord, data_sha256
+from jointbayes.posterior.run_record import RunRecord, data_sha256, package_versions
 from jointbayes.posterior.summary import summarise
 
 __all__ = [
@@ -24,5 +24,6 @@ __all__ = [
     "evidence",
     "importance_evidence",
     "nested_evidence",
+    "package_versions",
     "summarise",
 ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,20 @@ class MeshCheck:
             sentence += f" More than {limit} shows in the data."
             sentence += " Remove structure.element from the case." if self.kind == "paper" else ""
         return sentence
+
+    def as_json(self) -> dict[str, Any]:
+        """What ``mesh`` of ``summary.json`` holds."""
+        return {
+            "kind": self.kind,
+            "elements": self.elements,
+            "order": self.order,
+            "largest_error_sd": self.error_sd,
+            "largest_error_of_peak": self.error_of_peak,
+            "shift_sd": self.shift_sd,
+            "exact_data": self.exact_data,
+            "within_bound": self.within,
+            "sentence": self.sentence,
+        }
 
 
 def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, seed: int) -> MeshCheck | None:

@@ -1,8 +1,10 @@
 """How the draws of a posterior came about, and of which case and data they are."""
 
 import hashlib
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrequencyMeasurement, Measurement
 
-__all__ = ["RunRecord", "SampledCase", "data_sha256"]
+__all__ = ["RunRecord", "SampledCase", "data_sha256", "package_versions"]
 
 Array = NDArray[np.float64]
 
@@ -104,3 +106,10 @@ def data_sha256(measurement: Measurement) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
+
+
+def package_versions() -> dict[str, str]:
+    """Version of Python and of every package that numbers depend on."""
+    numbers = ("jointbayes", "numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
+    packages = (*numbers, "matplotlib", "typst")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}

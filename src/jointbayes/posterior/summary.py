@@ -206,8 +206,8 @@ class Summary:
                 ],
             },
             "check": _check_json(self.check, self.diagnosis),
-            "mesh": None if self.mesh is None else _mesh_json(self.mesh),
-            "identifiability": None if self.knowledge is None else _identifiability_json(self.knowledge),
+            "mesh": None if self.mesh is None else self.mesh.as_json(),
+            "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "sampler": record.sampler,
             "versions": record.versions,
             "data_sha256": self.data_sha256,
@@ -372,20 +372,6 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
     }
 
 
-def _mesh_json(mesh: MeshCheck) -> dict[str, Any]:
-    return {
-        "kind": mesh.kind,
-        "elements": mesh.elements,
-        "order": mesh.order,
-        "largest_error_sd": mesh.error_sd,
-        "largest_error_of_peak": mesh.error_of_peak,
-        "shift_sd": mesh.shift_sd,
-        "exact_data": mesh.exact_data,
-        "within_bound": mesh.within,
-        "sentence": mesh.sentence,
-    }
-
-
 def _check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "explains": check.explains,
@@ -399,42 +385,6 @@ def _check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
         "whiteness_p_value": check.whiteness_p_value,
         "lag1": check.lag1,
         "largest_residual_sd": check.largest,
-    }
-
-
-def _identifiability_json(knowledge: "Knowledge") -> dict[str, Any]:
-    return {
-        "sentence": knowledge.directions_sentence,
-        "directions": [
-            {
-                "quantity": d.quantity,
-                "interval95": list(d.interval95),
-                "ratio": d.ratio,
-                "sd_log": d.sd_log,
-                "verdict": d.verdict,
-                "limit": d.limit,
-                "sentence": d.sentence,
-            }
-            for d in knowledge.directions
-        ],
-        "profiles": {
-            p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
-            for p in knowledge.profiles
-        },
-        "freed": [
-            {
-                "freed": list(row.uncertain),
-                "source": row.source,
-                "interval95": {name: list(found.interval95) for name, found in row.known.items()},
-                "sd_log": {name: found.sd_log for name, found in row.known.items()},
-                "verdict": row.verdict,
-                "if_model_right": {name: found.if_model_right for name, found in row.known.items()},
-            }
-            for row in knowledge.freed
-        ],
-        "freed_assumed": bool(knowledge.assumed),
-        "freed_assumptions": list(knowledge.assumed),
-        "freed_sentence": knowledge.freed_sentence,
     }
 
 

@@ -75,6 +75,42 @@ class Knowledge:
             return said
         return f"{IF_MODEL_RIGHT.capitalize()}, {said[0].lower()}{said[1:]}"
 
+    def as_json(self) -> dict[str, Any]:
+        """What ``identifiability`` of ``summary.json`` holds."""
+        return {
+            "sentence": self.directions_sentence,
+            "directions": [
+                {
+                    "quantity": d.quantity,
+                    "interval95": list(d.interval95),
+                    "ratio": d.ratio,
+                    "sd_log": d.sd_log,
+                    "verdict": d.verdict,
+                    "limit": d.limit,
+                    "sentence": d.sentence,
+                }
+                for d in self.directions
+            ],
+            "profiles": {
+                p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
+                for p in self.profiles
+            },
+            "freed": [
+                {
+                    "freed": list(row.uncertain),
+                    "source": row.source,
+                    "interval95": {name: list(found.interval95) for name, found in row.known.items()},
+                    "sd_log": {name: found.sd_log for name, found in row.known.items()},
+                    "verdict": row.verdict,
+                    "if_model_right": {name: found.if_model_right for name, found in row.known.items()},
+                }
+                for row in self.freed
+            ],
+            "freed_assumed": bool(self.assumed),
+            "freed_assumptions": list(self.assumed),
+            "freed_sentence": self.freed_sentence,
+        }
+
 
 def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:
     """Check and examine a posterior.

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.joint import RIGID, STIFFNESS_NAMES
+from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut
-from jointbayes.workflow import package_versions
 
 __all__ = ["Candidate", "Comparison", "PriorEdge", "bayes_factor_words", "model_probabilities"]
 
