@@ -178,7 +178,6 @@ def _build(
             measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
             spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
             recipe = beam_recipe(spec.structure, spec.data, measurement)
-            require_lowest(stated, recipe, joint, measurement)
         else:
             recipe = beam_recipe(spec.structure, spec.data)
             measurement = measurement_of(recipe, joint, spec.data)
@@ -193,6 +192,7 @@ def _build(
             first_guess(spec, recipe),
             name=name,
         )
+        require_lowest(stated, recipe, joint, measurement)
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
     except CaseError:
         raise

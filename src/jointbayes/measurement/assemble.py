@@ -24,8 +24,8 @@ from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, Variance
 from jointbayes.measurement.provenance import MeasuredFile, MeasuredMode, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import at_joint, with_rotations
-from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
-from jointbayes.measurement.signals.spectra import MadeFrfs, frfs_of_shaker
+from jointbayes.measurement.signals.impact import frfs_of_hits
+from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance, mean_of_repeats
 from jointbayes.measurement.warnings.warnings import find_warnings
 
@@ -153,10 +153,9 @@ def _frfs_of_histories(records: Iterable[Record], plan: MeasurementPlan, where: 
     channels.require_all([record.channel for record in histories], where)
     histories = [record for record in histories if channels.find(record.channel)]
     try:
-        if isinstance(plan.signals, ImpactSettings):
-            return frfs_of_hits(histories, plan.signals)
-        assert plan.signals is not None
-        return frfs_of_shaker(histories, plan.signals)
+        if isinstance(plan.signals, ShakerSettings):
+            return frfs_of_shaker(histories, plan.signals)
+        return frfs_of_hits(histories, plan.signals)
     except MeasurementError as error:
         raise MeasurementError(f"{where}: {error}") from error
 

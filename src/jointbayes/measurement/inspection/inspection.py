@@ -14,9 +14,9 @@ from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.modal.fit import identify_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.signals.hits import Hit
+from jointbayes.measurement.signals.hits import Hit, hits_of
 from jointbayes.measurement.warnings.of_frfs import pair_of, usable
-from jointbayes.measurement.warnings.warnings import WarningCollector, hits_of
+from jointbayes.measurement.warnings.warnings import WarningCollector
 
 __all__ = ["ChannelUse", "HitTrace", "Inspection", "inspect_file", "inspect_records"]
 

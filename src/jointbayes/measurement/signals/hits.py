@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import TimeRecord
 
-__all__ = ["Hit", "HitSettings", "find_hits", "is_clipped", "reject_overloads"]
+__all__ = ["Hit", "HitSettings", "find_hits", "hits_of", "is_clipped", "is_cut_off", "reject_overloads"]
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 _FLAT = 3
 #: Below this fraction of the largest value the other end of a signal is rest, not range.
 _SMALL = 0.1
+#: A second contact within this time after the first is one hit gone wrong; later it is the next hit. s
+_REBOUND_S = 0.15
+#: A hammer's force is at rest nearly always.
+_AT_REST = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,3 +228,29 @@ def reject_overloads(hits: Sequence[Hit], responses: Sequence[TimeRecord], setti
             hit = replace(hit, reason=f"response {record.channel} overloaded")
         judged.append(hit)
     return tuple(judged)
+
+
+def is_cut_off(values: Array) -> bool:
+    """Whether a signal was cut off: it is clipped, or one end is taken often and the value next to it hardly ever."""
+    if is_clipped(values):
+        return True
+    for side in (values, -values):
+        levels, counts = np.unique(side[side > 0.5 * side.max()], return_counts=True)
+        if levels.size > 1 and counts[-1] >= 5 and counts[-1] > 3 * counts[-2]:
+            return True
+    return False
+
+
+def hits_of(record: TimeRecord) -> tuple[Hit, ...]:
+    """Hits in a record of a hammer's force; none where it is another channel or no hammer's.
+
+    A record of more than a second may hold several hits; each is looked at for 0.15 s.
+    """
+    if record.quantity != "force" or record.values.size < 16 or not np.isfinite(record.values).all():
+        return ()
+    x = np.abs(record.values - np.median(record.values))
+    largest = float(x.max())
+    if largest == 0 or np.mean(x < 0.1 * largest) < _AT_REST:
+        return ()
+    several = record.hit is None and record.values.size / record.sample_rate_hz > 1.0
+    return find_hits([record], HitSettings(block_s=_REBOUND_S if several else None))

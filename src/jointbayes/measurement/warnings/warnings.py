@@ -8,18 +8,14 @@ from numpy.typing import NDArray
 
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, is_clipped
+from jointbayes.measurement.signals.hits import hits_of, is_cut_off
 from jointbayes.measurement.warnings.of_frfs import ClearFrf, warnings_of_frf, warnings_of_notes
 from jointbayes.measurement.warnings.of_pairs import Sketch, disagreement, sketch_of
 
-__all__ = ["WarningCollector", "find_warnings", "hits_of"]
+__all__ = ["WarningCollector", "find_warnings"]
 
 #: Places named in one warning; the rest are counted.
 _NAMED = 3
-#: A second contact within this time after the first is one hit gone wrong; later it is the next hit. s
-_REBOUND_S = 0.15
-#: A hammer's force is at rest nearly always.
-_AT_REST = 0.9
 #: Offsets smaller than this fraction of the largest value do no harm.
 _OFFSET = 0.01
 
@@ -139,21 +135,6 @@ def _named(channel: str, where: str) -> str:
     return f"{where} ({channel})" if where else channel
 
 
-def hits_of(record: TimeRecord) -> tuple[Hit, ...]:
-    """Hits in a record of a hammer's force; none where it is another channel or no hammer's.
-
-    A record of more than a second may hold several hits; each is looked at for 0.15 s.
-    """
-    if record.quantity != "force" or record.values.size < 16 or not np.isfinite(record.values).all():
-        return ()
-    x = np.abs(record.values - np.median(record.values))
-    largest = float(x.max())
-    if largest == 0 or np.mean(x < 0.1 * largest) < _AT_REST:
-        return ()
-    several = record.hit is None and record.values.size / record.sample_rate_hz > 1.0
-    return find_hits([record], HitSettings(block_s=_REBOUND_S if several else None))
-
-
 def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
     """What one time history contradicts."""
     x = record.values
@@ -174,7 +155,7 @@ def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
         yield MeasurementWarning("dead_channel", f"all samples are {x[0]:g}", "look at cable and channel")
         return
     yield from warnings_of_notes(record.notes)
-    if is_clipped(x) or _at_its_ends(x):
+    if is_cut_off(x):
         yield MeasurementWarning(
             "overload",
             f"the signal stays at its largest value, {np.abs(x).max():.4g}, again and again: it was cut off",
@@ -185,15 +166,6 @@ def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
             number = hit.number if record.hit is None else record.hit
             yield MeasurementWarning("double_hit", f"hit {number} is a {hit.reason}", "leave this hit out")
     yield from _offset(x)
-
-
-def _at_its_ends(x: NDArray[np.float64]) -> bool:
-    """Whether one end is taken again and again, and the value next to it is not: a random signal cut off."""
-    for side in (x, -x):
-        values, counts = np.unique(side[side > 0.5 * side.max()], return_counts=True)
-        if values.size > 1 and counts[-1] >= 5 and counts[-1] > 3 * counts[-2]:
-            return True
-    return False
 
 
 def _offset(x: NDArray[np.float64]) -> Iterator[MeasurementWarning]:
