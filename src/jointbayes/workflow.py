@@ -212,7 +212,7 @@ def sample(
     log_posterior = problem.log_posterior
     systems = coordinate_systems(problem)
     proposal = fit_proposal(log_posterior, systems, starts_of(estimate), rng)
-    start = brought_in(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
+    start = replace_far_walkers(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
     chains, proposal = run_adapted(
         log_posterior,
         start,
@@ -243,23 +243,23 @@ def laplace_ball(problem: Problem, estimate: MapEstimate, settings: SamplerSetti
     for index, (theta, covariance) in enumerate(starts):
         walkers = len(range(index, settings.walkers, len(starts)))
         wanted = settings.ensembles * walkers
-        found: list[Array] = []
+        inside: list[Array] = []
         for trial in range(200):
             narrower = covariance * 0.5 ** max(0, trial - 19)
             ball = rng.multivariate_normal(theta, narrower, size=wanted)
-            found.extend(ball[np.isfinite(log_posterior.prior.log_density(ball))])
-            if len(found) >= wanted:
+            inside.extend(ball[np.isfinite(log_posterior.prior.log_density(ball))])
+            if len(inside) >= wanted:
                 break
         else:
             raise SamplingError(
-                f"{problem.name}: found only {len(found)} of {wanted} starting points where the prior is above zero; "
+                f"{problem.name}: found only {len(inside)} of {wanted} starting points where the prior is above zero; "
                 "expected a mode inside the prior's support; widen the priors"
             )
-        balls.append(np.array(found[:wanted]).reshape(settings.ensembles, walkers, -1))
+        balls.append(np.array(inside[:wanted]).reshape(settings.ensembles, walkers, -1))
     return np.concatenate(balls, axis=1)
 
 
-def brought_in(
+def replace_far_walkers(
     start: Array, log_density: LogDensity, least: float, proposal: Proposal, rng: np.random.Generator
 ) -> Array:
     """Starting points of which those with a log density below `least` are replaced by draws from the proposal.
@@ -383,11 +383,11 @@ def _require_same_density(posterior: Posterior, where: str) -> None:
     """Refuse a problem whose density at the draws is not the one that was stored with them."""
     stored = posterior.log_density.ravel()
     rows = np.linspace(0, stored.size - 1, _COMPARED).round().astype(int)
-    found = posterior.problem.log_posterior(posterior.theta[rows])
-    if not np.allclose(found, stored[rows], rtol=1e-9, atol=1e-6):
-        worst = int(np.argmax(np.abs(found - stored[rows])))
+    computed = posterior.problem.log_posterior(posterior.theta[rows])
+    if not np.allclose(computed, stored[rows], rtol=1e-9, atol=1e-6):
+        worst = int(np.argmax(np.abs(computed - stored[rows])))
         raise ModelError(
             f"{where}: found draws of another density than that of the problem passed: ln p is "
-            f"{stored[rows][worst]:.6g} in the file and {found[worst]:.6g} by the problem; expected the problem that "
-            "was sampled; pass that one"
+            f"{stored[rows][worst]:.6g} in the file and {computed[worst]:.6g} by the problem; expected the problem "
+            "that was sampled; pass that one"
         )

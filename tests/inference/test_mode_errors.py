@@ -14,7 +14,7 @@ from jointbayes.joint import CondensedCoordinates
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores, Proposal, StudentT
 from jointbayes.sampling.density import newton_climb
-from jointbayes.workflow import brought_in
+from jointbayes.workflow import replace_far_walkers
 from tests.conftest import best_of, cheap_text
 
 ERRORS = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
@@ -152,11 +152,11 @@ def test_walkers_far_below_the_mode_are_brought_in_and_the_others_left_alone():
     start = np.random.default_rng(1).normal(size=(2, 10, 2))
     start[0, 3] = [40.0, 0.0]
     start[1, 5] = [0.0, -50.0]
-    found = brought_in(start, log_density, -50.0, proposal, np.random.default_rng(2))
+    found = replace_far_walkers(start, log_density, -50.0, proposal, np.random.default_rng(2))
     moved = np.any(found != start, axis=-1)
     assert np.argwhere(moved).tolist() == [[0, 3], [1, 5]]
     assert (log_density(found.reshape(-1, 2)) > -50).all()
-    assert np.array_equal(brought_in(found, log_density, -50.0, proposal, np.random.default_rng(2)), found)
+    assert np.array_equal(replace_far_walkers(found, log_density, -50.0, proposal, np.random.default_rng(2)), found)
 
 
 def test_the_simultaneous_band_holds_as_often_as_it_says():

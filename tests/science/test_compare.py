@@ -5,7 +5,7 @@ import pytest
 
 from jointbayes.case.case import load_case
 from jointbayes.posterior.evidence import nested_evidence
-from jointbayes.studies.comparison.compare import compare, under
+from jointbayes.studies.comparison.compare import compare, hypothesis_problem
 from tests.conftest import CONFIGS, on_paper_elements
 
 LONG, SHORT = "clamped_beam_frequencies", "clamped_beam_frequencies_360mm"
@@ -63,7 +63,7 @@ def test_the_ranking_is_the_same_as_elsewhere(found):
 @pytest.mark.parametrize("hypothesis", ["translation", "rotation", "springs"])
 def test_evidences_of_springs_agree_with_quadrature(cases, found, case, hypothesis):
     """Midpoints of a fine grid over the prior's box: no random numbers, no proposal, no other coordinates."""
-    problem = under(cases[case].problem, hypothesis)
+    problem = hypothesis_problem(cases[case].problem, hypothesis)
     low, high = problem.prior.support
     cells = 20_000 if low.size == 1 else 300
     axes = [lo + (hi - lo) * (np.arange(cells) + 0.5) / cells for lo, hi in zip(low, high, strict=True)]

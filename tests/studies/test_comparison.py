@@ -14,7 +14,7 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID, joint_matrix
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.comparison.compare import HYPOTHESES, compare, require_same_data, under
+from jointbayes.studies.comparison.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
 from jointbayes.studies.comparison.directory import write_comparison
 from jointbayes.studies.comparison.leave_one_out import leave_one_out
 from jointbayes.studies.comparison.report import build_comparison_report, evidence_table, text_table
@@ -88,23 +88,23 @@ def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(case
     problem = cases[0].problem
     assert problem.names == ("k11", "k22", "rho")
     for hypothesis, names in HYPOTHESES.items():
-        found = under(problem, hypothesis)
+        found = hypothesis_problem(problem, hypothesis)
         assert found.names == (problem.names if names is None else names)
         assert found.measurement is problem.measurement
         for name, marginal in zip(found.names, found.prior.marginals, strict=True):
             assert marginal == problem.prior.marginals[problem.names.index(name)]
-    k11, k12, k22 = under(problem, "rotation").prior.stiffness(np.log([2e5]))
+    k11, k12, k22 = hypothesis_problem(problem, "rotation").prior.stiffness(np.log([2e5]))
     assert (k11, k12, k22) == (RIGID, 0.0, pytest.approx(2e5))
     with pytest.raises(ModelError, match="expected one of rigid, translation"):
-        under(problem, "loose")
+        hypothesis_problem(problem, "loose")
 
 
 def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
     text = cheap_text() + "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n"
     problem = case_from_text("uncertain", text).problem
     for hypothesis in HYPOTHESES:
-        assert under(problem, hypothesis).names[-1] == "youngs_modulus"
-    assert under(problem, "rigid").names == ("youngs_modulus",)
+        assert hypothesis_problem(problem, hypothesis).names[-1] == "youngs_modulus"
+    assert hypothesis_problem(problem, "rigid").names == ("youngs_modulus",)
 
 
 def test_a_rigid_joint_has_the_likelihood_itself_as_evidence(cases, comparison):
@@ -213,7 +213,7 @@ def test_a_posterior_inside_its_prior_is_not_marked(comparison):
 @pytest.fixture(scope="module")
 def rotation(cheap_case):
     """An FRF problem of one coordinate, with fine noise: every line counts."""
-    return under(cheap_case.problem, "rotation")
+    return hypothesis_problem(cheap_case.problem, "rotation")
 
 
 def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
@@ -239,7 +239,7 @@ def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
 
 
 def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_case):
-    problem = under(cheap_case.problem, "rigid")
+    problem = hypothesis_problem(cheap_case.problem, "rigid")
     found = leave_one_out(problem, np.empty((50, 0)), 1.0)
     assert found.elpd == pytest.approx(problem.log_posterior(np.empty(0))[0])
     assert not found.pareto_k.any()

@@ -19,10 +19,10 @@ POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
 def quantity_factor(
-    frequency_hz: NDArray[np.float64], to: Quantity, since: Quantity = "receptance"
+    frequency_hz: NDArray[np.float64], to: Quantity, source: Quantity = "receptance"
 ) -> NDArray[np.complex128]:
-    """Factor (jω)ⁿ per line that turns `since` into `to`, shape (lines,); ω = 2πf."""
-    power = POWER_OF_JW[to] - POWER_OF_JW[since]
+    """Factor (jω)ⁿ per line that turns `source` into `to`, shape (lines,); ω = 2πf."""
+    power = POWER_OF_JW[to] - POWER_OF_JW[source]
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
     factor: NDArray[np.complex128] = np.array([1, 1j, -1, -1j])[power % 4] * omega**power

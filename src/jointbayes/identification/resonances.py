@@ -48,13 +48,13 @@ def resonances_hz(measurement: Measurement) -> Array:
     frequency = measurement.frf.frequency_hz
     if frequency.size < 3:
         return np.empty(0)
-    found = [
+    roots = [
         peak
         for output in range(len(measurement.frf.outputs))
         for input_ in range(len(measurement.frf.inputs))
         for peak in _peaks(measurement, output, input_)
     ]
-    return _merged(np.array(found).reshape(-1, 2), float(np.median(np.diff(frequency))))
+    return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
 def _peaks(measurement: FrfMeasurement, output: int, input_: int) -> list[tuple[float, float]]:
@@ -85,9 +85,9 @@ def _between_lines(frequency: Array, values: NDArray[np.complex128], ratio: Arra
     weight = magnitude[part] * ratio[part] / (magnitude[peak] * ratio[peak])
     inverse = (values[peak] / values[part] / (values[peak] / magnitude[peak])).real
     slope, level = np.polyfit(square, inverse, 1, w=weight)
-    found = frequency[peak] * np.sqrt(max(1 - level / slope, 0.0)) if slope != 0 else frequency[peak]
-    inside = frequency[part][0] < found < frequency[part][-1]
-    return float(found if inside else frequency[peak])
+    at = frequency[peak] * np.sqrt(max(1 - level / slope, 0.0)) if slope != 0 else frequency[peak]
+    inside = frequency[part][0] < at < frequency[part][-1]
+    return float(at if inside else frequency[peak])
 
 
 def _merged(peaks: Array, spacing: float) -> Array:
@@ -142,11 +142,11 @@ class SharedResonances:
         """Standard deviation of the same from noise alone, shape (modes, pairs, 3)."""
         white = rng.standard_normal((_REPLICATES, *self._want.shape, 2)) @ [1, 1j] / math.sqrt(2)
         copies = self._want + self._sd * white
-        found = [
+        fits = [
             np.array([self._fits(one, p) for _, p in self._matched]).reshape(self._predicted.shape) for one in copies
         ]
         with np.errstate(invalid="ignore"):
-            spread: Array = np.std(found, axis=0)
+            spread: Array = np.std(fits, axis=0)
         return spread
 
     def _fits(self, values: Complex, peak: int) -> Array:
@@ -158,9 +158,9 @@ def _common_peaks(values: Complex, sd: Array) -> NDArray[np.intp]:
     """Lines of the resonances, of all FRFs together."""
     scaled = np.abs(values) / np.median(np.abs(values), axis=0)
     power = np.log((scaled**2).mean(axis=1)) / 2
-    found = prominent_peaks(power, PROMINENCE)
-    clear = (np.abs(values[found]) > LEAST_SD * sd[found]).any(axis=1)
-    return found[clear]
+    peaks = prominent_peaks(power, PROMINENCE)
+    clear = (np.abs(values[peaks]) > LEAST_SD * sd[peaks]).any(axis=1)
+    return peaks[clear]
 
 
 def _matched(f: Array, measured: NDArray[np.intp], predicted: NDArray[np.intp]) -> list[tuple[int, int]]:

@@ -185,17 +185,17 @@ def nested_evidence(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its own efficiency, and of logarithms of zero where ln L is flat
         sampler.run_nested(dlogz=_STOP, print_progress=False)
-    found = sampler.results
-    log_weight = np.asarray(found.logwt, dtype=float)
+    results = sampler.results
+    log_weight = np.asarray(results.logwt, dtype=float)
     weight = np.exp(log_weight - log_weight.max())
     return Evidence(
-        log_z=float(found.logz[-1]),
-        error=float(found.logzerr[-1]),
+        log_z=float(results.logz[-1]),
+        error=float(results.logzerr[-1]),
         pareto_k=math.nan,
         method="nested sampling",
-        evaluations=int(np.sum(found.ncall)),
+        evaluations=int(np.sum(results.ncall)),
         ess=float(weight.sum() ** 2 / (weight**2).sum()),
-        draws=WeightedDraws(np.array(found.samples, dtype=float), log_weight),
+        draws=WeightedDraws(np.array(results.samples, dtype=float), log_weight),
     )
 
 
@@ -232,9 +232,9 @@ def evidence(
     prior = log_posterior.prior
     if not prior.names:
         return _without_parameters(log_posterior)
-    found = importance_evidence(log_posterior, fit_proposal(log_posterior, systems, starts, rng), rng, draws)
-    if found.pareto_k <= PARETO_LIMIT and found.ess >= _LEAST_SHARE * draws:
-        return found
+    estimate = importance_evidence(log_posterior, fit_proposal(log_posterior, systems, starts, rng), rng, draws)
+    if estimate.pareto_k <= PARETO_LIMIT and estimate.ess >= _LEAST_SHARE * draws:
+        return estimate
 
     def log_likelihood(theta: Array) -> Array:
         out = np.full(len(theta), -np.inf)

@@ -62,9 +62,9 @@ def problem_from(tree: xr.DataTree, record: Mapping[str, Any], where: str) -> Pr
         values.real, values.imag = real, group[f"{name}_imag"].values
         return values
 
-    found = _restored(record["description"], array, where)
-    assert isinstance(found, Problem)
-    return found
+    problem = _restored(record["description"], array, where)
+    assert isinstance(problem, Problem)
+    return problem
 
 
 def require_same_problem(problem: Problem, record: Mapping[str, Any], where: str) -> None:
@@ -142,13 +142,13 @@ def _restored(plain: Any, array: Callable[[str], NDArray[Any]], where: str) -> A
     if not isinstance(plain, dict):
         return plain
     if "kind" in plain:
-        found = _public_class(plain["kind"])
-        if found is None:
+        kind = _public_class(plain["kind"])
+        if kind is None:
             raise ModelError(
                 f"{where}: found a part of kind {plain['kind']!r}; expected one that this version of jointbayes has; "
                 "read it with the version that wrote it"
             )
-        return found(**{name: _restored(part, array, where) for name, part in plain.items() if name != "kind"})
+        return kind(**{name: _restored(part, array, where) for name, part in plain.items() if name != "kind"})
     if "array" in plain:
         return array(plain["array"])
     if "provenance" in plain:
@@ -170,7 +170,7 @@ def _of_scipy(value: object) -> bool:
 def _public_class(name: str) -> type | None:
     """The class that a room hands on under this name; None where none does."""
     for room in _ROOMS:
-        found = getattr(import_module(f"jointbayes.{room}"), name, None)
-        if isinstance(found, type):
-            return found
+        cls = getattr(import_module(f"jointbayes.{room}"), name, None)
+        if isinstance(cls, type):
+            return cls
     return None

@@ -110,7 +110,7 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
     tuple of (name, side)
         Coordinate and ``"lower"`` or ``"upper"``.
     """
-    found: list[tuple[str, Side]] = []
+    within_reach: list[tuple[str, Side]] = []
     names = prior.parametrisation.names
     marginals = zip(names, prior.marginals, widened_prior(prior).marginals, strict=True)
     for column, (name, stated, wider) in enumerate(marginals):
@@ -120,10 +120,10 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
         edge = _EDGE * min(DECADE, stated.high - stated.low)
         below, above = (draws < stated.low + edge).mean(), (draws > stated.high - edge).mean()
         if below / edge * (stated.low - wider.low) > REACH:
-            found.append((name, "lower"))
+            within_reach.append((name, "lower"))
         if above / edge * (wider.high - stated.high) > REACH:
-            found.append((name, "upper"))
-    return tuple(found)
+            within_reach.append((name, "upper"))
+    return tuple(within_reach)
 
 
 def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:

@@ -122,15 +122,15 @@ def proposal_from_draws(
     """
     theta = theta[rng.permutation(len(theta))]
     held_out, fitted = theta[:_HELD_OUT], theta[_HELD_OUT : _HELD_OUT + _FITTED]
-    found = []
+    candidates = []
     for coordinates in (*systems, *(straightened(coordinates, fitted) for coordinates in systems)):
         phi = coordinates.forward(fitted)
         phi = phi[np.isfinite(phi).all(axis=1)]
         weight = np.full(len(phi), 1 / len(phi))
         mixture = most_likely_mixture(first_mixture(phi, weight, _COMPONENTS, rng), phi, weight)
         likely = mixture.log_density(coordinates.forward(held_out)) - coordinates.log_volume(held_out)
-        found.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), coordinates, mixture))
-    _, coordinates, mixture = max(found, key=lambda one: one[0])
+        candidates.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), coordinates, mixture))
+    _, coordinates, mixture = max(candidates, key=lambda one: one[0])
     mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
     _, log_weight = proposal.weighted_draws(log_density, rng, _CONFIRMING)

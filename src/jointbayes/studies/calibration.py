@@ -284,13 +284,13 @@ def calibrate(
     """
     results = []
     for name, values in ranks.items():
-        found = np.asarray(values, dtype=np.int64)
-        if found.ndim != 1 or found.size == 0 or found.min() < 0 or found.max() > draws:
+        counts = np.asarray(values, dtype=np.int64)
+        if counts.ndim != 1 or counts.size == 0 or counts.min() < 0 or counts.max() > draws:
             raise ModelError(f"calibration: found ranks of {name} beyond 0 to {draws}, or none; correct them")
-        band, shares = ecdf_band(found.size, draws, probability), ecdf(found, draws)
-        p_value = _p_value(found.size, band.position, shares)
+        band, shares = ecdf_band(counts.size, draws, probability), ecdf(counts, draws)
+        p_value = _p_value(counts.size, band.position, shares)
         covered = coverage(intervals[name], truths[name])
-        results.append(CalibrationResult(name, found, draws, band, shares, p_value, covered))
+        results.append(CalibrationResult(name, counts, draws, band, shares, p_value, covered))
     return tuple(results)
 
 

@@ -64,14 +64,14 @@ def search(
     fits: list[Fit] = []
     latest: dict[int, Fit] = {}
     for trial, index in product(range(_TRIALS), range(len(systems))):
-        found = _round(pool, systems[index], latest[index].density if trial and index in latest else components, rng)
-        if found is None:
+        fit = _round(pool, systems[index], latest[index].density if trial and index in latest else components, rng)
+        if fit is None:
             continue
-        if found.efficiency > good:
-            found = _confirmed(pool, found, rng)
-        fits.append(found)
-        latest[index] = found
-        if found.efficiency > good:
+        if fit.efficiency > good:
+            fit = _confirmed(pool, fit, rng)
+        fits.append(fit)
+        latest[index] = fit
+        if fit.efficiency > good:
             return fits
     if latest:
         fits += _refined(pool, max(latest.values(), key=lambda fit: fit.efficiency), good, rng)
@@ -86,15 +86,15 @@ def _refined(pool: Pool, last: Fit, good: float, rng: np.random.Generator) -> li
     gained = True
     for _ in range(_ROUNDS):
         assert isinstance(last.density, StudentMixture)
-        found = _round(pool, last.coordinates, last.density if gained else split(last.density), rng)
-        if found is None:
+        fit = _round(pool, last.coordinates, last.density if gained else split(last.density), rng)
+        if fit is None:
             break
-        if found.efficiency > good:
-            found = _confirmed(pool, found, rng)
-        gained = found.efficiency > last.efficiency + _GAIN
-        fits.append(found)
-        last = found
-        if found.efficiency > good:
+        if fit.efficiency > good:
+            fit = _confirmed(pool, fit, rng)
+        gained = fit.efficiency > last.efficiency + _GAIN
+        fits.append(fit)
+        last = fit
+        if fit.efficiency > good:
             break
     return fits
 

@@ -20,7 +20,7 @@ from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_o
 from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
 from jointbayes.workflow import find_map, starts_of
 
-__all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "under"]
+__all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "hypothesis_problem"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _EDGE = 0.05  # of a prior's interval
 _PILED = 2.0  # times the prior's probability in that strip
 
 
-def under(problem: Problem, hypothesis: str) -> Problem:
+def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     """The problem with the joint that a hypothesis allows; priors of what stays free are as they were.
 
     Parameters
@@ -133,18 +133,18 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     # one stream for each candidate, whatever else is compared
     key = [seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)]
     rng = np.random.default_rng(key)
-    problem = under(case.problem, hypothesis)
+    problem = hypothesis_problem(case.problem, hypothesis)
     log_posterior = problem.log_posterior
     starts: tuple[Start, ...] = ()
     mode = np.empty(0)
     if problem.names:
         estimate = find_map(problem, seed=seed)
         starts, mode = starts_of(estimate), estimate.theta
-    found = evidence(log_posterior, coordinate_systems(problem), starts, rng)
-    if not np.isfinite(found.log_z):
+    result = evidence(log_posterior, coordinate_systems(problem), starts, rng)
+    if not np.isfinite(result.log_z):
         raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
-    draws = np.empty((_KEPT, 0)) if found.draws is None else found.draws.resample(rng, _KEPT)
-    efficiency = 1.0 if found.draws is None else min(1.0, found.ess / _KEPT)
+    draws = np.empty((_KEPT, 0)) if result.draws is None else result.draws.resample(rng, _KEPT)
+    efficiency = 1.0 if result.draws is None else min(1.0, result.ess / _KEPT)
     loo, note = _cross_validated(problem, draws, efficiency)
     return Candidate(
         case.name,
@@ -152,7 +152,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
         hypothesis,
         problem.names,
         problem.prior.stiffness(mode),
-        found,
+        result,
         _piled_up(problem.prior, draws),
         loo,
         note,
@@ -172,11 +172,11 @@ def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple
 def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
     """Edges with more than twice the probability nearby that the prior has there."""
     low, high = prior.support
-    found = []
+    edges = []
     for i, (name, marginal) in enumerate(zip(prior.names, prior.all_marginals, strict=True)):
         if not np.isfinite(marginal.support).all():
             continue
         place = (draws[:, i] - low[i]) / (high[i] - low[i])
         shares = {"low": float((place < _EDGE).mean()), "high": float((place > 1 - _EDGE).mean())}
-        found += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * _EDGE]
-    return tuple(found)
+        edges += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * _EDGE]
+    return tuple(edges)

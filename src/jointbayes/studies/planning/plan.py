@@ -104,7 +104,7 @@ def _simulated(one: Simulation) -> dict[str, Any]:
         "truths": len(one.posteriors),
         "lost": one.lost,
         "reweighted": one.reweighted,
-        "least_effective": min((found.effective for found in one.found), default=None),
+        "least_effective": min((draws.effective for draws in one.found), default=None),
     }
 
 
@@ -197,17 +197,17 @@ class Plan:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader must know to trust the plan."""
-        found = []
+        notes = []
         if self.assumed:
-            found.append("The measurements were simulated for a stated joint, not for what the present data allow.")
+            notes.append("The measurements were simulated for a stated joint, not for what the present data allow.")
         lost = [one.label for one in self.measurements if one.simulation is not None and not one.simulation.valid]
         if lost:
-            found.append(f"Not ranked, because too many simulations failed: {', '.join(lost)}.")
+            notes.append(f"Not ranked, because too many simulations failed: {', '.join(lost)}.")
         if self.left_out:
-            found.append(
+            notes.append(
                 f"{self.left_out} further sets that could rank first by the linearised estimate were not simulated."
             )
-        return tuple(found)
+        return tuple(notes)
 
     def summary(self) -> dict[str, Any]:
         """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
@@ -339,27 +339,27 @@ class _Race:
         first = min(FIRST, simulations)
         if first < 1:
             return {}
-        found = self._round([one.names for one in entrants], range(first), {})
+        outcome = self._round([one.names for one in entrants], range(first), {})
         if simulations > first:
-            found |= self._round(could_come_first(found), range(first, simulations), found)
-        return found
+            outcome |= self._round(could_come_first(outcome), range(first, simulations), outcome)
+        return outcome
 
     def _round(self, names: list[Names], truths: range, before: Mapping[Names, Simulation]) -> dict[Names, Simulation]:
-        found = {}
+        outcome = {}
         for number, one in enumerate(names, start=1):
             self._tell(f"simulating candidate {number} of {len(names)}: {' + '.join(one)}, measurements "
                        f"{truths.start + 1} to {truths.stop}")  # fmt: skip
             measured = [self._candidates[name] for name in one]
             posteriors = tuple(self._simulator.after(measured, truth) for truth in truths)
-            found[one] = replace(before[one], posteriors=before[one].posteriors + posteriors) if one in before \
+            outcome[one] = replace(before[one], posteriors=before[one].posteriors + posteriors) if one in before \
                 else Simulation(posteriors)  # fmt: skip
-        return found
+        return outcome
 
 
-def could_come_first(found: Mapping[Names, Simulation]) -> list[Names]:
+def could_come_first(outcome: Mapping[Names, Simulation]) -> list[Names]:
     """The three of least median whose range begins below the end of that of the first, in this order."""
-    ranked = sorted((one.median, names) for names, one in found.items() if one.valid)
+    ranked = sorted((one.median, names) for names, one in outcome.items() if one.valid)
     if not ranked:
         return []
-    limit = found[ranked[0][1]].range80[1]
-    return [names for _, names in ranked[:MOST_AGAIN] if found[names].range80[0] <= limit]
+    limit = outcome[ranked[0][1]].range80[1]
+    return [names for _, names in ranked[:MOST_AGAIN] if outcome[names].range80[0] <= limit]

@@ -282,11 +282,11 @@ def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array
 
     inner = 1e-9 * (high - low)[moving]
     inner[~np.isfinite(inner)] = 0.0
-    found = optimize.least_squares(
+    fit = optimize.least_squares(
         residual,
         np.clip(start[moving], low[moving] + inner, high[moving] - inner),
         jac=jacobian,
         bounds=(low[moving], high[moving]),
         x_scale=prior.sd[moving],
     )
-    return whole(found.x)
+    return whole(fit.x)
