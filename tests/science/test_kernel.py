@@ -12,8 +12,8 @@ import pytest
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledModes, DirectSolve, FrfSet, LowRankCoupling, Ports
-from jointbayes.frf.kernels.joined_modes import JoinedModes
 from jointbayes.frf.kernels.springs import springs
+from jointbayes.frf.modal import JoinedModes
 from jointbayes.inference import JointPrior, LogPosterior, Normal
 from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
 from jointbayes.joint import Joint, LogStiffness, joint_matrix

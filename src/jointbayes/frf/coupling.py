@@ -2,7 +2,8 @@
 
 H_ab = A_ab − A_aj (C + A_jj)⁻¹ A_jb with A the receptance without the joint and C = (K^J)⁻¹ (Woodbury),
 written with K^J itself, A_aj K^J (1 + A_jj K^J)⁻¹ A_jb, so that an absent joint is as good as a stiff one.
-An r × r problem per line, whatever the number of FE DOFs.
+An r × r problem per line, whatever the number of FE DOFs. Where the structure is itself uncertain, A is another one for
+every draw, summed over the free modes.
 """
 
 import numpy as np
@@ -13,14 +14,16 @@ from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
 from jointbayes.frf.kernels.pair import PairCoupling
-from jointbayes.frf.ports import Misfit, Ports, split_along
+from jointbayes.frf.modal import AssembledModes
+from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_batch, as_factors, split_along
 from jointbayes.joint import Joint
 from jointbayes.structure import FreeModes, Structure, StructureFamily, as_family
 
-__all__ = ["LowRankCoupling", "free_receptance"]
+__all__ = ["LowRankCoupling", "free_receptance", "receptance_model"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+_Coupling = PairCoupling | MultiDofCoupling
 
 #: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
 _SOLVED_LINE_BY_LINE = 50
@@ -83,7 +86,7 @@ class LowRankCoupling:
     Parameters
     ----------
     structure
-        Structure with loss-factor or Rayleigh damping.
+        Structure with loss-factor or Rayleigh damping, or a family of such.
     joint
         Where the joint acts, r DOFs.
     ports
@@ -96,57 +99,84 @@ class LowRankCoupling:
     """
 
     def __init__(self, structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> None:
-        family = as_family(structure)
+        self._family = family = as_family(structure)
         if family.nominal.damping.of_assembled_modes:
             raise ModelError(
                 "low-rank coupling: found modal damping of the assembled structure; expected a loss factor or "
                 "Rayleigh damping; use the modal sum instead"
             )
         joined, outputs, inputs = ports.selections(family.nominal, joint)
-        along, rest = split_along(np.hstack([outputs, inputs]), joined)
+        self._along, rest = split_along(np.hstack([outputs, inputs]), joined)
+        self._n_out, self._omega = len(ports.outputs), ports.omega
         driven = np.hstack([joined, rest])
-        if family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE:
-            free = solve_lines(family.nominal, ports.omega, driven, driven)
-        else:
-            free = free_receptance(family, family.free_modes(driven), np.empty(0), ports.omega)
-        # reciprocity holds to the last bits if it holds here
-        free = (free + free.swapaxes(-1, -2)) / 2
-        form = PairCoupling if joined.shape[1] <= 2 else MultiDofCoupling
-        self._form: PairCoupling | MultiDofCoupling = form(free, along, len(ports.outputs))
+        self._known: _Coupling | None = None
+        if not family.names and family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE:
+            self._known = self._coupling(solve_lines(family.nominal, ports.omega, driven, driven))
+            return
+        self._modes = family.free_modes(driven)
+        if not family.names:
+            self._known = self._at(np.empty(0))
 
-    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
-        """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs).
-
-        The structure is exactly known here: `factors` have no columns.
-        """
-        return self._form.receptance(stiffness)
+    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+        """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
+        if self._known is not None:
+            return self._known.receptance(stiffness)
+        matrices = as_batch(stiffness)
+        known = as_factors(factors, len(matrices))
+        return np.concatenate([self._at(row).receptance(k) for k, row in zip(matrices, known, strict=True)])
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Receptance and its derivative along p changes of one joint matrix.
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
+        return (self._known or self._at(as_factors(factors, 1)[0])).tangent(stiffness, directions)
 
-        Parameters
-        ----------
-        stiffness
-            K^J, shape (r, r).
-        directions
-            Changes dK^J, shape (p, r, r).
+    def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
+        """Weighted distance from measured receptances, see `ReceptanceModel`."""
+        return self._known.misfit(measured, weight) if self._known else _UncertainMisfit(self, measured, weight)
 
-        Returns
-        -------
-        receptance, derivative : ndarray, shapes (lines, outputs, inputs) and (p, lines, outputs, inputs)
-        """
-        return self._form.tangent(stiffness, directions)
+    def _at(self, factors: Array) -> _Coupling:
+        """Coupling of the structure at factors (q,)."""
+        return self._coupling(free_receptance(self._family, self._modes, factors, self._omega))
 
-    def misfit(self, measured: NDArray[np.complex128], weight: NDArray[np.float64]) -> Misfit:
-        """Weighted distance from measured receptances, Σ |H − H^x|² w², as a function of the joint.
+    def _coupling(self, free: ComplexArray) -> _Coupling:
+        # reciprocity holds to the last bits if it holds here
+        free = (free + free.swapaxes(-1, -2)) / 2
+        form = PairCoupling if len(self._along) <= 2 else MultiDofCoupling
+        return form(free, self._along, self._n_out)
 
-        Parameters
-        ----------
-        measured
-            H^x, shape (lines, outputs, inputs), m/N and so on.
-        weight
-            1/σ, same shape.
-        """
-        return self._form.misfit(measured, weight)
+
+class _UncertainMisfit:
+    """χ² = Σ |H − H^x|² w² as a function of joint and structure, one draw after the other."""
+
+    def __init__(self, model: LowRankCoupling, measured: ComplexArray, weight: Array) -> None:
+        self._model, self._measured, self._weight = model, measured, weight
+
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+        """χ², shape (batch,), see `Misfit`."""
+        known = as_factors(factors, len(stiffness))
+        return np.concatenate([self._at(row).chi2(k[None]) for k, row in zip(stiffness, known, strict=True)])
+
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """χ² and its gradient by the joint, see `Misfit`."""
+        known = as_factors(factors, len(stiffness))
+        each = [self._at(row).chi2_gradient(k[None]) for k, row in zip(stiffness, known, strict=True)]
+        return np.concatenate([chi2 for chi2, _ in each]), np.concatenate([slope for _, slope in each])
+
+    def _at(self, factors: Array) -> Misfit:
+        return self._model._at(factors).misfit(self._measured, self._weight)
+
+
+def receptance_model(structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> ReceptanceModel:
+    """Return the exact low-rank forward model for the damping law of a structure or of a family of them.
+
+    Raises
+    ------
+    ModelError
+        If a DOF does not exist.
+    """
+    dofs = dict.fromkeys((*joint.dofs, *joint.against, *ports.outputs, *ports.inputs))
+    family = as_family(structure).at(dofs, float(np.max(ports.frequency_hz)))
+    if family.nominal.damping.of_assembled_modes:
+        return AssembledModes(family, joint, ports)
+    return LowRankCoupling(family, joint, ports)

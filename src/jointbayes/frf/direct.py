@@ -1,7 +1,5 @@
 """Receptances by solving the assembled dynamic stiffness at each line: slow, and the reference."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,20 +12,6 @@ __all__ = ["DirectSolve", "solve_lines"]
 
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
-
-
-def _line_blocks(omega: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Lines by blocks, shape (block, 1, 1)."""
-    for start in range(0, omega.size, _LINES_AT_ONCE):
-        yield omega[start : start + _LINES_AT_ONCE, None, None]
-
-
-def _assembled(
-    structure: Structure, added: NDArray[np.float64], viscous: NDArray[np.float64], w: NDArray[np.float64]
-) -> NDArray[np.complex128]:
-    static = _loss(structure) * structure.stiffness + added
-    z: NDArray[np.complex128] = static - w**2 * structure.mass + 1j * w * viscous
-    return z
 
 
 def solve_lines(
@@ -48,10 +32,12 @@ def solve_lines(
         If a line is an undamped natural frequency.
     """
     added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
-    exact, viscous, loss = structure.stiffness.astype(np.longdouble), _viscous(structure, added), _loss(structure)
+    exact, viscous = structure.stiffness.astype(np.longdouble), _viscous(structure, added)
+    loss = 1 + 1j * structure.damping.hysteretic
     parts = []
-    for w in _line_blocks(omega):
-        z = _assembled(structure, added, viscous, w)
+    for start in range(0, omega.size, _LINES_AT_ONCE):
+        w = omega[start : start + _LINES_AT_ONCE, None, None]
+        z = loss * structure.stiffness + added - w**2 * structure.mass + 1j * w * viscous
         try:
             x = np.linalg.solve(z, loads.astype(complex)).astype(np.clongdouble)
             for _ in range(_REFINEMENTS):
@@ -67,11 +53,6 @@ def solve_lines(
             ) from None
         parts.append(observed.T @ x.astype(complex))
     return np.concatenate(parts)
-
-
-def _loss(structure: Structure) -> complex:
-    """1 + jη of the stiffness."""
-    return 1 + 1j * structure.damping.hysteretic
 
 
 def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.float64]:

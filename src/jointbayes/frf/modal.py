@@ -4,18 +4,66 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.kernels.joined_modes import JoinedModes
-from jointbayes.frf.kernels.modal_sum import ModalMisfit, ModalSum
+from jointbayes.frf.kernels.modal_sum import ModalSum
+from jointbayes.frf.kernels.secular import add_springs, workspace
+from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
 from jointbayes.joint import Joint, symmetric_changes
-from jointbayes.structure import Structure, StructureFamily, as_family
+from jointbayes.structure import Structure, StructureFamily, as_family, mode_shift
 
-__all__ = ["AssembledModes", "NaturalFrequencies"]
+__all__ = ["AssembledModes", "JoinedModes", "NaturalFrequencies"]
 
 Array = NDArray[np.float64]
 
 #: Eigenvalues closer than this (relative) share one mode plane: their divided difference is the derivative.
 _DEGENERATE = 1e-9
+
+
+class JoinedModes:
+    """Assembled eigenvalues, and motions in the assembled modes, for any joint matrix from absent to rigid.
+
+    In the free modes (eigenvalues Λ, shapes φ_j at the joint) the assembled eigenproblem is Λ + φ_jᵀ K^J φ_j: diagonal
+    plus rank r, with as many rows as modes kept and no FE matrix in sight. It is solved spring by spring.
+
+    Parameters
+    ----------
+    structure, joint
+        Structure without the joint, or a family of them, and where the joint acts, r DOFs.
+    motions
+        What else to know of each mode, as forms on the DOFs, shape (DOFs, q).
+    """
+
+    def __init__(self, structure: Structure | StructureFamily, joint: Joint, motions: Array) -> None:
+        family = as_family(structure)
+        self._shift = mode_shift(family.nominal)
+        joined = joint.selection(family.nominal)
+        self._r = joined.shape[1]
+        self._free = family.free_modes(np.hstack([joined, motions]))
+
+    def solve(self, matrices: Array, factors: ArrayLike | None = None) -> tuple[Array, Array, Array]:
+        """Assembled modes for joint matrices (batch, r, r), symmetric, and factors on the structure (batch, f).
+
+        Returns
+        -------
+        eigenvalues, rows, directions : ndarray, shapes (batch, m), (batch, r + q, m), (batch, r, r)
+            Eigenvalues rising; in each mode of unit modal mass the stretch δ of each of the joint's springs and the q
+            motions; and the directions L of the springs, δ = Lᵀx with x the joint's motion.
+        """
+        directions, stiffness = springs(matrices)
+        free, motions = self._free(as_factors(factors, len(matrices)))
+        joined, rest = np.ascontiguousarray(motions[:, : self._r]), np.ascontiguousarray(motions[:, self._r :])
+        batch, m = len(matrices), free.shape[1]
+        lam = np.empty((batch, m))
+        rows = np.empty((batch, motions.shape[1], m))
+        work, w = workspace(m, rows.shape[1])
+        add_springs(free, joined, rest, directions, stiffness, self._shift, lam, rows, work, w)
+        for i in np.flatnonzero((stiffness < 0).any(axis=1)):
+            # a joint that releases energy is met on the way to another one only: the plain eigenproblem will do
+            j = i if len(free) > 1 else 0
+            dense = np.diag(free[j]) + joined[j].T @ matrices[i] @ joined[j]
+            lam[i], vectors = np.linalg.eigh(dense)
+            rows[i] = np.vstack([directions[i].T @ joined[j], rest[j]]) @ vectors
+        return lam, rows, directions
 
 
 class NaturalFrequencies:
@@ -110,8 +158,8 @@ class AssembledModes:
         return self._sum.receptance(*self._assembled(as_batch(stiffness), factors))
 
     def misfit(self, measured: NDArray[np.complex128], weight: Array) -> "AssembledMisfit":
-        """Weighted distance from measured receptances, see `LowRankCoupling.misfit`."""
-        return AssembledMisfit(self, self._sum.misfit(measured, weight), measured, weight)
+        """Weighted distance from measured receptances, see `ReceptanceModel`."""
+        return AssembledMisfit(self, measured, weight)
 
     def _assembled(self, matrices: Array, factors: ArrayLike | None) -> tuple[Array, Array, Array]:
         """Assembled eigenvalues (batch, m), shapes at outputs and inputs (batch, outputs + inputs, m), and ζ."""
@@ -184,16 +232,15 @@ def _first(factors: Array, count: int) -> Array:
 
 
 class AssembledMisfit:
-    """χ² = Σ |H − H^x|² w² as a function of the joint; the work on the lines is that of `ModalMisfit`."""
+    """χ² = Σ |H − H^x|² w² as a function of the joint; the work on the lines is that of `ModalSum`."""
 
-    def __init__(
-        self, model: AssembledModes, lines: ModalMisfit, measured: NDArray[np.complex128], weight: Array
-    ) -> None:
-        self._model, self._lines, self._measured, self._weight = model, lines, measured, weight
+    def __init__(self, model: AssembledModes, measured: NDArray[np.complex128], weight: Array) -> None:
+        self._model, self._measured, self._weight = model, measured, weight
+        self._lines = model._sum.lines(measured, weight)
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        return self._lines.chi2(*self._model._assembled(stiffness, factors))
+        return self._model._sum.chi2(*self._model._assembled(stiffness, factors), self._lines)
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.joint import Joint
 from jointbayes.structure import Structure
 
-__all__ = ["Misfit", "Ports"]
+__all__ = ["Misfit", "Ports", "ReceptanceModel"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,4 +85,25 @@ class Misfit(Protocol):
         self, stiffness: NDArray[np.float64], factors: ArrayLike | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
+        ...
+
+
+class ReceptanceModel(Protocol):
+    """Receptance of a structure with its joint as a function of K^J; see `LowRankCoupling`, `AssembledModes`."""
+
+    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+        """Receptances, shape (batch, lines, outputs, inputs).
+
+        For joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+        """
+        ...
+
+    def tangent(
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
+        ...
+
+    def misfit(self, measured: NDArray[np.complex128], weight: NDArray[np.float64]) -> Misfit:
+        """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         ...

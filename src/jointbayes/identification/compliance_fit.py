@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.frf import Ports, quantity_factor
-from jointbayes.frf.uncertain_coupling import UncertainCoupling
+from jointbayes.frf.coupling import free_receptance
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping, Structure, StructureFamily, as_family
@@ -84,7 +84,11 @@ class _FreeReceptance:
         sides = joint.dofs + joint.against
         ports = Ports(frequency_hz, _unique(sides + outputs), _unique(sides + inputs))
         # summed over free modes: a dense solution of every line would cost more than the whole search
-        free = UncertainCoupling(as_family(structure), joint, ports).receptance(np.zeros((2, 2)))[0]
+        family = as_family(structure)
+        _, driven, loads = ports.selections(family.nominal, joint)
+        modes = family.free_modes(np.hstack([driven, loads]))
+        k = len(ports.outputs)
+        free = free_receptance(family, modes, np.empty(0), ports.omega)[:, :k, k:]
         relative = np.eye(2) if not joint.against else np.hstack([np.eye(2), -np.eye(2)])
         n = len(sides)
         rows = [ports.outputs.index(label) for label in outputs]

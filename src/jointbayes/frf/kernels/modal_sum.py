@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
 
-__all__ = ["ModalMisfit", "ModalSum"]
+__all__ = ["ModalSum"]
 
 Array = NDArray[np.float64]
 
@@ -196,22 +196,15 @@ class ModalSum:
             data, chi2, lines,
         )  # fmt: skip
 
-    def misfit(self, measured: NDArray[np.complex128], weight: Array) -> "ModalMisfit":
-        """χ² against measured receptances, shape (lines, outputs, inputs), weighted."""
+    def lines(self, measured: NDArray[np.complex128], weight: Array) -> Array:
+        """Measured receptances, shape (lines, outputs, inputs), and the squares of their weights, for `chi2`."""
         flat, square = measured.reshape(len(measured), -1).T, weight.reshape(len(weight), -1).T ** 2
-        return ModalMisfit(self, lane_blocks(np.stack([flat.real, flat.imag, square], axis=1)))
+        return lane_blocks(np.stack([flat.real, flat.imag, square], axis=1))
 
-
-class ModalMisfit:
-    """χ² = Σ |H − H^x|² w² over lines and FRFs of given modes, without any array over its lines."""
-
-    def __init__(self, modal_sum: ModalSum, data: Array) -> None:
-        self._sum, self._data = modal_sum, data
-
-    def chi2(self, eigenvalues: Array, shapes: Array, ratio: Array) -> Array:
-        """χ², shape (batch,), of modes as for `ModalSum.receptance`; not finite where a line is singular."""
+    def chi2(self, eigenvalues: Array, shapes: Array, ratio: Array, lines: Array) -> Array:
+        """χ² = Σ |H − H^x|² w², shape (batch,), without any array over its lines; not finite where one is singular."""
         out = np.empty(len(eigenvalues))
-        self._sum.run(eigenvalues, shapes, ratio, self._data, out, np.empty((0, 2, 0, 0)))
+        self.run(eigenvalues, shapes, ratio, lines, out, np.empty((0, 2, 0, 0)))
         return out
 
 

@@ -244,7 +244,7 @@ class MultiDofCoupling:
         return np.stack([self._solve(matrix)[0] for matrix in as_batch(stiffness)])
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
-        """Receptance and its derivative along p changes of one joint matrix; see `LowRankCoupling.tangent`."""
+        """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
         (matrix,) = as_batch(stiffness)
         value, delta, turn = self._solve(matrix)
         change = np.linalg.solve(turn, np.linalg.solve(turn, np.asarray(directions, dtype=float)).swapaxes(1, 2))

@@ -111,7 +111,7 @@ class PairCoupling:
         return _weighted(u, self._n) / _weighted(u, self._d)[:, :, None, None]
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
-        """Receptance and its derivative along p changes of one joint matrix; see `LowRankCoupling.tangent`."""
+        """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
         k, dk = self._padded(as_batch(stiffness)), self._padded(as_batch(directions))
         u = self._with_one(as_batch(stiffness))
         d_det = dk[:, 0, 0] * k[0, 1, 1] + dk[:, 1, 1] * k[0, 0, 0] - 2 * k[0, 0, 1] * dk[:, 0, 1]

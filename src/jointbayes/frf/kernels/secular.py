@@ -162,17 +162,9 @@ def _add_spring(lam: Array, rows: Array, p: int, d: float, shift: float, work: A
 
 @compiled
 def add_springs(
-    free: Array,
-    joined: Array,
-    rest: Array,
-    directions: Array,
-    stiffness: Array,
-    shift: float,
-    lam: Array,
-    rows: Array,
-    work: Array,
-    w: Array,
-) -> None:
+    free: Array, joined: Array, rest: Array, directions: Array, stiffness: Array, shift: float, lam: Array,
+    rows: Array, work: Array, w: Array,
+) -> None:  # fmt: skip
     """Add the springs of each joint of a batch to the free structure.
 
     Parameters
