@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import sparse, stats
 
 import jointbayes as jb
 from jointbayes.errors import ModelError
@@ -87,6 +87,22 @@ def test_a_problem_of_arrays_has_the_density_of_a_dense_solution():
         misfit = np.abs(receptances(*np.exp(row)) - data.frf.values) ** 2 / data.variance
         expected = -(np.log(np.pi * data.variance) + misfit).sum()
         assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_lists_and_sparse_matrices_serve_as_well_and_stay_as_they_are():
+    stiffness, mass, labels = euler_beam()
+    law = LossFactor(LOSS)
+    listed = Structure(stiffness.tolist(), sparse.csc_matrix(mass), law, list(labels))
+    given = Structure(stiffness, mass, law, labels)
+    stiffness[0, 0] += 1.0  # the structure has its own copy, which nobody can change
+    theta = np.log(TRUTH)
+    density = [
+        from_arrays(structure=one, joint=Joint(list(dofs))).log_posterior(theta)
+        for one, dofs in ((listed, ("1:y", "1:rz")), (given, ("1:y", "1:rz")))
+    ]
+    np.testing.assert_array_equal(*density)
+    with pytest.raises(ValueError, match="read-only"):
+        given.stiffness[0, 0] = 1.0
 
 
 def test_map_and_draws_of_a_problem_of_arrays_find_the_truth(sampled):

@@ -48,6 +48,8 @@ class Joint:
     against: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "dofs", tuple(self.dofs))
+        object.__setattr__(self, "against", tuple(self.against))
         both = self.dofs + self.against
         if not self.dofs or len(set(both)) != len(both):
             raise ModelError(f"joint: found DOFs {both}; expected one or more, each once; correct the labels")

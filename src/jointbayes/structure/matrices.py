@@ -45,7 +45,7 @@ class Structure:
     Parameters
     ----------
     stiffness, mass
-        Symmetric real matrices, shape (n, n), SI units.
+        Symmetric real matrices, shape (n, n), SI units; lists and sparse matrices are copied into arrays.
     damping
         Damping law.
     dofs
@@ -64,9 +64,14 @@ class Structure:
 
     def __post_init__(self) -> None:
         n = len(self.dofs)
+        object.__setattr__(self, "dofs", tuple(self.dofs))
         if len(set(self.dofs)) != n:
             raise ModelError("structure: found a DOF label twice; expected each label once; rename it")
-        for name, matrix in (("stiffness", self.stiffness), ("mass", self.mass)):
+        for name in ("stiffness", "mass"):
+            given = getattr(self, name)
+            # a copy, so that the caller's arrays stay writable; sparse ones are made dense
+            matrix = np.array(given.toarray() if hasattr(given, "toarray") else given, dtype=float)
+            object.__setattr__(self, name, matrix)
             if matrix.shape != (n, n):
                 raise ModelError(
                     f"structure: found a {name} matrix of shape {matrix.shape} for {n} DOFs; "
