@@ -255,8 +255,7 @@ def noise_of(spec: NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel
         None if d is None else ((d.scale_low, d.scale_high), (d.length_low_hz, d.length_high_hz)),
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
-    found: tuple[NoiseModel, tuple[Nuisance, ...]] = module.noise_of(choice, 2 if complex_frf else 1, measurement)
-    return found
+    return module.noise_of(choice, 2 if complex_frf else 1, measurement)
 
 
 def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:

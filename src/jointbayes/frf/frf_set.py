@@ -25,8 +25,7 @@ def quantity_factor(
     power = POWER_OF_JW[to] - POWER_OF_JW[source]
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
     # (jω)ⁿ by integer powers of j is exact: mobility to receptance and back is the same to the last bit or two
-    factor: NDArray[np.complex128] = np.array([1, 1j, -1, -1j])[power % 4] * omega**power
-    return factor
+    return np.array([1, 1j, -1, -1j])[power % 4] * omega**power
 
 
 @dataclass(frozen=True, slots=True, eq=False)

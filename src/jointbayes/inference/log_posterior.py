@@ -73,8 +73,7 @@ class LogPosterior:
                 f"extra log likelihood: found values of shape {further.shape}{nan} for θ of shape {t.shape}; expected "
                 f"one number, or -inf, for each row: shape {value.shape}"
             )
-        total: Array = value + further
-        return total
+        return value + further
 
     @property
     def gaussian(self) -> bool:

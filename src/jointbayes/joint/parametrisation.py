@@ -174,8 +174,7 @@ class Parametrisation(ABC):
 
 def parametrisation_named(key: str) -> Parametrisation:
     """The coordinates that a case file calls so, one of `COORDINATES`."""
-    found: Parametrisation = import_module(f"jointbayes.joint.{key}").PARAMETRISATION
-    return found
+    return import_module(f"jointbayes.joint.{key}").PARAMETRISATION
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,15 +97,13 @@ class _Correction:
         """Corrected receptances, shape (lines, outputs, inputs)."""
         inner = self._flexibility + _taken(values, self._to_sensor)
         load = np.linalg.solve(inner, values[:, self._sensors])
-        corrected: ComplexArray = values[:, self._rows] - _taken(values, self._to_output) @ load
-        return corrected
+        return values[:, self._rows] - _taken(values, self._to_output) @ load
 
 
 def _taken(values: ComplexArray, places: list[list[tuple[int, int]]]) -> ComplexArray:
     """Values at places of an array (lines, outputs, inputs), shape (lines, rows of places, columns)."""
     at = np.array(places)
-    taken: ComplexArray = values[:, at[..., 0], at[..., 1]]
-    return taken
+    return values[:, at[..., 0], at[..., 1]]
 
 
 def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:

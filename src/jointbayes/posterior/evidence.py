@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
 from jointbayes.posterior.monte_carlo import pareto_k
-from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, fit_proposal
+from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, fit_proposal, importance_efficiency
 
 __all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]
 
@@ -45,6 +45,11 @@ class WeightedDraws:
         """Weights that sum to one, shape (n,)."""
         weight = np.exp(self.log_weight - self.log_weight.max())
         return weight / weight.sum()
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws, (Σw)²/Σw²; 0 without any."""
+        return len(self.theta) * importance_efficiency(self.log_weight) if len(self.theta) else 0.0
 
     def resample(self, rng: np.random.Generator, n: int) -> Array:
         """Equally weighted draws from the posterior, shape (n, d); some occur more than once."""
@@ -118,17 +123,16 @@ def importance_evidence(
     evaluations = proposal.evaluations + draws
     if not len(log_weight):
         return Evidence(-math.inf, math.inf, math.inf, "importance sampling", evaluations, 0.0)
-    top = float(log_weight.max())
-    weight = np.exp(log_weight - top)
-    ess = float(weight.sum() ** 2 / (weight**2).sum())
+    weighted = WeightedDraws(theta, log_weight)
+    ess = weighted.effective
     return Evidence(
-        log_z=top + math.log(float(weight.sum()) / draws),
+        log_z=float(np.logaddexp.reduce(log_weight)) - math.log(draws),
         error=math.sqrt(max(1 / ess - 1 / draws, 0.0)),
         pareto_k=pareto_k(log_weight),
         method="importance sampling",
         evaluations=evaluations,
         ess=ess,
-        draws=WeightedDraws(theta, log_weight),
+        draws=weighted,
     )
 
 
@@ -186,16 +190,15 @@ def nested_evidence(
         warnings.simplefilter("ignore")  # of its own efficiency, and of logarithms of zero where ln L is flat
         sampler.run_nested(dlogz=_STOP, print_progress=False)
     results = sampler.results
-    log_weight = np.asarray(results.logwt, dtype=float)
-    weight = np.exp(log_weight - log_weight.max())
+    weighted = WeightedDraws(np.array(results.samples, dtype=float), np.array(results.logwt, dtype=float))
     return Evidence(
         log_z=float(results.logz[-1]),
         error=float(results.logzerr[-1]),
         pareto_k=math.nan,
         method="nested sampling",
         evaluations=int(np.sum(results.ncall)),
-        ess=float(weight.sum() ** 2 / (weight**2).sum()),
-        draws=WeightedDraws(np.array(results.samples, dtype=float), log_weight),
+        ess=weighted.effective,
+        draws=weighted,
     )
 
 

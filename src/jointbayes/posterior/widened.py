@@ -151,7 +151,7 @@ def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
     if bounds_within_reach(prior, theta):
         return _drawn_anew(posterior, wide, rng)
     weighted = WeightedDraws(theta, wide.log_density(theta) - prior.log_density(theta))
-    share = float(1 / (weighted.weight**2).sum() / len(theta))
+    share = weighted.effective / len(theta)
     if share > _UNCHANGED_SHARE:
         return None
     if share < _ENOUGH_SHARE:
@@ -171,9 +171,8 @@ def _drawn_anew(posterior: "Posterior", wide: JointPrior, rng: np.random.Generat
     middle = posterior.theta[np.argmin((away**2).sum(axis=1))]
     proposal = fit_proposal(log_posterior, coordinate_systems(problem), [(mode, covariance), (middle, covariance)], rng)
     weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
-    effective = float(1 / (weighted.weight**2).sum())
-    if effective >= _LEAST_EFFECTIVE:
-        return _widened(wide, weighted.resample(rng, _DRAWS), effective, rng)
+    if weighted.effective >= _LEAST_EFFECTIVE:
+        return _widened(wide, weighted.resample(rng, _DRAWS), weighted.effective, rng)
     chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
     theta = chains.draws().theta.reshape(-1, len(problem.names))
     return _widened(wide, theta, float(chains.ess.min()), rng, reliable=chains.converged)

@@ -336,8 +336,7 @@ def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
 def _autocorrelation(chains: Array, lags: int) -> Array:
     centred = chains - chains.mean()
     covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
-    result: Array = covariance / covariance[0]
-    return result
+    return covariance / covariance[0]
 
 
 def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) -> str:

@@ -102,5 +102,4 @@ def _draw_hits(grid: Any, hits: Sequence[HitCurve]) -> None:  # noqa: ANN401 (ar
 
 
 def _degrees(record: FrfRecord) -> Array:
-    degrees: Array = np.degrees(np.angle(record.values))
-    return degrees
+    return np.degrees(np.angle(record.values))

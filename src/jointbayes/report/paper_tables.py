@@ -33,8 +33,7 @@ class FrequencyTable:
     @property
     def error(self) -> Array:
         """Relative error of the simulation recomputed from the printed frequencies, %."""
-        error: Array = 100 * (np.array(self.simulation) / np.array(self.experiment) - 1)
-        return error
+        return 100 * (np.array(self.simulation) / np.array(self.experiment) - 1)
 
 
 TABLE_2 = FrequencyTable((120.0, 762.0, 2101.0), (140.0, 862.0, 2357.0), (16.7, 13.1, 12.2))
@@ -124,8 +123,7 @@ def _two_springs() -> Finding:
         return np.array([k11, 0.0, k22])
 
     def error(log_k: Array) -> Array:
-        relative: Array = model.frequency_hz(joint_matrix(stiffness(log_k)))[0] / measured - 1
-        return relative
+        return model.frequency_hz(joint_matrix(stiffness(log_k)))[0] / measured - 1
 
     fit = optimize.least_squares(error, np.log([1e9, 1e6]))
     k11, _, k22 = stiffness(fit.x)

@@ -29,8 +29,7 @@ def extremes(values: Array, stretches: int) -> Indices:
     edges = np.linspace(0, places.size, stretches + 1).astype(int)
     finite = values[places]
     kept = [start + pick(finite[start:end]) for start, end in pairwise(edges) for pick in (np.argmin, np.argmax)]
-    thinned: Indices = places[np.unique(kept)]
-    return thinned
+    return places[np.unique(kept)]
 
 
 def points_of_polyline(x: Array, values: Array, tolerance: float) -> Indices:

@@ -181,8 +181,7 @@ class ModalProblem:
         one_pole = 1 / (outside**2 - omega**2)
         columns = [(1j * omega) ** np.array(_REST_POWERS), one_pole, 1j * omega * one_pole]
         rest = self.factor[:, None] * np.hstack(columns)
-        scaled: Complex = rest / np.abs(rest).max(axis=0)
-        return scaled
+        return rest / np.abs(rest).max(axis=0)
 
     def freedom(self, modes: int) -> int:
         """Degrees of freedom of χ²: values less fitted numbers."""
@@ -234,16 +233,13 @@ class ModalProblem:
 
 
 def _pole(omega_r: Array, zeta: Array) -> Complex:
-    pole: Complex = omega_r * (-zeta + 1j * np.sqrt(1 - zeta**2))
-    return pole
+    return omega_r * (-zeta + 1j * np.sqrt(1 - zeta**2))
 
 
 def _parts(columns: Complex) -> Array:
     """Real and imaginary parts over each other, scaled so that noise of σ² = E|δH|² = 1 has unit variance in each."""
-    parts: Array = np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
-    return parts
+    return np.sqrt(2.0) * np.vstack([columns.real, columns.imag])
 
 
 def _orthonormal(columns: Array) -> Array:
-    q: Array = np.linalg.qr(columns / np.linalg.norm(columns, axis=0), "reduced")[0]
-    return q
+    return np.linalg.qr(columns / np.linalg.norm(columns, axis=0), "reduced")[0]

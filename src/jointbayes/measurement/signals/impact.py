@@ -262,5 +262,4 @@ def _spectra_of_hit(
 def _at_rest(block: Array, trigger: int) -> Array:
     """A block less its offset: the mean of what comes before the trigger, but for the last third, where it rises."""
     quiet = block[: 2 * trigger // 3]
-    free: Array = block - quiet.mean() if quiet.size >= 8 else block
-    return free
+    return block - quiet.mean() if quiet.size >= 8 else block

@@ -67,8 +67,7 @@ def line_correlation(window: Array, *, random: bool, blocks: int = 1, hop: int |
         spectrum = _overlapping(blocks, window, hop or window.size, most)
     else:
         spectrum = np.abs(np.fft.rfft(window**2))[:most]
-    correlation: Array = spectrum / spectrum[0]
-    return correlation
+    return spectrum / spectrum[0]
 
 
 def _overlapping(blocks: int, window: Array, hop: int, most: int) -> Array:

@@ -355,5 +355,4 @@ def _block_spectra(values: Array, window: Array, hop: int) -> ComplexArray:
     if values.size < window.size:
         return np.empty((0, window.size // 2 + 1), dtype=complex)
     blocks = np.lib.stride_tricks.sliding_window_view(values, window.size)[::hop]
-    spectra: ComplexArray = np.fft.rfft(scipy.signal.detrend(blocks, type="constant") * window)
-    return spectra
+    return np.fft.rfft(scipy.signal.detrend(blocks, type="constant") * window)

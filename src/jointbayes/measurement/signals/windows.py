@@ -23,8 +23,7 @@ def force_window(samples: int, trigger: int, length: int) -> Array:
     """
     taper = max(int(_TAPER * length), 1)
     after = np.clip((np.arange(samples) - trigger - length) / taper, 0.0, 1.0)
-    window: Array = 0.5 * (1 + np.cos(np.pi * after))
-    return window
+    return 0.5 * (1 + np.cos(np.pi * after))
 
 
 def exponential_window(samples: int, end: float) -> Array:
@@ -42,8 +41,7 @@ def exponential_window(samples: int, end: float) -> Array:
         raise MeasurementError(
             f"exponential window: found {end:g} at its end; expected a value above 0 and at most 1; correct it"
         )
-    window: Array = end ** (np.arange(samples) / samples)
-    return window
+    return end ** (np.arange(samples) / samples)
 
 
 def added_decay_rate(end: float, block_s: float) -> float:
@@ -104,8 +102,7 @@ def without_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array
 
 def _poles(frequency_hz: Array, damping_ratio: Array) -> NDArray[np.complex128]:
     omega, ratio = 2 * np.pi * np.asarray(frequency_hz, dtype=float), np.asarray(damping_ratio, dtype=float)
-    poles: NDArray[np.complex128] = -ratio * omega + 1j * omega * np.sqrt(np.maximum(1 - ratio**2, 0.0))
-    return poles
+    return -ratio * omega + 1j * omega * np.sqrt(np.maximum(1 - ratio**2, 0.0))
 
 
 def _partial_fractions(s: NDArray[np.complex128], poles: NDArray[np.complex128]) -> NDArray[np.complex128]:

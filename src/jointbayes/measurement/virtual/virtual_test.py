@@ -81,8 +81,7 @@ class Responses:
     def of(self, force: Array, input_: int) -> Array:
         """Response of all outputs (period, outputs) to a force (period,) at one input."""
         spectrum = fft.rfft(force)[:, None] * self.frf[:, :, input_]
-        moved: Array = fft.irfft(spectrum, self.period, axis=0)
-        return moved
+        return fft.irfft(spectrum, self.period, axis=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +135,7 @@ class Hammer:
 def half_sine(samples: int, sample_rate_hz: float, start_s: float, length_s: float, peak: float) -> Array:
     """Half-sine pulse, shape (samples,); it may begin between two samples."""
     phase = (np.arange(samples) / sample_rate_hz - start_s) / length_s
-    pulse: Array = np.where((phase > 0) & (phase < 1), peak * np.sin(np.pi * phase), 0.0)
-    return pulse
+    return np.where((phase > 0) & (phase < 1), peak * np.sin(np.pi * phase), 0.0)
 
 
 def hammer_records(rig: Rig, hammer: Hammer, noise: ChannelNoise, rng: np.random.Generator) -> Iterator[TimeRecord]:

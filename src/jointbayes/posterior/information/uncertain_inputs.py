@@ -280,8 +280,7 @@ def _draws(
     if not len(theta):
         return None, "none"
     weighted = WeightedDraws(theta, log_weight)
-    effective = 1 / float((weighted.weight**2).sum())
-    if effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
+    if weighted.effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
         return weighted.resample(rng, _DRAWS), "importance sampling"
     count = _SHORT.ensembles * _SHORT.walkers
     chosen = drawn_without_replacement(truncated(log_weight, _DRAWS), count, rng)

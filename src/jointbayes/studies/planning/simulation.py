@@ -26,7 +26,7 @@ from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
-from jointbayes.sampling import Coordinates, Start, fit_proposal, importance_efficiency
+from jointbayes.sampling import Coordinates, Start, fit_proposal
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
@@ -146,14 +146,14 @@ class Simulator:
         rng = self._generator(truth, *(c.name for c in candidates), "draws")
         few = self._draws[:_FEW].copy()
         first, needed = WeightedDraws(few, density.new_log_likelihood(few)), _CORRELATED * LEAST_EFFECTIVE
-        wanted = math.ceil(_SPARE * needed / max(_effective(first.log_weight), 1.0) * len(few))
+        wanted = math.ceil(_SPARE * needed / max(first.effective, 1.0) * len(few))
         if wanted <= len(self._draws):
             present = self._reweighted(density, first, wanted)
-            if _trusted(present.log_weight, needed):
+            if _trusted(present, needed):
                 return self._posterior(present, rng, "reweighting")
         best: Array = few[int(np.argmax(first.log_weight))]
         about_truth = self._importance(density, self._start(candidates, theta), self._start(candidates, best), rng)
-        if about_truth is not None and _trusted(about_truth.log_weight, LEAST_EFFECTIVE):
+        if about_truth is not None and _trusted(about_truth, LEAST_EFFECTIVE):
             return self._posterior(about_truth, rng, "importance sampling")
         return self._better(self._reweighted(density, first, len(self._draws)), about_truth, rng)
 
@@ -175,16 +175,16 @@ class Simulator:
         best: WeightedDraws | None = None
         starts: tuple[Start, ...] = (at_truth,)
         for enough, count in _FITS:
-            if enough is None and best is not None and _effective(best.log_weight) >= _ROUGH:
+            if enough is None and best is not None and best.effective >= _ROUGH:
                 break  # a rough figure is there: the best mixture would cost seconds more
             try:
                 proposal = fit_proposal(density, self._systems, starts, rng, enough=enough)
             except JointBayesError:
                 continue  # a start at the very edge of the coordinates
             drawn = WeightedDraws(*proposal.weighted_draws(density, rng, count))
-            if _trusted(drawn.log_weight, LEAST_EFFECTIVE):
+            if _trusted(drawn, LEAST_EFFECTIVE):
                 return drawn
-            if best is None or _effective(drawn.log_weight) > _effective(best.log_weight):
+            if best is None or drawn.effective > best.effective:
                 best = drawn
             starts = (at_truth, elsewhere)
         return best
@@ -193,8 +193,8 @@ class Simulator:
         self, present: WeightedDraws, about_truth: WeightedDraws | None, rng: np.random.Generator
     ) -> SimulatedPosterior | None:
         """What leaves more effective draws where neither leaves enough; None where too few for a rough figure."""
-        effective = _effective(present.log_weight) / _CORRELATED
-        other = 0.0 if about_truth is None else _effective(about_truth.log_weight)
+        effective = present.effective / _CORRELATED
+        other = 0.0 if about_truth is None else about_truth.effective
         if max(effective, other) < _ROUGH:
             return None
         if about_truth is not None and other > effective:
@@ -220,7 +220,7 @@ class Simulator:
             logs = np.log(np.abs(values))
         sd = math.sqrt(float(weight @ (logs - weight @ logs) ** 2))
         verdict = assess(self._values(draws.resample(rng, _RESAMPLED)), self._prior_values).verdict
-        return SimulatedPosterior(sd, verdict, _effective(draws.log_weight), method)
+        return SimulatedPosterior(sd, verdict, draws.effective, method)
 
     def noise(self, truth: int, candidate: Candidate) -> np.random.Generator:
         """Generator, at its beginning, of the noise with which a candidate measures truth number `truth`."""
@@ -233,14 +233,9 @@ class Simulator:
         return self._problem.prior.stiffness(theta)[:, self._column]
 
 
-def _trusted(log_weight: Array, effective: float) -> bool:
+def _trusted(weighted: WeightedDraws, effective: float) -> bool:
     """Whether weighted draws leave so many effective ones, in a tail that can be trusted."""
-    return _effective(log_weight) >= effective and pareto_k(log_weight) <= PARETO_LIMIT
-
-
-def _effective(log_weight: Array) -> float:
-    """Effective number of weighted draws, (Σw)²/Σw²; 0 without any."""
-    return log_weight.size * importance_efficiency(log_weight) if log_weight.size else 0.0
+    return weighted.effective >= effective and pareto_k(weighted.log_weight) <= PARETO_LIMIT
 
 
 def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array:
