@@ -40,7 +40,7 @@ def key_field(description: str, example: object) -> object:
 
 
 def either(words: Iterable[str]) -> str:
-    """What a key may be: ``'"k11", "k12" or "k22"'``."""
+    """Texts a key may be: one, another or a third."""
     *first, last = words
     return f"{', '.join(first)} or {last}" if first else last
 
