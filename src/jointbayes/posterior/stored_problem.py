@@ -161,10 +161,10 @@ def _restored(plain: Any, array: Callable[[str], NDArray[Any]], where: str) -> A
 
 def _of_scipy(value: object) -> bool:
     """Whether it is a frozen distribution that scipy.stats itself makes, and can make again."""
-    family = getattr(value, "dist", None)
-    if family is None or not (hasattr(value, "args") and hasattr(value, "kwds")):
+    law = getattr(value, "dist", None)
+    if law is None or not (hasattr(value, "args") and hasattr(value, "kwds")):
         return False
-    return type(getattr(import_module("scipy.stats"), family.name, None)) is type(family)
+    return type(getattr(import_module("scipy.stats"), law.name, None)) is type(law)
 
 
 def _public_class(name: str) -> type | None:
