@@ -254,11 +254,12 @@ def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(unc
     freed = uncertain.case.workshop_problem
     found = gather_knowledge(uncertain, freed)
     kept = json.loads(json.dumps(found.kept()))
-    assert set(kept) == {"profiles", "freed"}
+    assert set(kept) == {"profiles", "freed", "assumed"}
     for name in ("_profiles", "effect_of_uncertain_inputs"):
         monkeypatch.setattr(f"jointbayes.posterior.information.knowledge.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(replace(uncertain, kept_knowledge=kept), freed)
     assert repr(again.freed) == repr(found.freed)
+    assert again.assumed == found.assumed
     for one, other in zip(again.profiles, found.profiles, strict=True):
         assert one.coordinate == other.coordinate
         assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)

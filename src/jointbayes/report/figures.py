@@ -12,9 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+from jointbayes.report.markup import SUPERSCRIPTS
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.thinning import extremes
 
@@ -93,6 +94,13 @@ def panels(
     return canvas.subplots(rows, columns, squeeze=False, gridspec_kw=place | room, **options)
 
 
+def logarithmic(axes: Axes) -> None:
+    """Make the vertical axis logarithmic, its powers of ten written in characters: formulas take long to set."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(lambda value, _: "10" + f"{np.log10(value):.0f}".translate(SUPERSCRIPTS))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
 def room_for(labels: Sequence[str]) -> float:
     """Left margin, inches, for labels of the vertical axis."""
     return 0.3 + 0.07 * max(map(len, labels))
@@ -133,7 +141,7 @@ def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) 
             shown = extremes(curve, _STRETCHES)
             axes.plot(f[shown], curve[shown], color=colour, label=label, **style)
         if log:
-            axes.set_yscale("log")
+            logarithmic(axes)
         axes.set_xlabel("Frequency (Hz)")
         axes.set_ylabel(y_label)
         legend_above(axes)
@@ -158,7 +166,7 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
         # one path with round caps: a marker for each point takes ten times the room
         points = Path(strokes, np.tile([Path.MOVETO, Path.LINETO], len(low)))
         axes.add_patch(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
-        axes.set_yscale("log")
+        logarithmic(axes)
         axes.set_xlim(frequency_hz[0], frequency_hz[-1])
         axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)
         width = max(5, square.size // 100)
@@ -196,7 +204,8 @@ def residual_norm(norm: Array) -> str:
 
     def draw(canvas: Canvas) -> None:
         axes = panels(canvas)[0, 0]
-        axes.semilogy(np.arange(norm.size), norm, "o-", ms=3, lw=1, color=_BLUE)
+        logarithmic(axes)
+        axes.plot(np.arange(norm.size), norm, "o-", ms=3, lw=1, color=_BLUE)
         axes.set_xlabel("Iteration step")
         axes.set_ylabel("‖ε‖ / ‖Hˣ‖")
 

@@ -20,7 +20,7 @@ _SCIENTIFIC = re.compile(r"(?<![\w.])([-+−]?)(\d+(?:\.\d+)?)[eE]([-+−]?)(\d{
 _NEGATIVE = re.compile(r"(?<![\w.)\]-])-(?=\.?\d)")
 _BLANKS = re.compile(r"[ \t\n]+")  # not \s: a no-break space is there on purpose
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")
-_SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ def _typeset(match: re.Match[str]) -> str:
         return shown
     power = f"{'-' if exponent_sign in ('-', '−') and exponent_sign else ''}{exponent}"
     # No-break spaces: a power of ten alone on the next line would be misread.
-    return f"{shown}\u00a0×\u00a010{power.translate(_SUPERSCRIPT)}"
+    return f"{shown}\u00a0×\u00a010{power.translate(SUPERSCRIPTS)}"
 
 
 def format_numbers(text: str) -> str:

@@ -57,7 +57,7 @@ class Knowledge:
         """What took time to find, as `Posterior.save` keeps it: profiles, and the effect of uncertain inputs."""
         as_lists = {"value", "log_ratio", "theta"}
         profiles = [{k: v.tolist() if k in as_lists else v for k, v in asdict(p).items()} for p in self.profiles]
-        return {"profiles": profiles, "freed": [asdict(row) for row in self.freed]}
+        return {"profiles": profiles, "freed": [asdict(row) for row in self.freed], "assumed": list(self.assumed)}
 
     @property
     def directions_sentence(self) -> str:
@@ -126,14 +126,18 @@ def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Know
     problem = posterior.problem
     kept = posterior.kept_knowledge if freed is (posterior.case and posterior.case.workshop_problem) else None
     known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
-    assumed = freed is not None and not uncertain_quantities(problem)
     return Knowledge(
         posterior.check,
         name_directions(posterior.stiffness, posterior.prior_stiffness, known, _under_wider_priors(posterior)),
         tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
         tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
-        assumed_words(freed) if assumed and freed is not None else (),
+        tuple(kept["assumed"]) if kept else _assumed(problem, freed),
     )
+
+
+def _assumed(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
+    """The words of `assumed_words`; none where a problem has uncertain quantities of its own."""
+    return () if freed is None or uncertain_quantities(problem) else assumed_words(freed)
 
 
 def _under_wider_priors(posterior: Posterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

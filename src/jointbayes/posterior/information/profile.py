@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 _UNBOUNDED = 8.0
 #: Wanted fall of the log ratio from one point to the next.
 _FALL = 0.35
+#: Error of the log likelihood that ends a climb: the limits are where it has fallen by 1.92.
+_ACCURACY = 1e-4
 #: Distance from the edge of the cone of positive definite joints that the climb keeps.
 _EDGE = 1e-9
 
@@ -166,7 +168,7 @@ def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> t
         return climb.at_value(value, inside)[1] - limit
 
     low, high = sorted((float(inside[climb.at]), float(outside[climb.at])))
-    end = optimize.brentq(excess, low, high, xtol=1e-4 * (high - low), rtol=1e-10)
+    end = optimize.brentq(excess, low, high, xtol=1e-3 * (high - low), rtol=1e-10)
     return climb.at_value(float(end), inside)
 
 
@@ -268,10 +270,11 @@ class _Climb:
 
         low, high = self.low[free], self.high[free]
         inner = 1e-12 * (high - low)
+        cost = max(float((self._both(start)[0] ** 2).sum()) / 2, 1.0)
         scale = 1 / np.maximum(np.linalg.norm(jacobian(start[free]), axis=0), 1 / (high - low))
         fit = optimize.least_squares(
             residual, np.clip(start[free], low + inner, high - inner), jac=jacobian, bounds=(low, high),
-            x_scale=scale, xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=60,
+            x_scale=scale, xtol=1e-8, ftol=max(_ACCURACY / cost, 1e-14), gtol=1e-8, max_nfev=60,
         )  # fmt: skip
         best, cost = whole(fit.x).copy(), float(fit.cost)
         return self._along_edge(best, cost, free, scale)

@@ -56,14 +56,15 @@ _RANK: dict[Verdict, int] = {
 _DRAWS = 8000
 #: Effective draws below which the ends of a 95 % interval are not worth printing.
 _LEAST_EFFECTIVE = 400
-#: Efficiency of a proposal that will do: four times `_LEAST_EFFECTIVE` of the draws, or a start for a short run.
-_ENOUGH = 0.2
+#: Efficiency of a proposal that will do: twice `_LEAST_EFFECTIVE` of the draws, or a start for a short run. A better
+#: one takes longer to find than the longer run that makes up for it.
+_ENOUGH = 0.1
 #: Of a decade: the strips before a bound in which draws are counted.
 _STRIP = 0.2
 #: Draws of the run among which a first point is looked for.
 _TRIED = 200
 #: A short run: long enough to tell a factor of 3 from one of 1.25, not for an end's second digit.
-_SHORT = SamplerSettings(walkers=24, max_steps=150)
+_SHORT = SamplerSettings(walkers=24, max_steps=300)
 #: It is trusted if R̂ over its ensembles stays below this, with so many effective draws.
 _SHORT_R_HAT, _SHORT_EFFECTIVE = 1.05, 150
 
