@@ -128,13 +128,14 @@ def find_map(
     seed
         Seed for the starts drawn from the prior; by default the case's, 1 of a problem.
     tell
-        Called with one line before each further round of the search.
+        Called with the name of each phase as it begins, and with one line before each further round of the search.
 
     Raises
     ------
     ModelError
         If no start lies inside the prior's support.
     """
+    (tell or _say_nothing)("searching for the mode")
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
@@ -191,7 +192,8 @@ def sample(
     progress
         Called after each block of steps.
     tell
-        Called with one line before each further round of the search for the mode.
+        Called with the name of each phase as it begins, and with one line before each further round of the search for
+        the mode.
 
     Returns
     -------
@@ -205,14 +207,17 @@ def sample(
     """
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
+    tell = tell or _say_nothing
     settings = settings or (SamplerSettings() if whole is None else whole.sampler)
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed, tell=tell)
+    tell("fitting a proposal to the posterior")
     start = laplace_ball(problem, estimate, settings, rng)
     log_posterior = problem.log_posterior
     systems = coordinate_systems(problem)
     proposal = fit_proposal(log_posterior, systems, starts_of(estimate), rng)
     start = replace_far_walkers(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
+    tell("sampling")
     chains, proposal = run_adapted(
         log_posterior,
         start,
@@ -224,6 +229,10 @@ def sample(
         quantities=judged_quantities(problem.prior),
     )
     return _posterior(problem, whole, seed, settings, estimate, proposal, chains, rng)
+
+
+def _say_nothing(_line: str) -> None:
+    """Where nobody listens."""
 
 
 def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -162,7 +163,18 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
         )
     assert lines[4] == summary["check"]["sentence"]
     assert str(place / "out" / "report.html") in lines[5]
-    assert all(line.startswith("sampling: step ") for line in result.stderr.splitlines())
+    said = result.stderr.splitlines()
+    phases = [line for line in said if not line.startswith("sampling: step ")]
+    assert [re.sub(r"^ *\d+\.\d s  ", "", line) for line in phases] == [
+        "searching for the mode",
+        "fitting a proposal to the posterior",
+        "sampling",
+        "checking the model, and what the verdicts rest on",
+        "drawing figures",
+        "writing HTML, PDF and draws",
+    ]
+    seconds = [float(line.split()[0]) for line in phases]
+    assert seconds == sorted(seconds)
 
 
 def test_the_draws_of_a_run_can_be_loaded(finished):
@@ -285,7 +297,7 @@ def test_a_report_that_fails_midway_leaves_the_old_one_and_no_scratch(unconverge
     monkeypatch.setattr(Posterior, "save", disk_full)
     result = cli("report", unconverged / "posterior.nc", "--out", tmp_path / "out")
     assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
+    *_, line = result.stderr.splitlines()
     assert line.startswith(
         f"jointbayes: {tmp_path / 'out'}: no report: No space left on device; the draws are whole in "
     )

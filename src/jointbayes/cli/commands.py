@@ -106,6 +106,7 @@ def init(file: Path) -> None:
 def run(config: Path, out: Path | None, seed: int | None) -> None:
     """Identify, sample and write the report of a case file."""
     case = _load(config)
+    from jointbayes.cli.progress import show_phase
     from jointbayes.report.kept_draws import draws_kept
     from jointbayes.report.run_directory import require_writable, write_run
 
@@ -113,7 +114,7 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
     require_writable(target)
     posterior = _sample(case, seed)
     with draws_kept(posterior, target):
-        _note_written(write_run(posterior, target))
+        _note_written(write_run(posterior, target, show_phase))
     _print_summary(posterior)
     click.echo(posterior.check.sentence)
     if not posterior.check.explains:
@@ -127,6 +128,7 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
 def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
     case = _load(config)
+    from jointbayes.cli.progress import show_phase
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
@@ -141,7 +143,7 @@ def identify(config: Path) -> None:
         click.echo(f"The paper's iteration {history.reason}.")
     elif provenance is not None and provenance.iteration:
         click.echo(f"The paper's iteration is left out. {provenance.iteration}.")
-    estimate = find_map(case, tell=_tell)
+    estimate = find_map(case, tell=show_phase)
     stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
     click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in stiffnesses))
     edges = case.problem.prior.at_edge(estimate.theta)
@@ -186,15 +188,17 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 def report(posterior: Path, out: Path | None) -> None:
     """Write the report of a posterior file."""
+    from jointbayes.cli.progress import show_phase
     from jointbayes.report.kept_draws import draws_explained
     from jointbayes.report.run_directory import require_writable, write_run
     from jointbayes.workflow import load_posterior
 
+    show_phase("reading the draws", on_terminal_only=True)
     loaded = load_posterior(posterior)
     target = out or Path("reports") / loaded.record.case_name
     require_writable(target)
     with draws_explained(posterior, target):
-        _note_written(write_run(loaded, target))
+        _note_written(write_run(loaded, target, show_phase))
     click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     _exit_by_convergence(loaded)
 
@@ -338,6 +342,7 @@ def _load(config: Path) -> "Case":
     from jointbayes.case.plausibility import input_warnings, stated_band_hz
     from jointbayes.case.schema.case import parse_case
     from jointbayes.case.toml_text import fault_line, read_text
+    from jointbayes.cli.progress import show_phase
 
     # what is wrong with the file itself is said before anything heavy is loaded
     text = read_text(config)
@@ -350,6 +355,7 @@ def _load(config: Path) -> "Case":
             click.echo(f"jointbayes: warning: {place}", err=True)
 
     tell(early)
+    show_phase("reading the case", on_terminal_only=True)
     from jointbayes.case.case import load_case
 
     case = load_case(config)
@@ -358,16 +364,11 @@ def _load(config: Path) -> "Case":
 
 
 def _sample(case: "Case", seed: int | None) -> "Posterior":
-    from jointbayes.cli.progress import show_progress
+    from jointbayes.cli.progress import show_phase, show_progress
     from jointbayes.workflow import sample as draw
 
     with show_progress() as progress:
-        return draw(case, seed, progress=progress, tell=_tell)
-
-
-def _tell(line: str) -> None:
-    """Print one line of progress."""
-    click.echo(line, err=True)
+        return draw(case, seed, progress=progress, tell=show_phase)
 
 
 def _note_written(path: Path) -> None:

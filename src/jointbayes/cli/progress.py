@@ -1,6 +1,7 @@
-"""Progress of a run: a bar with the time left on a terminal, plain lines elsewhere."""
+"""Progress of a run: its phases with the time so far, and of sampling a bar on a terminal, plain lines elsewhere."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -8,9 +9,21 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jointbayes.sampling import Progress
 
-__all__ = ["show_progress"]
+__all__ = ["show_phase", "show_progress"]
+
+_BEGIN = time.monotonic()
 
 _LINES_AT_LEAST_APART = 5.0  # seconds
+
+
+def show_phase(name: str, *, on_terminal_only: bool = False) -> None:
+    """Print the name of a phase that begins, with the seconds since the program did, on standard error.
+
+    Until the input is read only on a terminal: elsewhere what is wrong with it is the one line that is printed.
+    """
+    if on_terminal_only and not sys.stderr.isatty():
+        return
+    print(f"{time.monotonic() - _BEGIN:6.1f} s  {name}", file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -64,8 +64,17 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
         return write_run(posterior, target)
 
 
-def write_run(posterior: Posterior, target: Path) -> Path:
+def write_run(posterior: Posterior, target: Path, tell: Callable[[str], None] = lambda _: None) -> Path:
     """Write a run directory, without a copy of the draws elsewhere until it is there.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    target
+        The directory.
+    tell
+        Called with the name of each phase as it begins.
 
     Raises
     ------
@@ -92,11 +101,15 @@ def write_run(posterior: Posterior, target: Path) -> Path:
             paper_tables=case.paper_audit,
             warnings=tuple(map(str, case.warnings)),
         )
+    tell("checking the model, and what the verdicts rest on")
+    summary = inputs.summary
+    tell("drawing figures")
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
-    files = {"summary.json": json_text(inputs.summary.to_json())}
+    files = {"summary.json": json_text(summary.to_json())}
     if posterior.of_case_text:
         files["case.toml"] = posterior.record.case_text
+    tell("writing HTML, PDF and draws")
     write_whole(target, report, files, lambda path: posterior.save(path, inputs.knowledge))
     return target
 
