@@ -135,7 +135,8 @@ def find_map(
     ModelError
         If no start lies inside the prior's support.
     """
-    (tell or _say_nothing)("searching for the mode")
+    if tell is not None:
+        tell("searching for the mode")
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
@@ -207,7 +208,7 @@ def sample(
     """
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
-    tell = tell or _say_nothing
+    tell = tell or (lambda _line: None)
     settings = settings or (SamplerSettings() if whole is None else whole.sampler)
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed, tell=tell)
@@ -229,10 +230,6 @@ def sample(
         quantities=judged_quantities(problem.prior),
     )
     return _posterior(problem, whole, seed, settings, estimate, proposal, chains, rng)
-
-
-def _say_nothing(_line: str) -> None:
-    """Where nobody listens."""
 
 
 def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:

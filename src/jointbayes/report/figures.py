@@ -38,9 +38,7 @@ _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
 #: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
 _STRETCHES = 700
-#: At most so many points of a trace, each of one or more neighbouring draws.
-_TRACE_POINTS = 120
-_BINS = 40
+_TRACE_POINTS, _BINS = 120, 40
 _RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
 #: Lines that a figure shows as one point each.
 _POINTS = 3000
@@ -150,10 +148,9 @@ def frf_overlay(data: Overlay, measured_label: str, y_label: str, *, log: bool) 
 
 
 def squares_by_line(frequency_hz: Array, square: Array) -> str:
-    """Squared residuals over their expectation by frequency, with a running mean; both of shape (lines,).
+    """Squared residuals over their expectation by frequency, of shape (lines,), with a running mean.
 
-    One point for each line, or where there are more than a page can show a stroke from the lowest to the highest of
-    each stretch.
+    A point for each line, or where there are too many a stroke from the lowest to the highest of each stretch.
     """
 
     def draw(canvas: Canvas) -> None:
@@ -163,7 +160,6 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
         shown = np.maximum(square, 1e-4)
         low, high = (f.reduceat(shown, ends[:, 0]) for f in (np.minimum, np.maximum))
         strokes = np.stack([np.repeat(frequency_hz[ends].mean(axis=1), 2), np.ravel([low, high], "F")], axis=1)
-        # one path with round caps: a marker for each point takes ten times the room
         points = Path(strokes, np.tile([Path.MOVETO, Path.LINETO], len(low)))
         axes.add_patch(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
         logarithmic(axes)
