@@ -1,317 +1,27 @@
-"""The posterior: draws in physical units, the mode, and everything needed to judge and to repeat the run."""
+"""The posterior: draws that are judged, summed up, and kept."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from dataclasses import asdict
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import ModelError
-from jointbayes.frf import Ports
-from jointbayes.identification import MapEstimate
-from jointbayes.inference import FrfLikelihood, Problem
-from jointbayes.joint import joint_matrix
-from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.arviz_bridge import to_arviz
-from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
-from jointbayes.posterior.diagnosis import Diagnosis, diagnose
-from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.mesh import MeshCheck, check_mesh
-from jointbayes.posterior.prediction import FrfPrediction, predict_frf
-from jointbayes.posterior.run_record import RunRecord, SampledCase
+from jointbayes.inference import Problem
+from jointbayes.posterior.information.knowledge import Knowledge
+from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
 from jointbayes.posterior.stored_problem import with_problem
 from jointbayes.posterior.summary import Summary, summarise
-from jointbayes.posterior.verdicts import judge_stiffness
-from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.information.knowledge import Knowledge
+from jointbayes.posterior.verdicts import JudgedPosterior
 
 __all__ = ["Posterior"]
 
-Array = NDArray[np.float64]
 
-_KERNEL_DRAWS = 4000
-_CHECK_DRAWS = 200
+class Posterior(JudgedPosterior):
+    """Draws from the posterior of a joint's stiffnesses; built as `PosteriorDraws` is."""
 
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """Draws from the posterior of a joint's stiffnesses.
-
-    Parameters
-    ----------
-    problem
-        Structure, joint, data and prior.
-    tree
-        Groups ``posterior``, ``sample_stats`` (log density), ``prior`` and ``observed_data``; draws have
-        dimensions chain × draw, one chain per walker, with the walker's ensemble as a coordinate.
-    estimate
-        MAP with Laplace covariance.
-    mode_theta, mode_log_density
-        Joint mode: the best draw refined, shape (d,), and its log density.
-    record
-        How the draws came about.
-    case
-        The case that was sampled, for its report; None where there was none.
-    kept_knowledge
-        What `gather_knowledge` once found, as it was read with the draws; None where nothing was kept.
-    """
-
-    problem: Problem
-    tree: xr.DataTree
-    estimate: MapEstimate
-    mode_theta: Array
-    mode_log_density: float
-    record: RunRecord
-    case: SampledCase | None = None
-    kept_knowledge: Mapping[str, Any] | None = None
-
-    def __repr__(self) -> str:
-        lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
-        for name in map(str, self.draws.data_vars):
-            low, middle, high = np.quantile(self.values(name), [0.025, 0.5, 0.975])
-            interval = f"95 % credible interval {low:.4g} to {high:.4g} {self.unit(name)}"
-            lines.append(f"  {name}: median {middle:.4g}, {interval}".rstrip())
-        return "\n".join(lines)
-
-    @property
-    def draws(self) -> xr.Dataset:
-        """Draws in physical units: k11, k12, k22 and what else is uncertain, with dimensions chain × draw."""
-        return self.tree["posterior"].to_dataset()
-
-    @property
-    def converged(self) -> bool:
-        """Whether the sampler met its stop rule."""
-        return self.record.converged
-
-    @property
-    def reason(self) -> str:
-        """Why the sampler stopped, with figures."""
-        return self.record.reason
-
-    @property
-    def mode(self) -> dict[str, float]:
-        """Joint posterior mode (of the density over θ) in physical units, by name."""
-        prior = self.problem.prior
-        stiffness = dict(zip(self.stiffness_names, prior.stiffness(self.mode_theta).tolist(), strict=True))
-        names = (n.name for n in prior.nuisances)
-        return stiffness | dict(zip(names, prior.nuisance_values(self.mode_theta).tolist(), strict=True))
-
-    @property
-    def mode_distance(self) -> float:
-        """Largest distance of joint mode and MAP in Laplace standard deviations: 0 where they agree."""
-        sd = np.sqrt(np.diag(self.estimate.covariance))
-        return float(np.abs((self.mode_theta - self.estimate.theta) / sd).max())
-
-    @property
-    def mode_agrees(self) -> bool:
-        """Whether joint mode and MAP are one point: within 0.01 standard deviations, or equal in density to 0.001.
-
-        Along a direction that the data leave flat many points are equally the mode.
-        """
-        return self.mode_distance <= 0.01 or abs(self.mode_log_density - self.estimate.log_posterior) <= 1e-3
-
-    @property
-    def at_prior_edge(self) -> tuple[str, ...]:
-        """Coordinates whose mode lies on an edge of the prior's support: there the prior decides, not the data."""
-        return self.problem.prior.at_edge(self.mode_theta)
-
-    @property
-    def stiffness_names(self) -> tuple[str, ...]:
-        """Names of the joint's stiffnesses, in the order of `stiffness`."""
-        return tuple(quantity.name for quantity in self.problem.quantities)
-
-    def unit(self, name: str) -> str:
-        """Unit of one stiffness or other quantity."""
-        return str(self.draws[name].attrs.get("units", ""))
-
-    def values(self, name: str) -> Array:
-        """All draws of one stiffness or other quantity, shape (chains, draws).
-
-        Raises
-        ------
-        ModelError
-            If there is no such quantity.
-        """
-        return _variable(self.draws, name)
-
-    def prior_values(self, name: str) -> Array:
-        """Draws of one stiffness from the prior, shape (1, draws)."""
-        return _variable(self.tree["prior"].to_dataset(), name)
-
-    @cached_property
-    def stiffness(self) -> Array:
-        """All draws of (k11, k12, k22), shape (n, 3), chain after chain."""
-        return np.stack([self.values(name).ravel() for name in self.stiffness_names], axis=-1)
-
-    @property
-    def prior_stiffness(self) -> Array:
-        """Draws of (k11, k12, k22) from the prior, shape (m, 3)."""
-        return np.stack([self.prior_values(name).ravel() for name in self.stiffness_names], axis=-1)
-
-    @cached_property
-    def theta(self) -> Array:
-        """All draws of θ, shape (n, d), chain after chain."""
-        prior = self.problem.prior
-        rest = [np.log(self.values(n.name).ravel() / n.nominal) for n in prior.nuisances]
-        joint = prior.parametrisation.coordinates(self.stiffness)
-        return np.concatenate([joint, *(column[:, None] for column in rest)], axis=1)
-
-    @property
-    def log_density(self) -> Array:
-        """Log density over θ of each draw, up to the evidence, shape (chains, draws)."""
-        return _variable(self.tree["sample_stats"].to_dataset(), "lp")
-
-    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Equal-tailed credible interval of one stiffness, in its unit.
-
-        Raises
-        ------
-        ModelError
-            If there is no such stiffness or the probability is not inside (0, 1).
-        """
-        if not 0 < probability < 1:
-            raise ModelError(f"interval: found probability {probability:g}; expected a number between 0 and 1")
-        tail = (1 - probability) / 2
-        low, high = np.quantile(self.values(name), [tail, 1 - tail])
-        return float(low), float(high)
-
-    def by_ensemble(self, name: str) -> Array:
-        """All draws of one quantity with walkers of an ensemble together, shape (ensembles, draws, walkers).
-
-        Raises
-        ------
-        ModelError
-            If there is no such quantity.
-        """
-        values = self.values(name)
-        ensembles = len(np.unique(self.draws["ensemble"].values))
-        return values.reshape(ensembles, -1, values.shape[1]).swapaxes(1, 2)
-
-    @cached_property
-    def widened(self) -> WidenedPosterior | None:
-        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
-        return widen_posterior(self)
-
-    def identifiability(self, name: str) -> Identifiability:
-        """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.
-
-        Raises
-        ------
-        ModelError
-            If the joint's coordinates hold the stiffness rigid: there is nothing to judge.
-        """
-        if np.ptp(self.prior_values(name)) == 0:
-            raise ModelError(
-                f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
-                "verdicts, summary and report; use draws, mode and intervals of the others"
-            )
-        return judge_stiffness(self, name)
-
-    @cached_property
-    def check(self) -> PredictiveCheck:
-        """Posterior predictive check of the data that were analysed, over draws evenly spaced among all.
-
-        The seed of the run also replicates the data.
-        """
-        prior, likelihood = self.problem.prior, self.problem.log_posterior.likelihood
-        theta = self.thinned(_CHECK_DRAWS)
-        factors = prior.factors(theta)
-        z = likelihood.standardised(joint_matrix(prior.stiffness(theta)), factors)
-        if not isinstance(likelihood, FrfLikelihood):
-            return check_frequencies(np.asarray(z.real))
-        rng = np.random.default_rng([self.record.seed, 2])
-        return check_frfs(likelihood.noise, z, likelihood.hyper(factors), rng)
-
-    @cached_property
-    def mesh(self) -> MeshCheck | None:
-        """What the elements of the model do to the result; None where the structure is given by its matrices."""
-        estimate = self.estimate
-        return check_mesh(self.problem, estimate.theta, estimate.covariance, self.stiffness, self.record.seed)
-
-    @cached_property
-    def diagnosis(self) -> Diagnosis:
-        """How far the MAP is from the data in an engineer's measure, and what its residuals point to."""
-        theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
-        return diagnose(self.problem, theta, np.random.default_rng([self.record.seed, 4]))
-
-    def region_level(self, stiffness: ArrayLike) -> float:
-        """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).
-
-        0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible. Whatever else
-        is uncertain is integrated out: the density is then that of a kernel estimate.
-        """
-        parametrisation = self.problem.parametrisation
-        if not parametrisation.describes(stiffness):
-            return 1.0
-        point = parametrisation.coordinates(stiffness)
-        if self.problem.prior.nuisances:
-            from scipy.stats import gaussian_kde  # late: a quarter of a second
-
-            draws = self.problem.prior.joint(self.thinned(_KERNEL_DRAWS)).T
-            estimate = gaussian_kde(draws)
-            return float((estimate(draws) > estimate(point)).mean())
-        density = self.problem.log_posterior(point)[0]
-        return float((self.log_density > density).mean())
-
-    def predict_frf(
-        self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400
-    ) -> FrfPrediction:
-        """Median and interval of FRFs over posterior draws, as the measurement would show them without its noise.
-
-        An uncertain gain is in them, as in the measured FRFs.
-
-        Parameters
-        ----------
-        ports
-            Lines and DOFs; by default those of the measured FRFs. In the quantity that was measured.
-        probability
-            Probability inside the band at each line.
-        max_draws
-            At most so many draws, evenly spaced, are evaluated.
-
-        Raises
-        ------
-        ModelError
-            If the data are natural frequencies and no lines are given, or a DOF does not exist.
-        """
-        measured = self.problem.measurement
-        quantity = measured.frf.quantity if isinstance(measured, FrfMeasurement) else "receptance"
-        if ports is None:
-            if not isinstance(measured, FrfMeasurement):
-                raise ModelError(
-                    "FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports"
-                )
-            ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
-        return predict_frf(self.problem, self.thinned(max_draws), ports, quantity, probability)
-
-    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, of_model: bool = False) -> Array:
-        """Natural frequencies of posterior draws, shape (draws, count), Hz.
-
-        Those of the structure as it was measured; with `of_model` those that the model gives the joint, without the
-        errors of its natural frequencies that the case may allow for (``[uncertain.mode_frequencies]``).
-        """
-        theta = self.thinned(max_draws)
-        prior = self.problem.prior
-        factors = prior.factors(theta)
-        return self.problem.natural_frequencies_hz(prior.stiffness(theta), count, factors, of_model=of_model)
-
-    def thinned(self, most: int) -> Array:
-        """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
-        rows = np.linspace(0, len(self.theta) - 1, min(most, len(self.theta))).round().astype(int)
-        return self.theta[rows]
-
-    def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
-        """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
-        return to_arviz(self.tree)
-
-    def summary(self, knowledge: "Knowledge | None" = None) -> Summary:
+    def summary(self, knowledge: Knowledge | None = None) -> Summary:
         """The numbers of the run: `print` shows a table, ``to_json`` gives what ``summary.json`` holds.
 
         Parameters
@@ -324,19 +34,11 @@ class Posterior:
         return summarise(self, guess, self.measured_frequencies_hz, knowledge, warnings)
 
     @property
-    def measured_frequencies_hz(self) -> tuple[float, ...] | None:
-        """Measured natural frequencies, if they are the data or the case states any, Hz."""
-        if self.case is not None:
-            return self.case.measured_frequencies_hz
-        measured = self.problem.measurement
-        return None if isinstance(measured, FrfMeasurement) else tuple(measured.frequency_hz.tolist())
-
-    @property
     def of_case_text(self) -> bool:
         """Whether the problem is the one that the text of its case states, from which it can be built again."""
         return self.case is not None and self.case.stated is self.problem
 
-    def save(self, path: str | os.PathLike[str], knowledge: "Knowledge | None" = None) -> None:
+    def save(self, path: str | os.PathLike[str], knowledge: Knowledge | None = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
 
         Of a problem that a case file states its text is kept, with data from measurement files; of any other problem
@@ -379,9 +81,3 @@ class Posterior:
             RunRecord(**record["record"]),
             kept_knowledge=record.get("knowledge"),
         )
-
-
-def _variable(dataset: xr.Dataset, name: str) -> Array:
-    if name not in dataset:
-        raise ModelError(f"posterior: found parameter {name!r}; expected one of {', '.join(map(str, dataset))}")
-    return np.asarray(dataset[name].transpose("chain", "draw").values, dtype=float)

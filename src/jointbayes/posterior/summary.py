@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,12 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
 from jointbayes.posterior.run_record import RunRecord, data_sha256
-from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict, verdict_text
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.information.knowledge import Knowledge
-    from jointbayes.posterior.posterior import Posterior
+from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -144,7 +141,7 @@ class Summary:
     check: PredictiveCheck
     diagnosis: Diagnosis
     mesh: MeshCheck | None
-    knowledge: "Knowledge | None"
+    knowledge: Knowledge | None
     data_sha256: str
 
     def __str__(self) -> str:
@@ -217,10 +214,10 @@ class Summary:
 
 
 def summarise(
-    posterior: "Posterior",
+    posterior: JudgedPosterior,
     initial: Sequence[float],
     measured_frequencies_hz: Sequence[float] | None = None,
-    knowledge: "Knowledge | None" = None,
+    knowledge: Knowledge | None = None,
     warnings: Sequence[str] = (),
 ) -> Summary:
     """Summarise a posterior.
@@ -276,7 +273,7 @@ def _interval95(values: NDArray[np.float64]) -> Interval:
     return low, high
 
 
-def _stiffness(posterior: "Posterior", index: int, name: str) -> StiffnessSummary:
+def _stiffness(posterior: JudgedPosterior, index: int, name: str) -> StiffnessSummary:
     values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
     return StiffnessSummary(
@@ -292,7 +289,7 @@ def _stiffness(posterior: "Posterior", index: int, name: str) -> StiffnessSummar
     )
 
 
-def _nuisance(posterior: "Posterior", index: int) -> NuisanceSummary:
+def _nuisance(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
     prior = posterior.problem.prior
     nuisance = prior.nuisances[index]
     values, before = posterior.values(nuisance.name), posterior.prior_values(nuisance.name)
@@ -314,7 +311,7 @@ def _nuisance(posterior: "Posterior", index: int) -> NuisanceSummary:
 
 
 def _frequencies(
-    posterior: "Posterior", initial: Sequence[float], measured: Sequence[float] | None
+    posterior: JudgedPosterior, initial: Sequence[float], measured: Sequence[float] | None
 ) -> NaturalFrequencies:
     count = len(measured) if measured else 3
     problem, theta = posterior.problem, posterior.estimate.theta
@@ -332,7 +329,7 @@ def _frequencies(
     )
 
 
-def _fit(posterior: "Posterior") -> FitSummary:
+def _fit(posterior: JudgedPosterior) -> FitSummary:
     problem, theta = posterior.problem, posterior.estimate.theta
     likelihood, prior = problem.log_posterior.likelihood, problem.prior
     z = likelihood.standardised(joint_matrix(prior.stiffness(theta))[None], prior.factors(theta)[None])

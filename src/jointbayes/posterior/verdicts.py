@@ -7,23 +7,23 @@ otherwise; a model that does not explain the data makes the verdict conditional;
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.errors import ModelError
+from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
-from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
+from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
 
 __all__ = [
     "BEYOND",
     "IF_MODEL_RIGHT",
     "LEAST_EXCLUDED",
+    "JudgedPosterior",
     "judge_stiffness",
     "mode_sentence",
     "reasons_for_no_verdict",
@@ -46,7 +46,31 @@ _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally
 _WIDER = "every prior of the joint a decade wider on each side"
 
 
-def reasons_for_no_verdict(posterior: "Posterior") -> tuple[str, ...]:
+class JudgedPosterior(PosteriorDraws):
+    """Draws with a verdict on each stiffness."""
+
+    @cached_property
+    def widened(self) -> WidenedPosterior | None:
+        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
+        return widen_posterior(self)
+
+    def identifiability(self, name: str) -> Identifiability:
+        """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.
+
+        Raises
+        ------
+        ModelError
+            If the joint's coordinates hold the stiffness rigid: there is nothing to judge.
+        """
+        if np.ptp(self.prior_values(name)) == 0:
+            raise ModelError(
+                f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
+                "verdicts, summary and report; use draws, mode and intervals of the others"
+            )
+        return judge_stiffness(self, name)
+
+
+def reasons_for_no_verdict(posterior: PosteriorDraws) -> tuple[str, ...]:
     """Why a run gives no verdict on any stiffness, one phrase for each reason; empty where it does."""
     reasons = []
     if not posterior.converged:
@@ -63,7 +87,7 @@ def reasons_for_no_verdict(posterior: "Posterior") -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
+def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
     """Median, interval with errors, and verdict of one stiffness or other quantity.
 
     Parameters
@@ -95,7 +119,7 @@ def judge_stiffness(posterior: "Posterior", name: str) -> Identifiability:
     return known
 
 
-def _moved_by_mesh(posterior: "Posterior", name: str) -> tuple[str, ...]:
+def _moved_by_mesh(posterior: JudgedPosterior, name: str) -> tuple[str, ...]:
     """That the elements of the model move a stiffness too far for a verdict, if they do."""
     mesh = posterior.mesh
     if mesh is None or not mesh.moves(name):
@@ -115,7 +139,7 @@ def verdict_text(verdict: Verdict, *, if_model_right: bool) -> str:
     return f"{verdict}, {IF_MODEL_RIGHT}" if if_model_right else verdict
 
 
-def verdict_line(posterior: "Posterior", name: str) -> str:
+def verdict_line(posterior: JudgedPosterior, name: str) -> str:
     """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal."""
     known = posterior.identifiability(name)
     words = verdict_text(known.verdict, if_model_right=known.if_model_right)
@@ -127,7 +151,7 @@ def verdict_line(posterior: "Posterior", name: str) -> str:
     return f"{name}: median {median} {posterior.unit(name)}, 95 % credible interval {interval}: {words} ({reason})"
 
 
-def mode_sentence(posterior: "Posterior") -> str:
+def mode_sentence(posterior: JudgedPosterior) -> str:
     """In which coordinates the joint mode is one, and why it lies outside a 95 % interval if it does."""
     coordinates = ", ".join(axis.label for axis in posterior.problem.parametrisation.axes)
     others = ", and the logarithms of what else is uncertain" if posterior.problem.prior.nuisances else ""
@@ -147,7 +171,7 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
 
 
 def _with_wider_priors(
-    posterior: "Posterior", wide: WidenedPosterior, name: str, known: Identifiability
+    posterior: JudgedPosterior, wide: WidenedPosterior, name: str, known: Identifiability
 ) -> Identifiability:
     """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason."""
     place = posterior.stiffness_names.index(name)
@@ -176,7 +200,7 @@ def _less_certain(known: Identifiability, verdict: Verdict, reason: str) -> Iden
     return replace(known, verdict=worst, verdict_reason=reason)
 
 
-def _beyond_bounds(posterior: "Posterior", wide: WidenedPosterior, name: str) -> tuple[float, float]:
+def _beyond_bounds(posterior: JudgedPosterior, wide: WidenedPosterior, name: str) -> tuple[float, float]:
     """Mass of the wider posterior below and above the stated bounds of a stiffness; 0 where it has none."""
     bounds = posterior.problem.prior.bounds_of(name)
     if bounds is None:
@@ -186,7 +210,7 @@ def _beyond_bounds(posterior: "Posterior", wide: WidenedPosterior, name: str) ->
 
 
 def _bounded(
-    posterior: "Posterior", name: str, known: Identifiability, wider: Verdict, below: float, above: float
+    posterior: JudgedPosterior, name: str, known: Identifiability, wider: Verdict, below: float, above: float
 ) -> Identifiability:
     """What the draws say of a stiffness that a bound of its prior holds: a limit to the other side."""
     if below > BEYOND and above > BEYOND:
@@ -217,7 +241,7 @@ def with_limit(known: Identifiability, values: Array, prior: Array, side: Side, 
     return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit)
 
 
-def _bound_in_words(posterior: "Posterior", name: str, side: Side) -> str:
+def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
     """Such as "the prior's upper bound 1e8 N·m/rad"."""
     bounds = posterior.problem.prior.bounds_of(name)
     assert bounds is not None

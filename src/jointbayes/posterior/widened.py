@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,9 @@ from jointbayes.identification import refine
 from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, Uniform
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
+from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.posterior import Posterior
 
 __all__ = ["DECADE", "REACH", "Side", "WidenedPosterior", "bounds_within_reach", "widen_posterior", "widened_prior"]
 
@@ -126,7 +124,7 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
     return tuple(within_reach)
 
 
-def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
+def widen_posterior(posterior: PosteriorDraws) -> WidenedPosterior | None:
     """Draws under wider priors: reweighted where the draws at hand suffice, drawn anew where they do not.
 
     Uniform priors whose bounds are out of the posterior's reach, and normal priors that hardly vary over it, change
@@ -160,7 +158,7 @@ def widen_posterior(posterior: "Posterior") -> WidenedPosterior | None:
     return _widened(wide, weighted.resample(rng, _DRAWS), effective, rng)
 
 
-def _drawn_anew(posterior: "Posterior", wide: JointPrior, rng: np.random.Generator) -> WidenedPosterior:
+def _drawn_anew(posterior: PosteriorDraws, wide: JointPrior, rng: np.random.Generator) -> WidenedPosterior:
     """Importance draws from a proposal fitted to the wider posterior; a short run of the ensembles where they fail."""
     problem = dataclasses.replace(posterior.problem, prior=wide)
     log_posterior = LogPosterior(wide, posterior.problem.log_posterior.likelihood, problem.extra_log_likelihood)

@@ -21,8 +21,7 @@ from jointbayes.posterior.information.uncertain_inputs import (
     effect_sentence,
     uncertain_quantities,
 )
-from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
 
 __all__ = ["Knowledge", "assumed_words", "gather_knowledge"]
 
@@ -112,7 +111,7 @@ class Knowledge:
         }
 
 
-def gather_knowledge(posterior: Posterior, freed: Problem | None = None) -> Knowledge:
+def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -> Knowledge:
     """Check and examine a posterior.
 
     Parameters
@@ -140,7 +139,7 @@ def _assumed(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
     return () if freed is None or uncertain_quantities(problem) else assumed_words(freed)
 
 
-def _under_wider_priors(posterior: Posterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _under_wider_priors(posterior: JudgedPosterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
 
     Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
@@ -166,7 +165,7 @@ def _prior_words(nuisance: Nuisance) -> str:
     return f"{name} to between {low:.3g} and {high:.3g} times the stated"
 
 
-def _profiles(problem: Problem, posterior: Posterior) -> tuple[ProfileLikelihood, ...]:
+def _profiles(problem: Problem, posterior: JudgedPosterior) -> tuple[ProfileLikelihood, ...]:
     profiles = []
     for name in problem.parametrisation.names:
         try:

@@ -20,8 +20,7 @@ from jointbayes.posterior.identifiability import Identifiability, Verdict, asses
 from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
-from jointbayes.posterior.posterior import Posterior
-from jointbayes.posterior.verdicts import BEYOND, with_limit
+from jointbayes.posterior.verdicts import BEYOND, JudgedPosterior, with_limit
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
     Coordinates,
@@ -100,7 +99,7 @@ def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
 
 
 def effect_of_uncertain_inputs(
-    posterior: Posterior, freed: Problem | None = None, *, each: bool = False
+    posterior: JudgedPosterior, freed: Problem | None = None, *, each: bool = False
 ) -> tuple[UncertainInputsRow, ...]:
     """What the verdicts rest on: the run, then other sets of uncertain quantities.
 
@@ -166,7 +165,7 @@ def _spread(found: Identifiability) -> str:
 
 
 def _row(
-    posterior: Posterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+    posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say."""
     part = _Part(problem, uncertain)
@@ -249,7 +248,7 @@ class _Part:
         """Compliance of the joint, and normal scores of all."""
         return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
 
-    def start(self, posterior: Posterior) -> Array:
+    def start(self, posterior: JudgedPosterior) -> Array:
         """The likeliest point, shape (f,), among draws of the run with what is held put at its stated value."""
         known = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
         names = posterior.problem.names
