@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.case.case import Case, case_around, case_from_text
-from jointbayes.errors import JointBayesError, ModelError, SamplingError
+from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
@@ -29,15 +29,13 @@ from jointbayes.posterior.storage import draws_tree, read_record, stored_measure
 from jointbayes.posterior.stored_problem import problem_from, require_same_problem
 from jointbayes.sampling import (
     Chains,
-    LogDensity,
     Progress,
     Proposal,
     SamplerSettings,
-    Start,
-    drawn_without_replacement,
     fit_proposal,
+    replace_far_walkers,
     run_adapted,
-    truncated,
+    starting_walkers,
 )
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
@@ -49,7 +47,6 @@ _PRIOR_STARTS = 6
 #: Draws looked at for further starts, where natural frequencies gave some and where not, and starts taken from them.
 _FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
-_REPLACEMENTS = 4000
 _COMPARED = 16  # draws at which a problem that is passed must have the density of the file
 
 
@@ -213,10 +210,10 @@ def sample(
     rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed, tell=tell)
     tell("fitting a proposal to the posterior")
-    start = laplace_ball(problem, estimate, settings, rng)
     log_posterior = problem.log_posterior
+    start = starting_walkers(estimate.starts_for_draws, log_posterior.prior.log_density, settings, rng)
     systems = coordinate_systems(problem)
-    proposal = fit_proposal(log_posterior, systems, starts_of(estimate), rng)
+    proposal = fit_proposal(log_posterior, systems, estimate.starts_for_draws, rng)
     start = replace_far_walkers(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
     tell("sampling")
     chains, proposal = run_adapted(
@@ -230,59 +227,6 @@ def sample(
         quantities=judged_quantities(problem.prior),
     )
     return _posterior(problem, whole, seed, settings, estimate, proposal, chains, rng)
-
-
-def starts_of(estimate: MapEstimate) -> tuple[Start, ...]:
-    """Place and covariance of every mode, the highest first; of one on an edge of the prior those a little inside."""
-    return tuple(mode.start for mode in estimate.modes) or ((estimate.theta, estimate.covariance),)
-
-
-def laplace_ball(problem: Problem, estimate: MapEstimate, settings: SamplerSettings, rng: np.random.Generator) -> Array:
-    """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all with finite density.
-
-    From several modes each ensemble has walkers about every one of them. Near a corner of the support, where hardly a
-    draw lies inside, the approximation is narrowed until enough do.
-    """
-    log_posterior = problem.log_posterior
-    starts = starts_of(estimate)
-    balls = []
-    for index, (theta, covariance) in enumerate(starts):
-        walkers = len(range(index, settings.walkers, len(starts)))
-        wanted = settings.ensembles * walkers
-        inside: list[Array] = []
-        for trial in range(200):
-            narrower = covariance * 0.5 ** max(0, trial - 19)
-            ball = rng.multivariate_normal(theta, narrower, size=wanted)
-            inside.extend(ball[np.isfinite(log_posterior.prior.log_density(ball))])
-            if len(inside) >= wanted:
-                break
-        else:
-            raise SamplingError(
-                f"{problem.name}: found only {len(inside)} of {wanted} starting points where the prior is above zero; "
-                "expected a mode inside the prior's support; widen the priors"
-            )
-        balls.append(np.array(inside[:wanted]).reshape(settings.ensembles, walkers, -1))
-    return np.concatenate(balls, axis=1)
-
-
-def replace_far_walkers(
-    start: Array, log_density: LogDensity, least: float, proposal: Proposal, rng: np.random.Generator
-) -> Array:
-    """Starting points of which those with a log density below `least` are replaced by draws from the proposal.
-
-    Where a posterior is thin and curved its Laplace approximation lies beside it for the most part, and a walker that
-    starts there may take thousands of steps to come in. The draws are chosen in proportion to their truncated
-    importance weights, none twice.
-    """
-    flat = start.reshape(-1, start.shape[-1])
-    outside = np.flatnonzero(log_density(flat) < least)
-    if not outside.size:
-        return start
-    theta, log_weight = proposal.weighted_draws(log_density, rng, _REPLACEMENTS)
-    order = drawn_without_replacement(truncated(log_weight, _REPLACEMENTS), outside.size, rng)
-    replaced = flat.copy()
-    replaced[outside[: order.size]] = theta[order]
-    return replaced.reshape(start.shape)
 
 
 def _posterior(

@@ -12,9 +12,8 @@ from jointbayes.identification import screened_draws
 from jointbayes.identification.starts import with_modes_on_data
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores, Proposal, StudentT
+from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores, Proposal, StudentT, replace_far_walkers
 from jointbayes.sampling.density import newton_climb
-from jointbayes.workflow import replace_far_walkers
 from tests.conftest import best_of, cheap_text
 
 ERRORS = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
@@ -144,7 +143,7 @@ def test_a_screened_start_that_leads_to_the_known_mode_changes_nothing(exact):
     assert more.starts[1].reached_mode
 
 
-def test_walkers_far_below_the_mode_are_brought_in_and_the_others_left_alone():
+def test_walkers_far_below_the_mode_are_replaced_and_the_others_left_alone():
     def log_density(theta):
         return -0.5 * (theta**2).sum(axis=1)
 

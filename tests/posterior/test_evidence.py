@@ -15,8 +15,7 @@ from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.storage import estimate_from, estimate_record
-from jointbayes.sampling import Proposal, StudentT, fit_proposal
-from jointbayes.workflow import laplace_ball, starts_of
+from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from tests.conftest import CONFIGS
 
 LOG = JointPrior(LogStiffness(), (Normal(20.0, 2.0), Normal(16.0, 1.5), Uniform(11.0, 16.0)))
@@ -325,7 +324,9 @@ class TestModes:
         # what lowers k11, and so leads inside, lowers k22, and so leads outside
         covariance = np.array([[4.0, 0.0, 4.0 * (1 - 1e-12)], [0.0, 1.0, 0.0], [4.0 * (1 - 1e-12), 0.0, 4.0]])
         estimate = jb.MapEstimate(corner, np.exp(corner), covariance, 0.0, (), ())
-        start = laplace_ball(case.problem, estimate, case.sampler, np.random.default_rng(15))
+        start = starting_walkers(
+            estimate.starts_for_draws, case.problem.prior.log_density, case.sampler, np.random.default_rng(15)
+        )
         assert np.isfinite(case.problem.prior.log_density(start.reshape(-1, 3))).all()
         assert (start.std(axis=(0, 1)) > 0).all()
 
@@ -341,10 +342,12 @@ class TestModes:
         assert len(modes) == 2
         estimate = jb.MapEstimate(modes[0].theta, np.ones(3), modes[0].covariance, 0.0, (), modes)
         settings = case.sampler
-        start = laplace_ball(case.problem, estimate, settings, np.random.default_rng(15))
+        start = starting_walkers(
+            estimate.starts_for_draws, case.problem.prior.log_density, settings, np.random.default_rng(15)
+        )
         assert start.shape == (settings.ensembles, settings.walkers, 3)
         assert ((start[..., 2] > 0).sum(axis=1) == settings.walkers // 2).all()
         back = estimate_from(estimate_record(estimate))
-        for one, other in zip(starts_of(back), starts_of(estimate), strict=True):
+        for one, other in zip(back.starts_for_draws, estimate.starts_for_draws, strict=True):
             np.testing.assert_array_equal(one[0], other[0])
             np.testing.assert_array_equal(one[1], other[1])

@@ -10,7 +10,7 @@ from jointbayes.joint import ComplianceCoordinates, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import NormalScores, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
-from jointbayes.workflow import find_map, starts_of
+from jointbayes.workflow import find_map
 from tests.conftest import on_paper_elements
 
 pytestmark = pytest.mark.science
@@ -25,7 +25,7 @@ def measured(request):
     found = evidence(
         case.problem.log_posterior,
         coordinate_systems(case.problem),
-        starts_of(find_map(case)),
+        find_map(case).starts_for_draws,
         np.random.default_rng(1),
     )
     return case, found, KNOWN[request.param]

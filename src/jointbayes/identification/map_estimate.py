@@ -158,6 +158,11 @@ class MapEstimate:
         )
 
     @property
+    def starts_for_draws(self) -> tuple[tuple[Array, Array], ...]:
+        """Place and covariance of every mode, the highest first; of one on an edge of the prior, a little inside."""
+        return tuple(mode.start for mode in self.modes) or ((self.theta, self.covariance),)
+
+    @property
     def failed_starts(self) -> tuple[str, ...]:
         """Names of the starts that ended elsewhere."""
         return tuple(s.name for s in self.starts if not s.reached_mode)

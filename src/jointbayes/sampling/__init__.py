@@ -16,6 +16,7 @@ from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.weights import drawn_without_replacement, importance_efficiency, truncated
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.starting import replace_far_walkers, starting_walkers
 from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
 
 __all__ = [
@@ -24,7 +25,9 @@ __all__ = [
     "Quantities",
     "SamplerSettings",
     "run_adapted",
+    "replace_far_walkers",
     "run_ensembles",
+    "starting_walkers",
     # Coordinates and proposal
     "NormalScores",
     "Coordinates",

@@ -18,7 +18,7 @@ from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_out
 from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
-from jointbayes.workflow import find_map, starts_of
+from jointbayes.workflow import find_map
 
 __all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "hypothesis_problem"]
 
@@ -139,7 +139,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
     mode = np.empty(0)
     if problem.names:
         estimate = find_map(problem, seed=seed)
-        starts, mode = starts_of(estimate), estimate.theta
+        starts, mode = estimate.starts_for_draws, estimate.theta
     result = evidence(log_posterior, coordinate_systems(problem), starts, rng)
     if not np.isfinite(result.log_z):
         raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
