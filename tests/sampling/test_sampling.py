@@ -224,8 +224,8 @@ class TestStopRule:
         assert verdict.converged
         assert verdict.reason == (
             "converged after 6000 steps (limit 10000): autocorrelation time τ = 100.0 steps, below 1/50 of the 5500 "
-            "after burn-in, stable within 2.0%; R̂ ≤ 1.0020 over 4 ensembles; "
-            "Monte Carlo error of each 95 % interval end at most 2.0% of the interval's width"
+            "after burn-in, stable within 2.0 %; R̂ ≤ 1.0020 over 4 ensembles; "
+            "Monte Carlo error of each 95 % interval end at most 2.0 % of the interval's width"
         )
 
     @pytest.mark.parametrize(
@@ -235,12 +235,12 @@ class TestStopRule:
             ({"r_hat": 1.01}, "R̂ = 1.0100 over 4 ensembles, below 1.01 is needed"),
             ({"r_hat": np.nan}, "R̂ = nan"),
             ({"tau": np.nan}, "τ = nan"),
-            ({"tau": 98.0}, "τ changed by 2.0% since the check before"),
+            ({"tau": 98.0}, "τ changed by 2.0 % since the check before"),
             (
                 {"share": 0.0201},
-                "upper end of the 95 % interval of k11 has a Monte Carlo error of 2.01% of the interval's width",
+                "upper end of the 95 % interval of k11 has a Monte Carlo error of 2.01 % of the interval's width",
             ),
-            ({"share": np.nan}, "below 2.0% is needed"),
+            ({"share": np.nan}, "below 2.0 % is needed"),
             ({"share": None}, "the errors of the ends of the 95 % intervals are unknown"),
         ],
     )

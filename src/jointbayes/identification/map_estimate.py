@@ -152,9 +152,10 @@ class MapEstimate:
     def __repr__(self) -> str:
         stiffness = ", ".join(f"{k:.4g}" for k in self.stiffness)
         reached = len(self.starts) - len(self.failed_starts)
+        count = len(self.modes)
         return (
             f"MapEstimate(stiffness [{stiffness}], log posterior {self.log_posterior:.6g}, {reached} of "
-            f"{len(self.starts)} starts reach it, {len(self.modes)} modes)"
+            f"{len(self.starts)} starts reach it, {count} mode{'s' * (count != 1)})"
         )
 
     @property

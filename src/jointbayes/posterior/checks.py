@@ -112,8 +112,9 @@ class PredictiveCheck:
     def sentence(self) -> str:
         """The finding in plain words, with its figures."""
         low, high = self.chi2_band
+        ratio = f"{self.chi2_per_line:#.3g}".rstrip(".")  # 1.00, not 1
         squares = (
-            f"squared residuals are {self.chi2_per_line:.3g} times the expected noise "
+            f"squared residuals are {ratio} times the expected noise "
             f"(95 % of replicated data: {low:.3g} to {high:.3g}; p {_p(self.chi2_p_value)})"
         )
         if self.finding == "noise overstated":

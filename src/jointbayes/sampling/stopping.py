@@ -275,10 +275,10 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     if unmet:
         return Verdict(False, f"not converged {where}: {'; '.join(unmet)}")
     assert error is not None
-    factor, tolerance = f"{settings.tau_factor:g}", f"{settings.tau_tolerance:.1%}"
+    factor, tolerance = f"{settings.tau_factor:g}", f"{100 * settings.tau_tolerance:.1f} %"
     met = f"autocorrelation time τ = {last.tau_max:.1f} steps, below 1/{factor} of the {last.kept} after burn-in"
     agree = f"R̂ ≤ {last.r_hat_max:.4f} over {settings.ensembles} ensembles"
-    ends = f"Monte Carlo error of each 95 % interval end at most {error.share:.1%} of the interval's width"
+    ends = f"Monte Carlo error of each 95 % interval end at most {100 * error.share:.1f} % of the interval's width"
     return Verdict(True, f"converged {where}: {met}, stable within {tolerance}; {agree}; {ends}")
 
 
@@ -317,7 +317,8 @@ def _unmet(settings: SamplerSettings, checks: Sequence[Check]) -> list[str]:
     if not last.kept > settings.tau_factor * last.tau_max:
         unmet.append(f"τ = {last.tau_max:.1f} steps exceeds 1/{factor} of the {last.kept} after burn-in")
     if not change < settings.tau_tolerance:
-        unmet.append(f"τ changed by {change:.1%} since the check before, {settings.tau_tolerance:.1%} is allowed")
+        allowed = f"{100 * settings.tau_tolerance:.1f} %"
+        unmet.append(f"τ changed by {100 * change:.1f} % since the check before, {allowed} is allowed")
     if not last.r_hat_max < settings.r_hat_max:
         unmet.append(
             f"R̂ = {last.r_hat_max:.4f} over {settings.ensembles} ensembles, below {settings.r_hat_max:g} is needed"
@@ -329,8 +330,8 @@ def _end_sentence(error: EndError | None, settings: SamplerSettings) -> str:
     if error is None:
         return "the errors of the ends of the 95 % intervals are unknown"
     return (
-        f"the {error.end} end of the 95 % interval of {error.name} has a Monte Carlo error of {error.share:.2%} of the "
-        f"interval's width, below {settings.end_tolerance:.1%} is needed"
+        f"the {error.end} end of the 95 % interval of {error.name} has a Monte Carlo error of "
+        f"{100 * error.share:.2f} % of the interval's width, below {100 * settings.end_tolerance:.1f} % is needed"
     )
 
 
