@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import sparse, stats
 
 import jointbayes as jb
@@ -15,6 +16,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, PlainSprings, SignedCoupling
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
 from tests.conftest import CONFIGS, cheap_text
@@ -381,3 +383,10 @@ def test_parts_that_no_file_can_hold_are_named_and_asked_for(sampled, tmp_path):
         jb.load_posterior(path, problem=dataclasses.replace(problem, measurement=data))
     with pytest.raises(ModelError, match=r"of another problem .*: other joint"):
         jb.load_posterior(path, problem=dataclasses.replace(problem, joint=Joint(("2:y", "2:rz"))))
+
+
+def test_a_file_cannot_name_what_is_called_for_a_prior():
+    tree = xr.DataTree.from_dict({"problem": xr.Dataset()})
+    record = {"own": {}, "description": {"scipy.stats": "chi2_contingency", "args": [[1, 2]], "kwds": {"mapping": []}}}
+    with pytest.raises(ModelError, match=r"rod\.nc: found a prior 'chi2_contingency'; expected a continuous dist"):
+        problem_from(tree, record, "rod.nc")

@@ -155,8 +155,15 @@ def _restored(plain: Any, array: Callable[[str], NDArray[Any]], where: str) -> A
         return Provenance.from_json(plain["provenance"])
     if "mapping" in plain:
         return {key: _restored(one, array, where) for key, one in plain["mapping"]}
+    stats = import_module("scipy.stats")
+    law = getattr(stats, str(plain["scipy.stats"]), None)
+    if not isinstance(law, stats.rv_continuous):  # a file must not name what is called
+        raise ModelError(
+            f"{where}: found a prior {plain['scipy.stats']!r}; expected a continuous distribution of scipy.stats; "
+            "repair the file or sample again"
+        )
     args, kwds = (_restored(plain[key], array, where) for key in ("args", "kwds"))
-    return getattr(import_module("scipy.stats"), plain["scipy.stats"])(*args, **kwds)
+    return law(*args, **kwds)
 
 
 def _of_scipy(value: object) -> bool:
