@@ -1,6 +1,7 @@
 """The paper's beam and joint, and the cases of the repository."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.identification import MapEstimate, ModeSearch
-from jointbayes.inference import LogPosterior
+from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joint
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
@@ -24,6 +25,25 @@ CLAMP = Joint(("1:y", "1:rz"))
 FEW_STEPS = SamplerSettings(walkers=16, max_steps=200)
 #: Enough for a cheap case to converge, the ends of its intervals less well known than by default.
 TO_CONVERGE = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
+
+
+@dataclass(frozen=True)
+class StatedCase:
+    """What a report says of a case besides its posterior, as a test states it; nothing else is uncertain in it."""
+
+    title: str = "Clamp"
+    stated: Problem | None = None
+    reference: np.ndarray | None = None
+    reference_source: str = ""
+    paper_audit: bool = False
+    measured_frequencies_hz: tuple[float, ...] | None = None
+    workshop_problem: Problem | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def of_case(posterior: Posterior, **stated: object) -> Posterior:
+    """The posterior as one of a case that states this."""
+    return replace(posterior, case=StatedCase(**({"stated": posterior.problem} | stated)))  # type: ignore[arg-type]
 
 
 def rod(

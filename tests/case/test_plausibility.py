@@ -20,7 +20,7 @@ from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout
-from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, of_case
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 UNCERTAIN = (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8")
@@ -148,7 +148,7 @@ def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(t
 
 def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
-    inputs = ReportInputs(frequency_posterior, "Clamp", (1e8, 0.0, 0.0), warnings=notes)
+    inputs = ReportInputs(of_case(frequency_posterior, warnings=notes))
     assert inputs.summary.warnings == notes
     first = build_report(inputs, datetime.date(2026, 1, 5)).lead[0]
     assert first == Callout("caution", f"**Check the case file.** {notes[0]}.")

@@ -19,9 +19,10 @@ from jointbayes.posterior.information.uncertain_inputs import (
     effect_sentence,
 )
 from jointbayes.report import ReportInputs, build_report, render_html
+from jointbayes.report.labels import nuisance_label
 from jointbayes.report.model import Callout, Paragraph, Table
-from jointbayes.report.sections.knowledge import freed_blocks, nuisance_label
-from tests.conftest import CONFIGS, cheap_text
+from jointbayes.report.sections.knowledge import freed_blocks
+from tests.conftest import CONFIGS, cheap_text, of_case
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
@@ -49,11 +50,11 @@ def uncertain():
 @pytest.fixture(scope="module")
 def of_uncertain(uncertain):
     """The report's inputs, which keep what was gathered once."""
-    return ReportInputs(uncertain, "Clamp", INITIAL)
+    return ReportInputs(of_case(uncertain))
 
 
 def report(posterior, freed=None):
-    inputs = ReportInputs(posterior, "Clamp", INITIAL, freed=freed)
+    inputs = ReportInputs(of_case(posterior, workshop_problem=freed))
     return build_report(inputs, DATE), inputs.summary.to_json()
 
 

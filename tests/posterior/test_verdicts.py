@@ -33,7 +33,7 @@ from jointbayes.posterior.verdicts import (
     verdict_text,
 )
 from jointbayes.posterior.widened import DECADE, REACH, WidenedPosterior, bounds_within_reach, widened_prior
-from jointbayes.report import render_html, render_pdf
+from jointbayes.report import ReportInputs, render_html, render_pdf
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Report, Table
 from jointbayes.report.sections.lead import lead
@@ -176,7 +176,9 @@ def test_a_conditional_verdict_is_never_green(verdict):
 
 
 def lead_of(posterior):
-    return lead(posterior, None, "", summarise(posterior, (1e8, 0.0, 0.0)))
+    inputs = ReportInputs(posterior)
+    inputs.__dict__["summary"] = posterior.summary()  # page one needs nothing that takes time to find
+    return lead(inputs)
 
 
 def table_of(posterior):

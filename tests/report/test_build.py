@@ -3,44 +3,41 @@
 import dataclasses
 import datetime
 import math
+import pkgutil
 import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import jointbayes.report.sections
 from jointbayes.case.case import case_from_text
 from jointbayes.posterior import Identifiability, summarise
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report.build import SECTIONS
 from jointbayes.report.format import number, rounded, rounded_interval
 from jointbayes.report.model import Callout, Code, Paragraph, Table
-from jointbayes.report.sections.lead import chain_figures, coupling_sentence
-from jointbayes.workflow import identify, sample
-from tests.conftest import TO_CONVERGE, cheap_text, edited
+from jointbayes.report.sections.lead import coupling_sentence
+from jointbayes.report.sections.sampling import chain_figures
+from jointbayes.workflow import sample
+from tests.conftest import TO_CONVERGE, cheap_text, edited, of_case
 
 DATE = datetime.date(2026, 1, 5)
 INITIAL = (1e8, 0.0, 0.0)
-TABLE_3 = (5.05e9, 3.44e7, 1.52e6)
+TABLE_3 = np.array([5.05e9, 3.44e7, 1.52e6])
 MEASURED_HZ = (120.0, 762.0, 2101.0)
 
 
 def report_of(posterior, **changes):
-    inputs = {
-        "posterior": posterior,
-        "title": "Clamp",
-        "initial": INITIAL,
-        "reference": TABLE_3,
-        "reference_source": "Table 3",
-        "measured_frequencies_hz": MEASURED_HZ,
-    }
-    return build_report(ReportInputs(**(inputs | changes)), DATE)
+    stated = {"reference": TABLE_3, "reference_source": "Table 3", "measured_frequencies_hz": MEASURED_HZ}
+    return build_report(ReportInputs(of_case(posterior, **(stated | changes))), DATE)
 
 
 @pytest.fixture(scope="module")
-def whole(cheap_case, cheap_posterior):
+def whole(cheap_posterior):
     """The cheap case's report with everything in it."""
-    return report_of(cheap_posterior, history=identify(cheap_case), paper_tables=True)
+    return report_of(cheap_posterior, paper_audit=True)
 
 
 def of_kind(blocks, kind):
@@ -150,6 +147,18 @@ def test_the_audit_has_its_four_findings_only_where_it_is_asked_for(whole, cheap
     assert {"audit", "paper"}.isdisjoint(s.identifier for s in report_of(cheap_posterior).sections)
 
 
+def test_every_file_of_a_section_is_in_the_report():
+    files = {info.name for info in pkgutil.iter_modules(jointbayes.report.sections.__path__)} - {"lead"}
+    assert files == {section.__module__.rsplit(".", 1)[1] for section in SECTIONS}
+
+
+def test_sections_stand_in_the_order_in_which_they_are_listed(whole, cheap_posterior):
+    inputs = ReportInputs(of_case(cheap_posterior, reference=TABLE_3, paper_audit=True))
+    written = [one for one in (section(inputs) for section in SECTIONS) if one is not None]
+    assert [one.identifier for one in written] == [one.identifier for one in whole.sections]
+    assert len(written) < len(SECTIONS)  # nothing was measured to files, nothing else was uncertain
+
+
 def test_every_figure_says_what_it_shows(whole):
     figures = of_kind(whole.blocks(), Figure)
     names = {figure.identifier for figure in figures}
@@ -167,6 +176,12 @@ def test_every_figure_says_what_it_shows(whole):
     }
     assert all(len(figure.alt) > 30 and len(figure.caption) > 20 for figure in figures)
     assert len({figure.alt for figure in figures}) == len(figures)
+
+
+def test_each_line_has_its_point_among_the_residuals(whole, cheap_posterior):
+    drawn = next(f.svg for f in of_kind(whole.blocks(), Figure) if f.identifier == "residuals")
+    strokes = max(re.findall(r'<path d="([^"]*)"', drawn), key=lambda path: path.count("M"))
+    assert strokes.count("M") == cheap_posterior.problem.measurement.frf.frequency_hz.size
 
 
 def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior):
@@ -248,7 +263,7 @@ def test_a_report_without_published_values_names_none(cheap_posterior):
 
 @pytest.mark.parametrize("k12", [0.0, -3.44e7])
 def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posterior, k12):
-    report = report_of(cheap_posterior, reference=(5.05e9, k12, 1.52e6))
+    report = report_of(cheap_posterior, reference=np.array([5.05e9, k12, 1.52e6]))
     said = [block.text for block in of_kind(section(report, "posterior").blocks, Paragraph)]
     on_edge = "The published point lies on the edge of the 100.0 % highest-density region."
     assert said == [mode_sentence(cheap_posterior), on_edge]
@@ -269,7 +284,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
 
 @pytest.mark.parametrize("measured", [(120.0,), (120.0, 762.0, 2101.0, 4000.0)])
 def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_posterior, measured):
-    report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_tables=True)
+    report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_audit=True)
     assert len(of_kind(section(report, "frequencies").blocks, Table)[0].rows) == len(measured)
 
 

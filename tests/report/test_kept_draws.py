@@ -55,7 +55,7 @@ def config(tmp_path, monkeypatch, frequency_posterior):
 @pytest.mark.parametrize(
     ("where", "error", "words"),
     [("report.run_directory.build_report", *failure) for failure in FAILURES.values()]
-    + [("report.build.summarise", RuntimeError("broken"), "found RuntimeError (broken)")]
+    + [("report.inputs.gather_knowledge", RuntimeError("broken"), "found RuntimeError (broken)")]
     + [("report.run_directory.render_pdf", RuntimeError("no fonts"), "found RuntimeError (no fonts)")],
     ids=[*FAILURES, "in the summary", "in the PDF"],
 )

@@ -22,7 +22,7 @@ CASES = ("clamped_beam", "clamped_beam_frequencies")
 def written(request):
     case = jb.load_case(CONFIGS / f"{request.param}.toml")
     posterior = jb.sample(case, seed=1)
-    inputs = ReportInputs(posterior, case.spec.title, (1e8, 0.0, 0.0), freed=case.workshop_problem)
+    inputs = ReportInputs(posterior)
     return posterior, build_report(inputs, datetime.date(2026, 1, 5)), inputs.summary.to_json()
 
 

@@ -17,7 +17,7 @@ from jointbayes.posterior.evidence import Evidence
 from jointbayes.studies.comparison.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
 from jointbayes.studies.comparison.directory import write_comparison
 from jointbayes.studies.comparison.leave_one_out import leave_one_out
-from jointbayes.studies.comparison.report import build_comparison_report, evidence_table, text_table
+from jointbayes.studies.comparison.report import build_comparison_report, evidence_table
 from jointbayes.studies.comparison.result import (
     Candidate,
     Comparison,
@@ -275,7 +275,7 @@ def test_the_table_has_the_best_first_and_aligned_columns(comparison):
     assert table.rows[0][:2] == ("springs", "short")
     assert "best" in table.rows[0][-1]
     assert table.row_kinds[0] == "good"
-    lines = text_table(table)
+    lines = table.lines()
     assert len(lines) == 5
     column = lines[0].index("Method")
     assert {line[column:].split()[0] for line in lines} == {"Method", "importance", "exact"}
@@ -324,7 +324,7 @@ def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tm
     result = cli("compare", *files, "--seed", 3, "--out", out)
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
-    assert lines[:5] == text_table(evidence_table(comparison.summary(), method=True))
+    assert lines[:5] == evidence_table(comparison.summary(), method=True).lines()
     assert lines[-1] == comparison.verdict
     assert {p.name for p in tmp_path.iterdir()} == {"long.toml", "short.toml", "out"}
     listed = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}

@@ -234,14 +234,14 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     from jointbayes.studies.comparison.compare import compare as weigh
     from jointbayes.studies.comparison.compare import require_same_data
     from jointbayes.studies.comparison.directory import COMPARISON_MARK, write_comparison
-    from jointbayes.studies.comparison.report import evidence_table, text_table
+    from jointbayes.studies.comparison.report import evidence_table
 
     cases = [_load(path) for path in config]
     require_same_data(cases)
     if out is not None:
         require_writable(out, COMPARISON_MARK)
     comparison = weigh(cases, seed, lambda name: click.echo(f"weighing {name}", err=True))
-    for line in text_table(evidence_table(comparison.summary(), method=True)):
+    for line in evidence_table(comparison.summary(), method=True).lines():
         click.echo(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
         click.echo(f"Cross-validation is {note}.")

@@ -1,8 +1,9 @@
-"""How numbers are rounded, on the terminal as in reports: to the digits that their errors support."""
+"""How numbers are rounded, on the terminal as in reports, to the digits their errors support; and put in columns."""
 
 import math
+from collections.abc import Sequence
 
-__all__ = ["factor", "number", "rounded", "rounded_interval", "signed"]
+__all__ = ["factor", "in_columns", "number", "rounded", "rounded_interval", "signed"]
 
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
@@ -86,3 +87,26 @@ def signed(value: float, decimals: int = 2) -> str:
     ('+1.23', '-0.5', '+0.00')
     """
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
+
+
+def in_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[str]:
+    """Lines of a table for a terminal, two blanks between columns.
+
+    Parameters
+    ----------
+    rows
+        Formatted cells, as many in each row; a head is a row.
+    alignment
+        One letter per column, "l" or "r"; by default all to the left.
+
+    Examples
+    --------
+    >>> in_columns([("Mode", "Hz"), ("1", "9.5")], "lr")
+    ['Mode   Hz', '1     9.5']
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = alignment or "l" * len(widths)
+    return [
+        "  ".join(f"{c:{'>' if s == 'r' else '<'}{w}}" for c, w, s in zip(row, widths, sides, strict=True)).rstrip()
+        for row in rows
+    ]

@@ -16,7 +16,7 @@ from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.monte_carlo import effective_sizes
-from jointbayes.posterior.rounding import number, rounded, rounded_interval
+from jointbayes.posterior.rounding import in_columns, number, rounded, rounded_interval
 from jointbayes.posterior.run_record import RunRecord, data_sha256
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 
@@ -165,8 +165,9 @@ class Summary:
             f"[[Posterior of {record.case_name!r}]]",
             f"    {record.reason}; seed {record.seed}",
             "[[Stiffness: median (95 % credible interval), verdict]]",
-            *_in_columns(rows),
-            *(["[[Other quantities: median (95 % credible interval)]]", *_in_columns(others)] if others else []),
+            *(f"    {line}" for line in in_columns(rows)),
+            *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
+            *(f"    {line}" for line in in_columns(others)),
             "[[Fit at the MAP]]",
             f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
             "per value (1 is expected)",
@@ -261,11 +262,6 @@ def summarise(
         knowledge=knowledge,
         data_sha256=data_sha256(posterior.problem.measurement),
     )
-
-
-def _in_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["    " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _interval95(values: NDArray[np.float64]) -> Interval:

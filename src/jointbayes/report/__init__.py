@@ -1,7 +1,8 @@
 """Reports: one model of formatted text, tables and figures, rendered as HTML and as PDF."""
 
-from jointbayes.report.build import ReportInputs, build_report
+from jointbayes.report.build import build_report
 from jointbayes.report.html import render_html
+from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Report
 from jointbayes.report.pdf import render_pdf
 

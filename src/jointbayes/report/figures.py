@@ -23,13 +23,16 @@ __all__ = [
     "MOST_CURVES",
     "autocorrelation",
     "corner_plot",
-    "evidences",
     "frequency_errors",
     "frf_overlay",
     "histories",
+    "legend_above",
+    "panels",
     "profiles",
     "residual_norm",
+    "room_for",
     "squares_by_line",
+    "svg",
     "traces",
 ]
 
@@ -154,13 +157,14 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
+        axes = panels(canvas, top=0.3)[0, 0]
         stretches = square.size if square.size <= _POINTS else _STRETCHES
         ends = np.array([[s[0], s[-1]] for s in np.array_split(np.arange(square.size), stretches)])
         shown = np.maximum(square, 1e-4)
         low, high = (f.reduceat(shown, ends[:, 0]) for f in (np.minimum, np.maximum))
         strokes = np.stack([np.repeat(frequency_hz[ends].mean(axis=1), 2), np.ravel([low, high], "F")], axis=1)
         points = Path(strokes, np.tile([Path.MOVETO, Path.LINETO], len(low)))
+        points.should_simplify = False  # or strokes of no length, the points, are left out
         axes.add_patch(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
         logarithmic(axes)
         axes.set_xlim(frequency_hz[0], frequency_hz[-1])
@@ -171,10 +175,10 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
             middle = np.convolve(frequency_hz, np.full(width, 1 / width), "valid")
             kept = extremes(mean, _STRETCHES)
             axes.plot(middle[kept], mean[kept], lw=1.2, color=_ORANGE, label=f"mean of {width} lines")
-            axes.legend(loc="upper right")
+            legend_above(axes)
         axes.axhline(1.0, color=_GREEN, ls="--", lw=1)
         axes.set_xlabel("Frequency (Hz)")
-        axes.set_ylabel("squared residual")
+        axes.set_ylabel("Squared residual")
 
     return svg(draw, 7.2, 2.4)
 
@@ -370,31 +374,3 @@ def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) ->
         axes.legend()
 
     return svg(draw, 6.2, 3.0)
-
-
-def evidences(labels: Sequence[str], log_z: Array, error: Array, reach: float) -> str:
-    """ln Z of candidates from the best down, with twice its error; an arrow for what lies more than `reach` below.
-
-    Lines mark where 2 ln B against the best is 2, 6 and 10.
-    """
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, left=room_for(labels), top=0.3)[0, 0]
-        best, place = log_z.max(), np.arange(log_z.size)
-        seen = log_z >= best - reach
-        axes.errorbar(log_z[seen], place[seen], xerr=2 * error[seen], fmt="o", ms=5, lw=1.2, capsize=3, color=_BLUE)
-        for y in place[~seen]:
-            axes.annotate(
-                f"ln Z = {log_z[y]:.1f}".replace("-", "−"), (best - reach, y), (best - 0.8 * reach, y), va="center",
-                fontsize=8, color=_ORANGE, arrowprops={"arrowstyle": "->", "color": _ORANGE},
-            )  # fmt: skip
-        for two_log_b in (2, 6, 10):
-            axes.axvline(best - two_log_b / 2, color="0.4", lw=0.8, ls="--")
-            axes.annotate(f"{two_log_b}", (best - two_log_b / 2, 1.0), xycoords=("data", "axes fraction"), ha="center",
-                          va="bottom", fontsize=8, color="0.4")  # fmt: skip
-        axes.set_xlim(best - 1.05 * reach, best + 0.08 * reach)
-        axes.set_yticks(place, list(labels))
-        axes.set_ylim(log_z.size - 0.5, -0.5)
-        axes.set_xlabel("ln Z; dashed: 2 ln B against the best")
-
-    return svg(draw, 7.2, 1.0 + 0.3 * len(labels))

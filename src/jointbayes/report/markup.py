@@ -6,12 +6,13 @@ user's text, so neither ``<script>`` nor ``#panic()`` in a case name can do anyt
 
 import re
 from dataclasses import dataclass
+from typing import Literal
 
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report.model import Kind
 
-__all__ = ["SYMBOLS", "Badge", "Run", "badge", "clean", "format_numbers", "parse", "plain"]
+__all__ = ["SYMBOLS", "Badge", "Run", "badge", "clean", "format_numbers", "kind_of", "parse", "plain"]
 
 _BOLD = re.compile(r"\*\*(?=\S)(.+?)(?<=\S)\*\*")
 _CODE = re.compile(r"`([^`]+)`")
@@ -85,6 +86,18 @@ def badge(cell: str) -> Badge | None:
     True
     """
     return _BY_TEXT.get(cell.strip())
+
+
+def kind_of(verdict: str) -> Kind | Literal[""]:
+    """Colour of a row that says this verdict; empty for what is no verdict.
+
+    Examples
+    --------
+    >>> kind_of("weakly identified"), kind_of("identified, if the model were right"), kind_of("12.5")
+    ('caution', 'caution', '')
+    """
+    mark = badge(verdict)
+    return mark.kind if mark else ""
 
 
 def clean(text: str) -> str:

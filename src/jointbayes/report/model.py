@@ -14,6 +14,8 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.posterior.rounding import in_columns
+
 __all__ = [
     "SERIES_COLOURS",
     "Block",
@@ -143,6 +145,10 @@ class Table:
     def alignment(self) -> str:
         """One letter per column: `align`, or "r" for columns in which every filled cell is a number."""
         return self.align or "".join(map(self._natural_alignment, range(len(self.head))))
+
+    def lines(self) -> list[str]:
+        """Head and rows in columns, as a terminal shows them."""
+        return in_columns([self.head, *self.rows], self.alignment)
 
     def _natural_alignment(self, column: int) -> str:
         filled = [row[column] for row in self.rows if row[column].strip() not in _ABSENT_CELL]

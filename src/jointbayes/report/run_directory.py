@@ -6,12 +6,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
@@ -82,25 +78,7 @@ def write_run(posterior: Posterior, target: Path, tell: Callable[[str], None] = 
         If the directory exists and is no run directory.
     """
     require_writable(target)
-    case, problem = posterior.case, posterior.problem
-    inputs = ReportInputs(
-        posterior=posterior,
-        title=problem.name,
-        initial=_triple(problem.first_guess),
-        history=posterior.estimate.iteration,
-        measured_frequencies_hz=posterior.measured_frequencies_hz,
-        provenance=problem.measurement.provenance,
-    )
-    if case is not None:
-        inputs = replace(
-            inputs,
-            title=case.title,
-            reference=None if case.reference is None else _triple(case.reference),
-            reference_source=case.reference_source,
-            freed=case.workshop_problem,
-            paper_tables=case.paper_audit,
-            warnings=tuple(map(str, case.warnings)),
-        )
+    inputs = ReportInputs(posterior)
     tell("checking the model, and what the verdicts rest on")
     summary = inputs.summary
     tell("drawing figures")
@@ -188,8 +166,3 @@ def _swap(scratch: Path, target: Path) -> None:
             raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
-
-
-def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    k11, k12, k22 = (float(v) for v in values)
-    return k11, k12, k22

@@ -1,22 +1,26 @@
 """What a report says of the measurement files: what they are, how they were read, and the modes they show."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jointbayes.measurement.channels import ChannelUse
-from jointbayes.measurement.provenance import MeasurementWarning, Provenance
+from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
 from jointbayes.report.format import number
+from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
 
 __all__ = ["measurement_section", "mode_table"]
 
 
-def mode_table(posterior: Posterior, provenance: Provenance) -> tuple[Block, ...]:
+def mode_table(posterior: Posterior) -> tuple[Block, ...]:
     """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
-    if not provenance.modes:
+    provenance = posterior.problem.measurement.provenance
+    if provenance is None or not provenance.modes:
         return ()
-    predicted = _predicted(posterior, provenance)
+    predicted = _predicted(posterior, provenance.modes)
     rows = tuple(
         (
             str(i),
@@ -37,19 +41,21 @@ def mode_table(posterior: Posterior, provenance: Provenance) -> tuple[Block, ...
     return (Table("Measured natural frequencies and damping", head, rows, note=note),)
 
 
-def _predicted(posterior: Posterior, provenance: Provenance) -> list[float]:
+def _predicted(posterior: Posterior, modes: Sequence[MeasuredMode]) -> list[float]:
     """The model's natural frequency nearest to each measured one."""
     problem, theta = posterior.problem, posterior.estimate.theta
-    measured = np.array([mode.frequency_hz for mode in provenance.modes])
+    measured = np.array([mode.frequency_hz for mode in modes])
     most = problem.structures_of_data.nominal.n_dofs - len(problem.joint.dofs)
     count = min(most, 2 * len(measured) + 4)
     predicted = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 
-def measurement_section(provenance: Provenance) -> Section:
+def measurement_section(inputs: ReportInputs) -> Section | None:
     """Files, channels, variance, what was changed, and what is doubtful."""
-    p = provenance
+    p = inputs.posterior.problem.measurement.provenance
+    if p is None:
+        return None
     averages = f", {p.averages} averages" if p.averages else ""
     text = (
         f"**{p.quantity.capitalize()}**, {p.lines} lines from {p.band_hz[0]:g} to {p.band_hz[1]:g} Hz{averages}. "

@@ -1,17 +1,19 @@
 """The sections that only a case of Cao, Li and He has: their tables beside ours, and the audit."""
 
-from jointbayes.posterior.summary import NaturalFrequencies, Summary
+from jointbayes.posterior.summary import NaturalFrequencies
 from jointbayes.report.format import interval, number
+from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Block, Paragraph, Section, Table
-from jointbayes.report.paper_tables import TABLE_2, TABLE_3, TABLE_4, Finding, clamped_frequencies_hz
+from jointbayes.report.paper_tables import TABLE_2, TABLE_3, TABLE_4, audit, clamped_frequencies_hz
 
 __all__ = ["audit_section", "paper_section"]
 
-Triple = tuple[float, float, float]
 
-
-def paper_section(initial: Triple, summary: Summary) -> Section:
+def paper_section(inputs: ReportInputs) -> Section | None:
     """The paper's Tables 2, 3 and 4 beside ours."""
+    if not inputs.paper_audit:
+        return None
+    summary, first_guess = inputs.summary, inputs.posterior.problem.first_guess
     rigid = clamped_frequencies_hz(0.383)
     table_2 = tuple(
         (str(i), f"{e:.0f}", f"{s:.0f}", f"{r:.1f}", f"{100 * (r / e - 1):+.1f}")
@@ -19,7 +21,7 @@ def paper_section(initial: Triple, summary: Summary) -> Section:
     )
     table_3 = tuple(
         (name, number(guess), number(published), number(p.mode), interval(p.known.interval95), p.unit)
-        for (name, p), guess, published in zip(summary.parameters.items(), initial, TABLE_3, strict=True)
+        for (name, p), guess, published in zip(summary.parameters.items(), first_guess, TABLE_3, strict=True)
     )
     return Section(
         "paper",
@@ -61,12 +63,14 @@ def _table_4(ours: NaturalFrequencies) -> tuple[tuple[str, ...], ...]:
     )
 
 
-def audit_section(findings: tuple[Finding, ...]) -> Section:
+def audit_section(inputs: ReportInputs) -> Section | None:
     """What in the paper does not add up."""
+    if not inputs.paper_audit:
+        return None
     blocks: list[Block] = [
         Paragraph("Computed in this run from the inputs that the paper prints; nothing here is copied from elsewhere.")
     ]
-    for i, finding in enumerate(findings, 1):
+    for i, finding in enumerate(audit(), 1):
         blocks.append(Paragraph(f"**{i}. {finding.claim}** {finding.found}"))
         blocks.append(Table(f"Audit {i}", finding.head, finding.rows))
     return Section("audit", "Audit of the paper's tables", tuple(blocks))

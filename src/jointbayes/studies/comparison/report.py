@@ -5,13 +5,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure as Canvas
+from numpy.typing import NDArray
 
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESSES
-from jointbayes.report import figures
+from jointbayes.posterior.evidence import PARETO_LIMIT
+from jointbayes.report.figures import panels, room_for, svg
 from jointbayes.report.format import number
-from jointbayes.report.model import Block, Callout, Figure, Paragraph, Report, Section, Table
+from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table
+from jointbayes.studies.comparison.result import GRADES
 
-__all__ = ["build_comparison_report", "evidence_table", "text_table"]
+__all__ = ["build_comparison_report", "evidence_table"]
 
 Row = dict[str, Any]
 
@@ -44,18 +48,6 @@ def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
         "at which the posterior accumulates: there ln Z depends on where the prior ends."
     )
     return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=note, row_kinds=kinds)
-
-
-def text_table(table: Table) -> list[str]:
-    """Lines of a table for a terminal: head, then rows, in columns."""
-    cells = [table.head, *table.rows]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(table.head))]
-
-    def line(row: Sequence[str]) -> str:
-        columns = zip(row, widths, table.alignment, strict=True)
-        return "  ".join(cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in columns)
-
-    return [line(row).rstrip() for row in cells]
 
 
 def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Report:
@@ -128,11 +120,41 @@ def _figure(summary: dict[str, Any]) -> Figure:
     labels = [f"{row['hypothesis']}, {row['case']}" for row in rows]
     return Figure(
         "evidence-plot",
-        "Evidence of each candidate with twice its standard error. Dashed lines: 2 ln B of 2, 6 and 10 against the "
-        "best, the ends of bare mention, positive and strong evidence. An arrow marks a candidate further down.",
+        "Evidence of each candidate with twice its standard error. Dashed lines, by 2 ln B against the best: the ends "
+        f"of evidence that is {'; '.join(f'{words} ({end:g})' for end, words in GRADES)}. An arrow marks a candidate "
+        "further down.",
         f"Evidence of {len(rows)} candidates; the best is {labels[0]} with ln Z {log_z[0]:.2f}.",
-        figures.evidences(labels, log_z, error, _REACH),
+        _evidences(labels, log_z, error),
     )
+
+
+def _evidences(labels: Sequence[str], log_z: NDArray[np.float64], error: NDArray[np.float64]) -> str:
+    """ln Z of candidates from the best down, with twice its error; an arrow for what lies far below.
+
+    Lines mark the ends of grades of evidence against the best.
+    """
+
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas, left=room_for(labels), top=0.3)[0, 0]
+        blue, orange = SERIES_COLOURS[:2]
+        best, place = log_z.max(), np.arange(log_z.size)
+        seen = log_z >= best - _REACH
+        axes.errorbar(log_z[seen], place[seen], xerr=2 * error[seen], fmt="o", ms=5, lw=1.2, capsize=3, color=blue)
+        for y in place[~seen]:
+            axes.annotate(
+                f"ln Z = {log_z[y]:.1f}".replace("-", "−"), (best - _REACH, y), (best - 0.8 * _REACH, y), va="center",
+                fontsize=8, color=orange, arrowprops={"arrowstyle": "->", "color": orange},
+            )  # fmt: skip
+        for end, _ in GRADES:
+            axes.axvline(best - end / 2, color="0.4", lw=0.8, ls="--")
+            axes.annotate(f"{end:g}", (best - end / 2, 1.0), xycoords=("data", "axes fraction"), ha="center",
+                          va="bottom", fontsize=8, color="0.4")  # fmt: skip
+        axes.set_xlim(best - 1.05 * _REACH, best + 0.08 * _REACH)
+        axes.set_yticks(place, list(labels))
+        axes.set_ylim(log_z.size - 0.5, -0.5)
+        axes.set_xlabel("ln Z; dashed: 2 ln B against the best")
+
+    return svg(draw, 7.2, 1.0 + 0.3 * len(labels))
 
 
 def _method_table(summary: dict[str, Any]) -> Table:
@@ -142,8 +164,8 @@ def _method_table(summary: dict[str, Any]) -> Table:
         for row in _ranked(summary)
     )
     note = (
-        "Pareto k is the shape of the largest importance weights: up to 0.7 the error of ln Z is reliable; above it "
-        "nested sampling takes over, which has none."
+        f"Pareto k is the shape of the largest importance weights: up to {PARETO_LIMIT:g} the error of ln Z is "
+        "reliable; above it nested sampling takes over, which has none."
     )
     return Table("How ln Z was computed", head, rows, note=note)
 
@@ -167,7 +189,7 @@ def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
     blocks: list[Block] = [Paragraph(f"Cross-validation is {note}.") for note in notes]
     if rows:
         rows.sort(key=lambda row: -float(row["loo"]["elpd"]))
-        head = ("Joint", "Case", "elpd", "Less than the best", "Largest Pareto k", "Pareto k above 0.7")
+        head = ("Joint", "Case", "elpd", "Less than the best", "Largest Pareto k", f"Pareto k above {PARETO_LIMIT:g}")
         cells = tuple(
             (
                 row["hypothesis"],

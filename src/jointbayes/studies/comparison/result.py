@@ -11,11 +11,12 @@ from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut
 
-__all__ = ["Candidate", "Comparison", "PriorEdge", "bayes_factor_words", "model_probabilities"]
+__all__ = ["GRADES", "Candidate", "Comparison", "PriorEdge", "bayes_factor_words", "model_probabilities"]
 
 Array = NDArray[np.float64]
 
-_GRADES = (
+#: Ends of 2 ln B, and evidence up to there in the words of Kass and Raftery.
+GRADES = (
     (2.0, "not worth more than a bare mention"),
     (6.0, "positive"),
     (10.0, "strong"),
@@ -230,7 +231,7 @@ def bayes_factor_words(two_log_b: float) -> str:
     >>> bayes_factor_words(0.6), bayes_factor_words(7.2)
     ('not worth more than a bare mention', 'strong')
     """
-    return next((words for limit, words in _GRADES if two_log_b <= limit), _STRONGEST)
+    return next((words for limit, words in GRADES if two_log_b <= limit), _STRONGEST)
 
 
 def model_probabilities(log_z: ArrayLike) -> NDArray[np.float64]:

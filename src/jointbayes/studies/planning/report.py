@@ -44,10 +44,7 @@ def candidate_table(summary: Mapping[str, Any]) -> Table:
 def plan_lines(plan: Plan) -> list[str]:
     """A plan as lines for the terminal: the table, the recommendation and notes."""
     table = candidate_table(plan.summary())
-    rows = [table.head, *table.rows]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(table.head))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return [*lines, table.note, "", plan.sentence, *plan.notes]
+    return [*table.lines(), table.note, "", plan.sentence, *plan.notes]
 
 
 def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """What is drawn is what was fitted: gain, accelerometer and all other uncertain quantities are in the curves."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +9,9 @@ from jointbayes.case.case import case_from_text
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior import Posterior, RunRecord, summarise
 from jointbayes.posterior.storage import draws_tree
+from jointbayes.report import ReportInputs
 from jointbayes.report.model import Figure
-from jointbayes.report.sections.frfs import fit_section, frf_unit
+from jointbayes.report.sections.fit import fit_section, frf_unit
 from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
@@ -51,7 +52,9 @@ def fitted(request):
 
 def drawn(posterior, initial=INITIAL):
     """The interactive curves of the magnitude by name."""
-    section = fit_section(posterior, initial, summarise(posterior, initial), SimpleNamespace(check=posterior.check))
+    inputs = ReportInputs(replace(posterior, problem=replace(posterior.problem, initial=initial)))
+    inputs.__dict__["summary"] = inputs.posterior.summary()  # without profiles, which this section does not need
+    section = fit_section(inputs)
     (figure,) = (b for b in section.blocks if isinstance(b, Figure) and b.identifier == "frf-0-0")
     return {series.name: series for series in figure.plot.series}
 

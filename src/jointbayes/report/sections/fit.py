@@ -1,4 +1,4 @@
-"""The section that sets measured FRFs beside predicted ones."""
+"""Measured and predicted data: whether the model explains them, where it does not, and the FRFs side by side."""
 
 from typing import Any
 
@@ -7,42 +7,83 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import Ports, Quantity
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior import FrfPrediction, Knowledge, Posterior
+from jointbayes.posterior import FrfPrediction, Posterior, PredictiveCheck
+from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.posterior.summary import Summary
+from jointbayes.posterior.rounding import signed
 from jointbayes.report import figures
 from jointbayes.report.format import number
-from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series
-from jointbayes.report.sections.check import check_blocks
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series, Table
 
 __all__ = ["fit_section", "frf_unit"]
-
-Triple = tuple[float, float, float]
 
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 
-def fit_section(posterior: Posterior, initial: Triple, summary: Summary, knowledge: Knowledge) -> Section:
+def fit_section(inputs: ReportInputs) -> Section:
     """Measured against predicted."""
+    posterior, summary = inputs.posterior, inputs.summary
     fit = summary.fit
     text = (
         f"At the MAP the squared residual is {number(fit.chi2_per_line, 4)} times what the stated noise predicts, "
         f"over {fit.n_data} values (1 is expected)."
     )
-    blocks: list[Block] = [Paragraph(text), *check_blocks(posterior, knowledge)]
+    blocks: list[Block] = [Paragraph(text), Paragraph(posterior.check.sentence)]
     measurement = posterior.problem.measurement
     if isinstance(measurement, FrfMeasurement):
-        blocks += _frf_figures(posterior, measurement, initial)
+        blocks.append(_residuals(measurement, posterior.check))
+    blocks += _measure(summary.diagnosis)
+    if isinstance(measurement, FrfMeasurement):
+        blocks += _frf_figures(posterior, measurement)
     return Section("fit", "Measured and predicted", tuple(blocks))
 
 
-def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, initial: Triple) -> list[Block]:
+def _residuals(measurement: FrfMeasurement, check: PredictiveCheck) -> Figure:
+    """Where the model does not explain the data."""
+    lines = measurement.frf.frequency_hz
+    return Figure(
+        "residuals",
+        "Squared residual of each line over what the noise model expects, mean over posterior draws; the line is a "
+        "running mean over 1 % of the lines. Where it stays above 1 the model is wrong.",
+        f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
+        figures.squares_by_line(lines, check.chi2_by_line),
+    )
+
+
+def _measure(diagnosis: Diagnosis) -> list[Block]:
+    """Resonances and correlation of the FRFs, measured against the MAP."""
+    blocks: list[Block] = []
+    if diagnosis.modes:
+        rows = tuple(
+            (
+                f"{m.measured_hz:.2f}",
+                f"{m.predicted_hz:.2f}",
+                signed(m.error_percent),
+                number(m.damping_ratio, 2),
+            )
+            for m in diagnosis.modes
+        )
+        head = ("Measured (Hz)", "MAP (Hz)", "Error (%)", "Damping, measured over MAP")
+        note = "Fitted to measured and predicted data in the same way. A dash: natural frequencies have no damping."
+        blocks.append(Table("Resonances", head, rows, note=note))
+    if diagnosis.pairs:
+        pairs = tuple((f"{p.output}/{p.input}", f"{p.correlation:.4f}", number(p.level)) for p in diagnosis.pairs)
+        note = (
+            "Correlation: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
+            "resonances where there are any."
+        )
+        blocks.append(Table("FRFs at the MAP", ("FRF", "Correlation", "Level, measured over MAP"), pairs, note=note))
+    return blocks
+
+
+def _frf_figures(posterior: Posterior, measurement: FrfMeasurement) -> list[Block]:
     frf, problem = measurement.frf, posterior.problem
     band = posterior.predict_frf()
     theta, prior = posterior.estimate.theta, problem.prior
     # the first guess is one of the joint: all else is as at the MAP, so that the two curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * 2)
-    stiffness = np.array([initial, prior.stiffness(theta)])
+    stiffness = np.array([problem.first_guess, prior.stiffness(theta)])
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     guess, best = frfs_as_measured(problem, ports, frf.quantity, stiffness, factors)
     label = "synthetic" if measurement.synthetic else "measured"

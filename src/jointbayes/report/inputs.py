@@ -1,0 +1,57 @@
+"""What every section of a report is written from."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
+from jointbayes.posterior.summary import Summary
+
+__all__ = ["ReportInputs"]
+
+
+@dataclass(frozen=True)
+class ReportInputs:
+    """A posterior, and what is computed of it once for all sections.
+
+    Parameters
+    ----------
+    posterior
+        The posterior, with the problem that was sampled and, if there was one, its case.
+    """
+
+    posterior: Posterior
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """Check of the model, directions, profiles, and the effect of uncertain inputs."""
+        case = self.posterior.case
+        return gather_knowledge(self.posterior, None if case is None else case.workshop_problem)
+
+    @cached_property
+    def summary(self) -> Summary:
+        """The numbers of the run, as in ``summary.json``."""
+        return self.posterior.summary(self.knowledge)
+
+    @property
+    def title(self) -> str:
+        """Title of the case, or the problem's name."""
+        case = self.posterior.case
+        return self.posterior.problem.name if case is None else case.title
+
+    @property
+    def reference(self) -> NDArray[np.float64] | None:
+        """Published (k11, k12, k22), shape (3,), if the case states any."""
+        return None if self.posterior.case is None else self.posterior.case.reference
+
+    @property
+    def reference_source(self) -> str:
+        """Where the published stiffnesses are from; empty without any."""
+        return "" if self.posterior.case is None else self.posterior.case.reference_source
+
+    @property
+    def paper_audit(self) -> bool:
+        """Whether the report compares the paper's tables with the results and audits them."""
+        return self.posterior.case is not None and self.posterior.case.paper_audit

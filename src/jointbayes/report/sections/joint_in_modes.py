@@ -1,0 +1,88 @@
+"""Which modes show the joint, and what a natural frequency of each would tell of a stiffness."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.inference import Problem
+from jointbayes.joint import RIGID, STIFFNESS_NAMES
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior.rounding import signed
+from jointbayes.report.format import number
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.model import Paragraph, Section, Table
+
+__all__ = ["joint_in_modes_section"]
+
+Array = NDArray[np.float64]
+
+_STEP = 0.005  # either way, of a difference over 1 % of a stiffness
+_KNOWN_PERCENT = 0.1  # to which a test usually knows a natural frequency
+_MOST_MODES = 12
+
+
+def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
+    """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
+    problem = inputs.posterior.problem
+    modes, best, rigid, change = _in_band(problem, inputs.posterior.estimate.theta)
+    if not modes.size:
+        return None
+    rows = tuple(
+        (
+            str(mode),
+            f"{f:.2f}",
+            f"{stiff:.2f}",
+            signed(100 * (f / stiff - 1)),
+            f"{200 * slopes.sum():.2f}",  # λ = φᵀKφ + Σ k φᵀ(∂K^J/∂k)φ: the share of k is 2 ∂ln f/∂ln k
+            *(number(slope, 2) for slope in slopes),
+        )
+        for mode, f, stiff, slopes in zip(modes, best, rigid, change.T, strict=True)
+    )
+    head = ("Mode", "MAP (Hz)", "Rigid joint (Hz)", "The joint's effect (%)", "Strain energy in the joint (%)")
+    note = (
+        "Undamped, at the MAP. The last columns: change of the natural frequency in per cent if this stiffness alone "
+        "rose by 1 %; at most 0.5, where all strain energy is in it."
+    )
+    table = Table(
+        "Effect of the joint on natural frequencies",
+        (*head, *(f"{n} +1 % (%)" for n in STIFFNESS_NAMES)),
+        rows,
+        note=note,
+    )
+    return Section("joint-in-modes", "Which modes show the joint", (Paragraph(_sentence(modes, change)), table))
+
+
+def _sentence(modes: NDArray[np.intp], change: Array) -> str:
+    """How well the mode that shows a stiffness most would tell it."""
+    said = []
+    for name, slopes in zip(STIFFNESS_NAMES, change, strict=True):
+        most = int(np.argmax(np.abs(slopes)))
+        reached = _KNOWN_PERCENT / max(abs(slopes[most]), np.finfo(float).tiny)
+        to = f"to {number(reached, 2)} %" if reached < 100 else "not even by its order"
+        said.append(f"**{name}** {to} (mode {modes[most]})")
+    return (
+        f"One natural frequency that is known to {_KNOWN_PERCENT:g} %, with all else known exactly, tells "
+        f"{', '.join(said)}; in brackets the mode that shows this stiffness most."
+    )
+
+
+def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """Numbers of the modes within the data's band, natural frequencies with the joint and with a rigid one, Hz.
+
+    Last, the change in per cent for 1 % more of each stiffness, shape (stiffnesses, modes).
+    """
+    measured = problem.measurement
+    if isinstance(measured, FrfMeasurement):
+        count, low, high = _MOST_MODES, *measured.frf.frequency_hz[[0, -1]]
+    else:
+        count, low, high = measured.frequency_hz.size, np.finfo(float).tiny, math.inf
+    count = min(count, problem.structures_of_data.nominal.n_dofs - len(problem.joint.dofs))
+    k = problem.prior.stiffness(theta)
+    steps = _STEP * np.eye(k.size)
+    joints = np.stack([k, np.array([RIGID, 0.0, RIGID]), *(k * (1 + steps)), *(k * (1 - steps))])
+    found = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))
+    inside = (found[0] >= low) & (found[0] <= high)
+    best, rigid, *moved = found[:, inside]
+    more, less = np.split(np.array(moved), 2)
+    return np.flatnonzero(inside) + 1, best, rigid, 100 * (more - less) / best * (0.01 / (2 * _STEP))

@@ -1,0 +1,78 @@
+"""The posterior in numbers, and its marginals and pairs."""
+
+import numpy as np
+
+from jointbayes.report import figures
+from jointbayes.report.format import contraction, fixed, interval, number
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
+
+__all__ = ["posterior_section"]
+
+
+def posterior_section(inputs: ReportInputs) -> Section:
+    """Marginals, pairs, prior and the full table."""
+    posterior, summary, reference = inputs.posterior, inputs.summary, inputs.reference
+    head = (
+        "Stiffness",
+        "Joint mode",
+        "MAP",
+        "Mean",
+        "sd of ln k",
+        "Prior 95 %",
+        "Contraction",
+        "R̂",
+        "ESS bulk",
+        "ESS tail",
+    )
+    rows = tuple(
+        (
+            name,
+            number(p.mode, 4),
+            number(p.map, 4),
+            number(p.mean, 4),
+            number(p.known.sd_log),
+            interval(p.prior_interval95, 2),
+            contraction(p.known.contraction, 4),
+            fixed(p.r_hat, 4),
+            fixed(p.ess_bulk, 0),
+            fixed(p.ess_tail, 0),
+        )
+        for name, p in summary.parameters.items()
+    )
+    note = (
+        "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
+        "of ln k (of k12 itself where it has both signs) that the data removed; none where the posterior is as wide as "
+        "the prior or wider, because the data favour values near the prior's ends."
+    )
+    blocks: list[Block] = [
+        Table("Posterior in numbers", head, rows, note=note),
+        Paragraph(summary.map.mode_sentence),
+    ]
+    parametrisation = posterior.problem.parametrisation
+    scale = np.array([axis.axis_scale for axis in parametrisation.axes])
+    draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, posterior.prior_stiffness))
+    point = None
+    if reference is not None and parametrisation.describes(reference):
+        point = parametrisation.coordinates(reference) * scale
+    mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
+    labels = [axis.axis_label for axis in parametrisation.axes]
+    svg = figures.corner_plot(labels, draws, prior, point, mode)
+    marks = "mode (orange, solid)"
+    if point is not None:
+        marks += f", published values (green, dashed; {inputs.reference_source})"
+    blocks.append(
+        Figure(
+            "corner",
+            f"Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
+            f"prior (grey, dotted), {marks}.",
+            "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values.",
+            svg,
+        )
+    )
+    if reference is not None:
+        level = posterior.region_level(reference)
+        blocks.append(
+            Paragraph(f"The published point lies on the edge of the {100 * level:.1f} % highest-density region.")
+        )
+    return Section("posterior", "Posterior", tuple(blocks))

@@ -1,0 +1,24 @@
+"""Everything needed to repeat the run."""
+
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.model import Code, Paragraph, Section, Table
+
+__all__ = ["settings_section"]
+
+
+def settings_section(inputs: ReportInputs) -> Section:
+    """Everything needed to repeat the run."""
+    posterior, summary = inputs.posterior, inputs.summary
+    versions = tuple(summary.record.versions.items())
+    return Section(
+        "settings",
+        "Settings and versions",
+        (
+            *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
+            Paragraph(f"Fingerprint of the data (SHA-256): `{summary.data_sha256}`."),
+            Table("Versions", ("Package", "Version"), versions, align="ll"),
+            Code(posterior.record.case_text, "toml")
+            if posterior.of_case_text
+            else Code(str(posterior.problem), "text"),
+        ),
+    )

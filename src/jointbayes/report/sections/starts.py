@@ -1,0 +1,70 @@
+"""Where the mode came from: the starts of the search, and the paper's iteration."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.identification import IterationHistory
+from jointbayes.joint import STIFFNESSES
+from jointbayes.report import figures
+from jointbayes.report.format import number
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
+
+__all__ = ["starts_section"]
+
+
+def starts_section(inputs: ReportInputs) -> Section:
+    """Where the mode came from: the starts, and the paper's iteration or what is missing for it."""
+    posterior, estimate = inputs.posterior, inputs.posterior.estimate
+    rows = tuple(
+        (
+            start.name,
+            ", ".join(number(k) for k in start.start),
+            ", ".join(number(k) for k in start.stiffness),
+            number(start.log_posterior, 7),
+            "yes" if start.reached_mode else "no",
+        )
+        for start in estimate.starts
+    )
+    head = ("Start", "k11, k12, k22 from", "to", "ln p", "Mode reached")
+    reached = len(rows) - len(estimate.failed_starts)
+    text = f"{reached} of {len(rows)} starts reach the mode"
+    text += f"; these do not: {estimate.failed_text}." if estimate.failed_starts else "."
+    text += (
+        f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
+    )
+    if estimate.sentence:
+        text += f" {estimate.sentence}"
+    blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
+    provenance = posterior.problem.measurement.provenance
+    if estimate.iteration is not None:
+        blocks += _iteration_blocks(estimate.iteration, inputs.reference)
+    elif provenance is not None and provenance.iteration:
+        blocks.append(Paragraph(f"**The paper's iteration was left out.** {provenance.iteration}."))
+    return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
+
+
+def _iteration_blocks(history: IterationHistory, published: NDArray[np.float64] | None) -> list[Block]:
+    norm = history.residual_norm
+    settled = ", ".join(
+        f"{q.name} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
+        for i, q in enumerate(STIFFNESSES)
+        if history.stiffness[i] != 0
+    )
+    return [
+        Paragraph(
+            f"**The paper's iteration (Eqs. 3–9)** {history.reason}. Step 5 differs from the last step by: {settled}."
+        ),
+        Figure(
+            "iteration-norm",
+            "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
+            f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
+            figures.residual_norm(norm),
+        ),
+        Figure(
+            "iteration-stiffness",
+            "Stiffnesses over the iteration, as in the paper's Fig. 8.",
+            "History of k11, k12 and k22 over the iteration steps with the published values.",
+            figures.histories([f"{q.name} ({q.unit})" for q in STIFFNESSES], history.stiffness_history, published),
+        ),
+    ]

@@ -1,0 +1,71 @@
+"""What the report says of the joint in each mode, against the eigenproblem of the assembled matrices."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointbayes.case.case import case_from_text
+from jointbayes.joint import joint_matrix
+from jointbayes.report import ReportInputs
+from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
+from tests.conftest import cheap_text, edited
+
+
+def table_of(posterior):
+    return joint_in_modes_section(ReportInputs(posterior)).blocks[1]
+
+
+def structure_of(problem):
+    return problem.structures.at(problem.joint.dofs, problem.structures.reach_hz(3)).nominal
+
+
+def test_frequencies_are_those_with_the_joint_and_with_a_clamp(cheap_posterior):
+    problem, k = cheap_posterior.problem, cheap_posterior.estimate.stiffness
+    structure = structure_of(problem)
+    at = structure.index(problem.joint.dofs)
+    added = np.zeros_like(structure.stiffness)
+    added[np.ix_(at, at)] = joint_matrix(k)
+    joined, clamped = structure.modes(added), structure.fixed(problem.joint.dofs).modes()
+    motion = joined.shapes[at, :3]
+    share = 100 * np.einsum("im,ij,jm->m", motion, joint_matrix(k), motion) / joined.eigenvalues[:3]
+    assert (share > 1).all()  # of strain energy
+    for i, row in enumerate(table_of(cheap_posterior).rows):
+        f, rigid = joined.frequency_hz[i], clamped.frequency_hz[i]
+        assert row[:3] == (str(i + 1), f"{f:.2f}", f"{rigid:.2f}")
+        assert float(row[3]) == pytest.approx(100 * (f / rigid - 1), abs=0.006)
+        assert float(row[4]) == pytest.approx(share[i], rel=0.06)
+
+
+def test_one_per_cent_more_of_a_stiffness_moves_a_frequency_as_the_table_says(cheap_posterior):
+    problem, k = cheap_posterior.problem, cheap_posterior.estimate.stiffness
+    before = problem.natural_frequencies_hz(k, 3)[0]
+    rows = table_of(cheap_posterior).rows
+    for i in range(3):
+        after = problem.natural_frequencies_hz(k * (1 + 0.01 * (np.arange(3) == i)), 3)[0]
+        said = [float(row[5 + i]) for row in rows]
+        np.testing.assert_allclose(said, 100 * (after / before - 1), rtol=0.1, atol=1e-9)
+
+
+def test_the_sentence_propagates_the_error_of_a_natural_frequency(cheap_posterior):
+    section = joint_in_modes_section(ReportInputs(cheap_posterior))
+    text, rows = section.blocks[0].text, section.blocks[1].rows
+    percent, mode = re.search(r"\*\*k22\*\* to (\S+) % \(mode (\d)\)", text).groups()
+    assert float(percent) == pytest.approx(0.1 / float(rows[int(mode) - 1][7]), rel=0.06)
+
+
+def test_only_modes_of_the_measured_band_are_listed(cheap_posterior, frequency_posterior):
+    def in_band(low, high):
+        text = edited(
+            cheap_text(), ("f_min_hz = 20.0", f"f_min_hz = {low}"), ("f_max_hz = 2500.0", f"f_max_hz = {high}")
+        )
+        other = replace(cheap_posterior, problem=case_from_text("band", text).problem)
+        section = joint_in_modes_section(ReportInputs(other))
+        return None if section is None else [row[0] for row in section.blocks[1].rows]
+
+    assert in_band(20.0, 2500.0) == ["1", "2", "3"]
+    assert in_band(500.0, 1500.0) == ["2"]
+    assert in_band(300.0, 600.0) is None
+    measured = frequency_posterior.problem.measurement.frequency_hz
+    assert len(table_of(frequency_posterior).rows) == measured.size
