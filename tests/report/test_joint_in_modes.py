@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,6 +54,12 @@ def test_the_sentence_propagates_the_error_of_a_natural_frequency(cheap_posterio
     text, rows = section.blocks[0].text, section.blocks[1].rows
     percent, mode = re.search(r"\*\*k22\*\* to (\S+) % \(mode (\d)\)", text).groups()
     assert float(percent) == pytest.approx(0.1 / float(rows[int(mode) - 1][7]), rel=0.06)
+
+
+def test_what_is_said_is_conditional_where_the_model_does_not_explain_the_data(cheap_posterior):
+    wrong = replace(cheap_posterior)
+    wrong.__dict__["check"] = SimpleNamespace(explains=False)
+    assert joint_in_modes_section(ReportInputs(wrong)).blocks[0].text.startswith("If the model were right: one natural")
 
 
 def test_only_modes_of_the_measured_band_are_listed(cheap_posterior, frequency_posterior):

@@ -355,7 +355,7 @@ def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) ->
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
+        axes = panels(canvas, top=0.3)[0, 0]
         mode = np.arange(1, measured.size + 1)
         if sd is not None:
             axes.errorbar(mode, 0 * mode, yerr=196 * sd / measured, fmt="none", ecolor="0.6", elinewidth=8, alpha=0.5,
@@ -371,6 +371,6 @@ def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) ->
         axes.set_xticks(mode)
         axes.set_xlabel("Mode")
         axes.set_ylabel("Deviation from measured (%)")
-        axes.legend()
+        legend_above(axes)
 
     return svg(draw, 6.2, 3.0)

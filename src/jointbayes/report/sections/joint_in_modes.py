@@ -9,6 +9,7 @@ from jointbayes.inference import Problem
 from jointbayes.joint import RIGID, STIFFNESS_NAMES
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.rounding import signed
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Paragraph, Section, Table
@@ -42,7 +43,7 @@ def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
     head = ("Mode", "MAP (Hz)", "Rigid joint (Hz)", "The joint's effect (%)", "Strain energy in the joint (%)")
     note = (
         "Undamped, at the MAP. The last columns: change of the natural frequency in per cent if this stiffness alone "
-        "rose by 1 %; at most 0.5, where all strain energy is in it."
+        "rose by 1 %; 200 times their sum is the share of strain energy, to which a coupling may count negative."
     )
     table = Table(
         "Effect of the joint on natural frequencies",
@@ -50,7 +51,10 @@ def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
         rows,
         note=note,
     )
-    return Section("joint-in-modes", "Which modes show the joint", (Paragraph(_sentence(modes, change)), table))
+    said = _sentence(modes, change)
+    if not inputs.posterior.check.explains:
+        said = f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
+    return Section("joint-in-modes", "Which modes show the joint", (Paragraph(said), table))
 
 
 def _sentence(modes: NDArray[np.intp], change: Array) -> str:
