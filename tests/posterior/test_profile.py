@@ -11,7 +11,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Uniform
 from jointbayes.joint import LogStiffness, Parametrisation
 from jointbayes.posterior.information.fisher import fisher_information
-from jointbayes.posterior.information.profile import profile_likelihood
+from jointbayes.posterior.information.profile import _in_few_rows, profile_likelihood
 from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
@@ -52,12 +52,15 @@ class Linear:
         self.log_posterior = self
         self.matrix = np.column_stack([matrix, np.zeros(len(matrix))])
 
+    def data_residuals(self, theta):
+        return self.matrix @ (theta - CENTRE), self.matrix
+
+    def log_likelihood(self, theta):
+        return np.array([-0.5 * (self.data_residuals(one)[0] ** 2).sum() for one in theta])
+
     def residuals(self, theta):
-        root = np.sqrt(self.prior.precision)
-        return (
-            np.concatenate([self.matrix @ (theta - CENTRE), root * (theta - self.prior.mean)]),
-            np.concatenate([self.matrix, np.diag(root)]),
-        )
+        (data, slope), root = self.data_residuals(theta), np.sqrt(self.prior.precision)
+        return np.append(data, root * (theta - self.prior.mean)), np.concatenate([slope, np.diag(root)])
 
 
 def wide(half=10.0):
@@ -67,6 +70,21 @@ def wide(half=10.0):
 def linear(seed=0, joint=None, scale=(3.0, 5.0, 9.0, 60.0)) -> Linear:
     matrix = np.random.default_rng(seed).normal(size=(8, 4)) * scale
     return Linear(matrix, (*(joint or wide()), Normal(0.0, 0.02), Normal(0.0, 1.0)))
+
+
+@pytest.mark.parametrize("smallest", [1.0, 1e-6], ids=["independent", "nearly dependent"])
+def test_few_rows_have_the_products_of_all_residuals(smallest):
+    rng = np.random.default_rng(3)
+    residual, jacobian = rng.normal(size=500), rng.normal(size=(500, 4)) * [1e3, 1.0, 1e-3, 0.0]
+    jacobian[:, 1] = jacobian[:, 0] + smallest * jacobian[:, 1]
+    e, j = _in_few_rows(residual, jacobian)
+    assert len(e) == 5
+    np.testing.assert_allclose(e @ e, residual @ residual, rtol=1e-12)
+    np.testing.assert_allclose(j.T @ e, jacobian.T @ residual, rtol=1e-9, atol=1e-12)
+    # a step by either is the same to the last digits that the data give
+    kept = j[:, :3], jacobian[:, :3]
+    steps = [np.linalg.lstsq(matrix, right)[0] for matrix, right in zip(kept, (e, residual), strict=True)]
+    np.testing.assert_allclose(*steps, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", NAMES[:4])

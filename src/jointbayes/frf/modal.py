@@ -215,10 +215,9 @@ class AssembledModes:
         shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0) * off, into)
 
         pairs = constants.shape[0] * constants.shape[1]
-        rows = np.concatenate([constants[None], d_constants]).reshape(-1, lam.size)
+        rows = np.concatenate([constants[None], d_constants]).reshape(-1, pairs, lam.size)
         ratio = self._family.damping_ratios(known)[0, : lam.size]
-        summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, lam.size))
-        summed = np.moveaxis(summed.reshape(-1, pairs, self._omega.size), 1, 2)
+        summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, pairs, lam.size))
         each = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return each[0], each[1:]
 

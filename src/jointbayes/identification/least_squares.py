@@ -13,7 +13,7 @@ __all__ = ["PosteriorSquares", "Squares", "climb_all", "white_residuals"]
 Array = NDArray[np.float64]
 
 _STEP = 1e-6  # of differences, in prior standard deviations
-_AT_ONCE = 4_000_000  # residuals held in memory together
+_AT_ONCE = 1_000_000  # residuals held in memory together
 _POINTS_AT_ONCE = 16  # points whose residuals over all lines are held in memory
 _FARTHEST = 0.7  # of one step in any coordinate, in prior standard deviations
 _FACTORS = np.array([1e-2, 0.1, 1.0, 10.0, 100.0, 1e4])  # on the damping: all are tried at once, the best is kept

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.noise.base import NoiseModel, Residuals
+from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import Joint, symmetric_changes
@@ -185,9 +185,10 @@ class FrfLikelihood(Likelihood):
     def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
         """Scores of the noise model, shape (batch, m)."""
         # E|z|² = 1 of a complex residual, half of it in each part
-        white = math.sqrt(2) * self.noise.scores(self.standardised(stiffness, factors), self.hyper(factors))
-        flat = np.ascontiguousarray(white).reshape(len(white), -1)
-        return flat.view(np.float64) if np.iscomplexobj(flat) else flat
+        scores = self.noise.scores(self.standardised(stiffness, factors), self.hyper(factors))
+        white = columns_of(scores, 2 if self.kind == "complex" else 1).reshape(len(scores), -1)
+        white *= math.sqrt(2)
+        return white
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, lines, pairs), where residuals are independent.
@@ -218,19 +219,31 @@ class FrfLikelihood(Likelihood):
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
         known = as_factors(factors, 1)
         structural = known[:, : self._n_structure]
-        gain = float(known[0, self._n_structure]) if self._gain else 1.0
         value, derivative = self._model.tangent(stiffness, directions, structural[0])
+        if self._gain:
+            gain = float(known[0, self._n_structure])
+            value, derivative = gain * value, gain * derivative
         moved = _moved(known[:, : known.shape[1] - self.hyper_count])
-        up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
-        along = np.concatenate([gain * derivative, (up - down) / (2 * _STEP)])
+        along = [derivative]
+        if len(moved):
+            up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
+            up -= down
+            up /= 2 * _STEP
+            along.append(up)
         hyper = self.hyper(known)[0]
-        here = (gain * value)[None]
-        both = np.concatenate([self._residual.z(here), self._residual.tangent(here, along)])
-        white = self.noise.whiten(both, hyper).reshape(len(both), -1) * math.sqrt(2)
-        parts = np.concatenate([white.real, white.imag], axis=1) if self.kind == "complex" else white
-        columns = np.zeros((parts.shape[1], len(parts) - 1 + self.hyper_count))
-        columns[:, : len(parts) - 1] = parts[1:].T
-        return parts[0], columns
+        here = value[None]
+        slopes = [self._residual.tangent(here, some) for some in along]
+        parts = 2 if self.kind == "complex" else 1
+        rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))
+        row = 0
+        for some in (self._residual.z(here), *slopes):
+            white = self.noise.whiten(some, hyper).reshape(len(some), -1)
+            for part, values in enumerate((white.real, white.imag)[:parts]):
+                columns = rows[row : row + len(some), part * self.n_data : (part + 1) * self.n_data]
+                np.multiply(values, math.sqrt(2), out=columns)
+            row += len(some)
+        rows[row:] = 0.0
+        return rows[0], rows[1:].T
 
     def _predicted(self, matrices: Array, factors: Array) -> ComplexArray:
         predicted = self._model.receptance(matrices, self._structural(factors))

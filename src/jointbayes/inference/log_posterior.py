@@ -91,16 +91,19 @@ class LogPosterior:
             A prior of one's own counts as a normal one of its width, and a further term of the likelihood not at all.
         """
         t = np.asarray(theta, dtype=float)
-        joint = self.prior.joint(t)
-        derivative = self._parametrisation.derivative(joint)
-        directions = np.einsum("kt,kij->tij", derivative, STIFFNESS_PATTERN)
-        matrix = joint_matrix(self.prior.stiffness(t))
-        data, slope = self.likelihood.residuals(matrix, directions, self.prior.factors(t))
+        data, slope = self.data_residuals(t)
         root = np.sqrt(self.prior.precision)
         return (
             np.concatenate([data, root * (t - self.prior.mean)]),
             np.concatenate([slope, np.diag(root)]),
         )
+
+    def data_residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
+        """Those of `residuals` that belong to the data, shape (m,), and their Jacobian, shape (m, d)."""
+        t = np.asarray(theta, dtype=float)
+        derivative = self._parametrisation.derivative(self.prior.joint(t))
+        directions = np.einsum("kt,kij->tij", derivative, STIFFNESS_PATTERN)
+        return self.likelihood.residuals(joint_matrix(self.prior.stiffness(t)), directions, self.prior.factors(t))
 
     def gradient(self, theta: ArrayLike) -> Array:
         """∇ ln p, shape (n, d), of θ, shape (n, d), inside the support; shape (d,) of one θ, shape (d,).

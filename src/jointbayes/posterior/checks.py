@@ -16,6 +16,7 @@ from scipy import special
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel
+from jointbayes.inference.noise.base import squares_of
 
 __all__ = ["FALSE_ALARM", "Finding", "PredictiveCheck", "check_frequencies", "check_frfs"]
 
@@ -32,6 +33,7 @@ _LAGS = 5
 #: Replicated records, for a p-value of 1/2001 at the least, and the most values in each: the standardised statistic's
 #: law hardly depends on the length.
 _REPLICATES, _LONG = 2000, 1000
+_DRAWS_AT_ONCE = 8  # whose scores over all lines are held in memory
 
 Finding = Literal["explained", "misfit", "noise overstated"]
 
@@ -183,13 +185,20 @@ def check_frfs(
     rows = np.broadcast_to(np.asarray(hyper, dtype=float), (len(z), np.shape(hyper)[-1]))
     squares = np.array([np.vdot(one, one).real for one in z])
     noise, rows = noise.with_scale(squares, math.prod(z.shape[1:]), rows, rng)
-    scores = noise.scores(z, rows)
-    square = 2 / noise.parts * np.abs(scores) ** 2  # 1 is expected
-    observed, lag1 = _portmanteau(scores, noise.parts)
+    total, largest, observed, lag1 = np.empty((4, len(z)))
+    mean = np.zeros(z.shape[1:])
+    for begin in range(0, len(z), _DRAWS_AT_ONCE):
+        some = slice(begin, begin + _DRAWS_AT_ONCE)
+        scores = noise.scores(z[some], rows[some])
+        square = 2 / noise.parts * squares_of(scores)  # 1 is expected
+        total[some], largest[some] = square.sum(axis=(1, 2)), square.max(axis=(1, 2))
+        mean += square.sum(axis=0) / len(z)
+        observed[some], lag1[some] = _portmanteau(scores, noise.parts)
     replicated = np.sort(_replicated_portmanteau(z.shape[1], z.shape[2], noise.parts, rng))
     above = _REPLICATES - np.searchsorted(replicated, observed)
     inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)))
-    return _found(square, noise.parts, float(np.mean((1 + above) / (1 + _REPLICATES))), float(lag1.mean()), inferred)
+    whiteness = float(np.mean((1 + above) / (1 + _REPLICATES)))
+    return _found(total, largest, mean, noise.parts, whiteness, float(lag1.mean()), inferred)
 
 
 def check_frequencies(residuals: Array) -> PredictiveCheck:
@@ -211,22 +220,21 @@ def check_frequencies(residuals: Array) -> PredictiveCheck:
         raise ModelError(
             f"posterior check: found residuals of shape {residuals.shape}; expected finite ones, (draws, count)"
         )
-    return _found(residuals[:, :, None] ** 2, 1, None, None, ())
+    square = residuals**2
+    return _found(square.sum(axis=1), square.max(axis=1), square.mean(axis=0)[:, None], 1, None, None, ())
 
 
 def _found(
-    square: Array, parts: int, whiteness: float | None, lag1: float | None, inferred: tuple[str, ...]
-) -> PredictiveCheck:
-    """The check from squared scores, shape (draws, lines, pairs), 1 expected."""
-    n_values = math.prod(square.shape[1:])
+    total: Array, largest: Array, mean: Array, parts: int, whiteness: float | None, lag1: float | None,
+    inferred: tuple[str, ...],
+) -> PredictiveCheck:  # fmt: skip
+    """The check from squared scores, 1 expected: their sum and largest (draws,), and their mean (lines, pairs)."""
+    n_values = mean.size
     half = parts * n_values / 2
-    total = square.sum(axis=(1, 2))
     p_value = float(special.gammaincc(half, parts / 2 * total).mean())
     low, high = special.gammaincinv(half, [0.025, 0.975]) / half
-    largest = square.max(axis=(1, 2))
     # P(one value larger), then of the largest of all; by log1p since the first may be tiny
     beyond = np.clip(special.gammaincc(parts / 2, parts / 2 * largest), 0, 1 - 1e-16)
-    mean = square.mean(axis=0)
     line, pair = np.unravel_index(int(mean.argmax()), mean.shape)
     return PredictiveCheck(
         chi2_per_line=float(total.mean()) / n_values,

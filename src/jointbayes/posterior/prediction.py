@@ -13,6 +13,8 @@ __all__ = ["FrfPrediction", "frfs_as_measured", "predict_frf"]
 
 Array = NDArray[np.float64]
 
+_LINES_AT_ONCE = 128  # whose values of all draws are sorted together
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrfPrediction:
@@ -77,8 +79,9 @@ def frfs_as_measured(
     receptance = problem.receptance_model(ports).receptance(joint_matrix(stiffness), problem.structural(known))
     names = [nuisance.name for nuisance in problem.prior.nuisances]
     if "gain" in names:
-        receptance = receptance * known[:, names.index("gain"), None, None, None]
-    return receptance * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+        receptance *= known[:, names.index("gain"), None, None, None]
+    receptance *= quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+    return receptance
 
 
 def predict_frf(
@@ -93,12 +96,17 @@ def predict_frf(
     """
     values = frfs_as_measured(problem, ports, quantity, problem.prior.stiffness(theta), problem.prior.factors(theta))
     tail = (1 - probability) / 2
-    low, middle, high = np.quantile(np.abs(values), [tail, 0.5, 1 - tail], axis=0)
+    magnitude, turn = np.empty((2, 3, *values.shape[1:]))
     centre = values.mean(axis=0)
-    # phases relative to the mean FRF, so that a band across ±180° does not wrap
-    turn = np.angle(values * np.conj(centre), deg=True)
-    turn_low, turn_middle, turn_high = np.quantile(turn, [tail, 0.5, 1 - tail], axis=0)
+    for begin in range(0, len(ports.frequency_hz), _LINES_AT_ONCE):
+        lines = slice(begin, begin + _LINES_AT_ONCE)
+        some = values[:, lines]
+        magnitude[:, lines] = np.quantile(np.abs(some), [tail, 0.5, 1 - tail], axis=0)
+        # phases relative to the mean FRF, so that a band across ±180° does not wrap
+        relative = np.angle(some * np.conj(centre[lines]), deg=True)
+        turn[:, lines] = np.quantile(relative, [tail, 0.5, 1 - tail], axis=0)
     phase = np.angle(centre, deg=True)
+    low, middle, high = magnitude
     return FrfPrediction(
         ports.frequency_hz,
         ports.outputs,
@@ -108,7 +116,7 @@ def predict_frf(
         middle,
         low,
         high,
-        phase + turn_middle,
-        phase + turn_low,
-        phase + turn_high,
+        phase + turn[1],
+        phase + turn[0],
+        phase + turn[2],
     )

@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 #: resonance, (9 + √80)^−N is lost, 1e-10 for N = 8.
 _FAR = 5.0
 _NODES = 8
+#: With more pairs than this each mode's 1/D is kept for all of them: dividing costs more than the products do.
+_FEW_PAIRS = 4
+#: So many draws are summed over one block of lines before the next: data of many lines are in no near cache.
+_DRAWS = 64
 
 
 @inner
@@ -131,6 +135,97 @@ def _over_lines(
         chi2[i] = total
 
 
+@inner
+def _fraction(w2: Array, omega: Array, lam: float, rate: float, re: Array, im: Array) -> None:
+    """Real and imaginary part of 1/(λ − ω² + j·rate·ω) of one mode."""
+    for j in range(LANES):
+        a, e = lam - w2[j], rate * omega[j]
+        per = 1.0 / (a * a + e * e)
+        re[j], im[j] = a * per, -e * per
+
+
+@inner
+def _first_modes(basis: Array, omega: Array, s: Array, t: Array, c: Array, re: Array, im: Array, sums: Array) -> None:
+    """Far modes, S − jωT from their values at the interpolation points, and the first four of the near ones."""
+    s0, s1, s2, s3, s4, s5, s6, s7 = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
+    t0, t1, t2, t3, t4, t5, t6, t7 = t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7]
+    c1, c2, c3, c4 = c[0], c[1], c[2], c[3]
+    for j in range(LANES):
+        b0, b1, b2, b3 = basis[j], basis[LANES + j], basis[2 * LANES + j], basis[3 * LANES + j]
+        b4, b5, b6, b7 = basis[4 * LANES + j], basis[5 * LANES + j], basis[6 * LANES + j], basis[7 * LANES + j]
+        near = (c1 * re[j] + c2 * re[LANES + j]) + (c3 * re[2 * LANES + j] + c4 * re[3 * LANES + j])
+        sums[j] = ((s0 * b0 + s1 * b1 + s2 * b2 + s3 * b3) + (s4 * b4 + s5 * b5 + s6 * b6 + s7 * b7)) + near
+        near = (c1 * im[j] + c2 * im[LANES + j]) + (c3 * im[2 * LANES + j] + c4 * im[3 * LANES + j])
+        far = (t0 * b0 + t1 * b1 + t2 * b2 + t3 * b3) + (t4 * b4 + t5 * b5 + t6 * b6 + t7 * b7)
+        sums[LANES + j] = near - omega[j] * far
+
+
+@inner
+def _two_modes(c: Array, re: Array, im: Array, sums: Array) -> None:
+    """Add two more modes with these modal constants, from what `_fraction` kept of them."""
+    c1, c2 = c[0], c[1]
+    for j in range(LANES):
+        sums[j] += c1 * re[j] + c2 * re[LANES + j]
+        sums[LANES + j] += c1 * im[j] + c2 * im[LANES + j]
+
+
+@inner
+def _squares(sums: Array, data: Array) -> float:
+    total = 0.0
+    for j in range(LANES):
+        re, im = sums[j] - data[j], sums[LANES + j] - data[LANES + j]
+        total += (re * re + im * im) * data[2 * LANES + j]
+    return total
+
+
+@compiled
+def _many_pairs(
+    lam: Array, shapes: Array, n_out: int, ratio: Array, limit: float, nodes: Array, w2: Array, omega: Array,
+    basis: Array, data: Array, chi2: Array, parts: Array,
+) -> None:  # fmt: skip
+    """As `_over_lines`, each mode's fraction worked out once for all pairs, and the data read once for a few draws.
+
+    Where `parts` (batch, lines, 2·pairs) has any row it takes the real and imaginary parts of the receptances.
+    """
+    pairs, m = len(data), lam.shape[1] + 4
+    constants, near_modes = np.empty((_DRAWS, pairs, m)), np.empty((_DRAWS, 2, m))
+    at, near = np.empty((_DRAWS, 2, pairs, _NODES)), np.empty(_DRAWS, dtype=np.int64)
+    sums, re, im = np.empty(2 * LANES), np.empty(m * LANES), np.empty(m * LANES)
+    for i in range(len(lam)):
+        chi2[i] = 0.0
+    for begin in range(0, len(lam), _DRAWS):
+        draws = min(_DRAWS, len(lam) - begin)
+        for n in range(draws):
+            i = begin + n
+            near[n] = _prepare(
+                lam[i], shapes[i], n_out, ratio[i if len(ratio) > 1 else 0], limit, nodes, near_modes[n],
+                constants[n], at[n],
+            )  # fmt: skip
+        for b in range(len(w2) // LANES):
+            first = b * LANES
+            squares, here = w2[first : first + LANES], omega[first : first + LANES]
+            for n in range(draws):
+                padded = max(4, (near[n] + 1) // 2 * 2)
+                for k in range(padded):
+                    at_mode = k * LANES
+                    _fraction(squares, here, near_modes[n, 0, k], near_modes[n, 1, k], re[at_mode:], im[at_mode:])
+                total = 0.0
+                for a in range(pairs):
+                    _first_modes(
+                        basis[first * _NODES : (first + LANES) * _NODES], here, at[n, 0, a], at[n, 1, a],
+                        constants[n, a], re, im, sums,
+                    )  # fmt: skip
+                    for k in range(4, padded, 2):
+                        _two_modes(constants[n, a, k:], re[k * LANES :], im[k * LANES :], sums)
+                    if len(parts) > 0:
+                        for j in range(min(LANES, parts.shape[1] - first)):
+                            parts[begin + n, first + j, 2 * a] = sums[j]
+                            parts[begin + n, first + j, 2 * a + 1] = sums[LANES + j]
+                    else:
+                        total += _squares(sums, data[a, 3 * first : 3 * (first + LANES)])
+                chi2[begin + n] += total
+
+
 class ModalSum:
     """Receptances at given lines from eigenvalues and mode shapes.
 
@@ -162,6 +257,10 @@ class ModalSum:
         Of modes (batch, m) with shapes (batch, ports, m) and damping ratios (batch or 1, m).
         """
         n_in = shapes.shape[1] - self.n_out
+        if self.n_out * n_in > _FEW_PAIRS:
+            parts = np.empty((len(eigenvalues), self._lines, 2 * self.n_out * n_in))
+            self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), parts)
+            return parts.view(np.complex128).reshape(*parts.shape[:2], self.n_out, n_in)
         lines = np.empty((len(eigenvalues), 2, self.n_out * n_in, self.omega.size))
         self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), lines)
         value = lines[:, 0] - 1j * self.omega * lines[:, 1]
@@ -169,9 +268,9 @@ class ModalSum:
         return pairs.reshape(*pairs.shape[:2], self.n_out, n_in)
 
     def spread(self, eigenvalues: Array, ratio: Array, constants: Array, slopes: Array) -> NDArray[np.complex128]:
-        """Modal sums Σ R_r f_r, shape (rows, lines), for constants R (rows, m), f = 1/(λ − ω² + 2jζ√λω), and slopes.
+        """Modal sums Σ R_r f_r, shape (k, lines, pairs), for constants R (k, pairs, m), f = 1/(λ − ω² + 2jζ√λω).
 
-        To the last rows Σ Q_r ∂f_r/∂λ is added, with as many rows of slopes Q.
+        To all but the first Σ Q_r ∂f_r/∂λ is added, for slopes Q (k − 1, pairs, m).
         """
         near = eigenvalues < self.limit
 
@@ -180,18 +279,20 @@ class ModalSum:
             root = np.sqrt(np.maximum(lam, 0.0))
             f = 1 / (lam - omega**2 + 2j * zeta * root * omega)
             rate = np.divide(zeta, root, out=np.zeros_like(root), where=root > 0)
-            total = np.asarray(constants[:, chosen] @ f, dtype=complex)
-            total[len(total) - len(slopes) :] -= slopes[:, chosen] @ (f**2 * (1 + 1j * rate * omega))
+            total = np.asarray(f.T @ constants[..., chosen].swapaxes(1, 2), dtype=complex)
+            total[1:] -= (f**2 * (1 + 1j * rate * omega)).T @ slopes[..., chosen].swapaxes(1, 2)
             return total
 
         at = np.sqrt(self.nodes)
         far = part(~near, at)
-        smooth = far.real @ self._polynomials + 1j * self._line_omega * (far.imag / at @ self._polynomials)
-        return part(near, self._line_omega) + smooth
+        total = part(near, self._line_omega)
+        total.real += self._polynomials.T @ far.real
+        total.imag += self._line_omega[:, None] * (self._polynomials.T @ (far.imag / at[:, None]))
+        return total
 
     def run(self, eigenvalues: Array, shapes: Array, ratio: Array, data: Array, chi2: Array, lines: Array) -> None:
-        """Fill `chi2`, or `lines` if it has any row; see `_over_lines`."""
-        _over_lines(
+        """Fill `chi2`, or `lines` if it has any row; see `_over_lines` and `_many_pairs`."""
+        (_over_lines if len(data) <= _FEW_PAIRS else _many_pairs)(
             eigenvalues, shapes, self.n_out, ratio, self.limit, self.nodes, self.omega2, self.omega, self.basis,
             data, chi2, lines,
         )  # fmt: skip
@@ -204,7 +305,7 @@ class ModalSum:
     def chi2(self, eigenvalues: Array, shapes: Array, ratio: Array, lines: Array) -> Array:
         """χ² = Σ |H − H^x|² w², shape (batch,), without any array over its lines; not finite where one is singular."""
         out = np.empty(len(eigenvalues))
-        self.run(eigenvalues, shapes, ratio, lines, out, np.empty((0, 2, 0, 0)))
+        self.run(eigenvalues, shapes, ratio, lines, out, np.empty((0, 2, 0, 0)[: 4 - (len(lines) > _FEW_PAIRS)]))
         return out
 
 

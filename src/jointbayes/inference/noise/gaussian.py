@@ -64,6 +64,10 @@ class GaussianNoise(GaussianSpread):
         """1, as stated."""
         return np.ones((1, 1, 1))
 
+    def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
+        """The residuals themselves."""
+        return z
+
 
 @dataclass(frozen=True)
 class ScaledNoise(GaussianSpread):

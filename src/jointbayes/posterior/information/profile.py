@@ -34,6 +34,8 @@ _FALL = 0.35
 _ACCURACY = 1e-4
 #: Distance from the edge of the cone of positive definite joints that the climb keeps.
 _EDGE = 1e-9
+#: Least eigenvalue, of columns of unit length, down to which products of columns have all digits that matter.
+_INDEPENDENT = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,6 +174,23 @@ def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> t
     return climb.at_value(float(end), inside)
 
 
+def _in_few_rows(residual: Array, jacobian: Array) -> tuple[Array, Array]:
+    """Residuals (k,) and Jacobian (k, d), k ≤ d + 1, with the eᵀe, Jᵀe and JᵀJ of residuals (m,) and Jacobian (m, d).
+
+    That is all that least squares see of them: lines by the ten thousand are summed up once.
+    """
+    with_residual = jacobian.T @ residual
+    products = np.block([[jacobian.T @ jacobian, with_residual[:, None]], [with_residual, residual @ residual]])
+    size = np.sqrt(np.diag(products))
+    size = np.where((size > 0) & np.isfinite(size), size, 1.0)
+    products /= np.outer(size, size)
+    if np.isfinite(products).all() and np.linalg.eigvalsh(products)[0] > _INDEPENDENT:
+        triangle = np.linalg.cholesky(products).T * size
+    else:  # a direction that the data hardly see: its digits are in the rows, not in the products
+        triangle = np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r"))
+    return triangle[:, -1], triangle[:, :-1]
+
+
 class _Climb:
     """Least squares over all coordinates but one, the joint's own prior left out."""
 
@@ -180,6 +199,9 @@ class _Climb:
         prior = log_posterior.prior
         self._feasible, self._cone = prior.parametrisation.feasible, prior.parametrisation.cone
         self._joint = len(prior.parametrisation.names)
+        # the priors of the nuisances, as residuals
+        self._weight, self._mean = np.sqrt(prior.precision[self._joint :]), prior.mean[self._joint :]
+        self._rest = np.eye(theta.size)[self._joint :] * self._weight[:, None]
         low, high = (np.array(end, dtype=float) for end in prior.support)
         unbounded = _UNBOUNDED * prior.sd
         self.low = np.where(np.isfinite(low), low, prior.mean - unbounded)
@@ -190,19 +212,17 @@ class _Climb:
         self._start = np.clip(theta, self.low, self.high)
         if not self._possible(self._start):
             raise ModelError(f"profile: found a start at {theta.tolist()}; expected a positive definite joint")
-        residual, jacobian = log_posterior.residuals(self._start)
-        moved = (jacobian[: len(residual) - theta.size] != 0).any(axis=0)
+        moved = (log_posterior.data_residuals(self._start)[1] != 0).any(axis=0)
         self._moved = moved
         self.depends = bool(moved[at])
 
     def _both(self, theta: Array) -> tuple[Array, Array]:
-        """Residuals of the data and of the nuisances' priors, with their Jacobian; the last point is kept."""
+        """Residuals of the data, in few rows, and of the nuisances' priors, with their Jacobian; the last is kept."""
         key = theta.tobytes()
         if self._last is None or self._last[0] != key:
-            residual, jacobian = self._log_posterior.residuals(theta)
-            first = len(residual) - theta.size
-            kept = np.r_[0:first, first + self._joint : len(residual)]
-            self._last = key, residual[kept], jacobian[kept]
+            data, slope = _in_few_rows(*self._log_posterior.data_residuals(theta))
+            rest = self._weight * (theta[self._joint :] - self._mean)
+            self._last = key, np.append(data, rest), np.concatenate([slope, self._rest])
         return self._last[1], self._last[2]
 
     def _possible(self, theta: Array) -> bool:
@@ -234,10 +254,11 @@ class _Climb:
             start[others] = np.clip(start[others] + share * move, self.low[others], self.high[others])
             starts.append(start)
         starts.append(self._pulled_inside(starts[-1]))
-        possible = [start for start in starts if self._possible(start)]
-        if not possible:
+        possible = np.array([start for start in starts if self._possible(start)])
+        if not possible.size:
             return starts[-1], np.inf
-        best = min(possible, key=lambda start: float((self._both(start)[0] ** 2).sum()))
+        rest = self._weight * (possible[:, self._joint :] - self._mean)
+        best = possible[np.argmax(self._log_posterior.log_likelihood(possible) - 0.5 * (rest**2).sum(axis=1))]
         return self._solve(best, others) if others.any() else (best, float((self._both(best)[0] ** 2).sum()) / 2)
 
     def _pulled_inside(self, theta: Array) -> Array:
