@@ -12,7 +12,7 @@ from jointbayes.identification import screened_draws
 from jointbayes.identification.starts import with_modes_on_data
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores, Proposal, StudentT, replace_far_walkers
+from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores
 from jointbayes.sampling.density import newton_climb
 from tests.conftest import best_of, cheap_text
 
@@ -141,21 +141,6 @@ def test_a_screened_start_that_leads_to_the_known_mode_changes_nothing(exact):
     assert np.array_equal(more.theta, plain.theta)
     assert [s.name for s in more.starts] == ["truth", "screened draw 1"]
     assert more.starts[1].reached_mode
-
-
-def test_walkers_far_below_the_mode_are_replaced_and_the_others_left_alone():
-    def log_density(theta):
-        return -0.5 * (theta**2).sum(axis=1)
-
-    proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
-    start = np.random.default_rng(1).normal(size=(2, 10, 2))
-    start[0, 3] = [40.0, 0.0]
-    start[1, 5] = [0.0, -50.0]
-    found = replace_far_walkers(start, log_density, -50.0, proposal, np.random.default_rng(2))
-    moved = np.any(found != start, axis=-1)
-    assert np.argwhere(moved).tolist() == [[0, 3], [1, 5]]
-    assert (log_density(found.reshape(-1, 2)) > -50).all()
-    assert np.array_equal(replace_far_walkers(found, log_density, -50.0, proposal, np.random.default_rng(2)), found)
 
 
 def test_the_simultaneous_band_holds_as_often_as_it_says():
