@@ -165,7 +165,8 @@ def squares_by_line(frequency_hz: Array, square: Array) -> str:
         strokes = np.stack([np.repeat(frequency_hz[ends].mean(axis=1), 2), np.ravel([low, high], "F")], axis=1)
         points = Path(strokes, np.tile([Path.MOVETO, Path.LINETO], len(low)))
         points.should_simplify = False  # or strokes of no length, the points, are left out
-        axes.add_patch(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
+        # no add_patch: it would follow each stroke to find the limits that are set here
+        axes.add_artist(PathPatch(points, ec=_BLUE, fc="none", alpha=0.5, lw=1.2, capstyle="round"))
         logarithmic(axes)
         axes.set_xlim(frequency_hz[0], frequency_hz[-1])
         axes.set_ylim(shown.min() / 1.5, shown.max() * 1.5)
@@ -306,14 +307,14 @@ def traces(names: Sequence[str], theta: Array, ensemble: NDArray[np.intp]) -> st
         column = panels(canvas, len(names), bottom=0.42, sharex=True)[:, 0]
         groups = np.array_split(np.arange(theta.shape[1]), min(theta.shape[1], _TRACE_POINTS))
         steps = [group.mean() for group in groups]
-        for i, axes in enumerate(column):
-            for e in np.unique(ensemble):
-                one = theta[ensemble == e, :, i]
-                low, middle, high = np.transpose([np.quantile(one[:, group], [0.025, 0.5, 0.975]) for group in groups])
-                colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
+        for e in np.unique(ensemble):
+            parts = (theta[ensemble == e][:, group] for group in groups)
+            ranges = np.transpose([np.quantile(part, [0.025, 0.5, 0.975], axis=(0, 1)) for part in parts])
+            colour = SERIES_COLOURS[int(e) % len(SERIES_COLOURS)]
+            for axes, name, (low, middle, high) in zip(column, names, ranges, strict=True):
                 axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0)
                 axes.plot(steps, middle, color=colour, lw=0.8, label=f"ensemble {int(e) + 1}")
-            axes.set_ylabel(names[i])
+                axes.set_ylabel(name)
         column[-1].set_xlabel("Kept draw")
         column[0].legend(ncols=4, loc="upper right")
 
@@ -330,10 +331,8 @@ def autocorrelation(names: Sequence[str], theta: Array, thin: int) -> str:
         axes = panels(canvas)[0, 0]
         lags = min(theta.shape[1] - 1, 60)
         for i, name in enumerate(names):
-            axes.plot(
-                thin * np.arange(lags + 1), _autocorrelation(theta[..., i], lags), "o-", ms=2.5, lw=1, label=name,
-                color=SERIES_COLOURS[i],
-            )  # fmt: skip
+            steps, values = thin * np.arange(lags + 1), _autocorrelation(theta[..., i], lags)
+            axes.plot(steps, values, "o-", ms=2.5, lw=1, label=name, color=SERIES_COLOURS[i])
         axes.axhline(0, color="0.4", lw=0.6)
         axes.set_xlabel("Lag (steps)")
         axes.set_ylabel("Autocorrelation")
