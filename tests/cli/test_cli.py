@@ -1,6 +1,7 @@
 """The command line: what it leaves behind, its exit status, one line for each bad input, a quick start."""
 
 import dataclasses
+import gc
 import json
 import os
 import re
@@ -535,3 +536,13 @@ def test_commands_keep_small_linear_algebra_to_one_thread_unless_told_otherwise(
         monkeypatch.setenv("OPENBLAS_NUM_THREADS", stated)
     CliRunner().invoke(main, ["identify", "no such case.toml"])
     assert os.environ["OPENBLAS_NUM_THREADS"] == then
+
+
+def test_commands_look_for_garbage_seldom():
+    before = gc.get_threshold()
+    gc.set_threshold(700, 10, 10)
+    try:
+        CliRunner().invoke(main, ["identify", "no such case.toml"])
+        assert gc.get_threshold()[0] >= 100_000
+    finally:
+        gc.set_threshold(*before)
