@@ -79,12 +79,10 @@ def main() -> None:
 
     Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged, 130 interrupted.
     """
-    # The linear algebra is small: on several threads it takes up to ten times as long, most of it spent on waiting.
-    # Read when NumPy is loaded, which no command has done yet; whoever sets them knows better.
+    # Small linear algebra takes up to ten times as long on several threads. Read when NumPy is loaded, so not yet.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    # Loaded modules are hundreds of thousands of objects that stay. At Python's own threshold, 700 new objects, looking
-    # through them again and again for what can go takes a tenth of a run, and once more at its end half a second.
+    # Else a tenth of a run, and half a second at its end, goes into looking through modules, which stay, for garbage.
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)
 
@@ -195,11 +193,12 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
 def report(posterior: Path, out: Path | None) -> None:
     """Write the report of a posterior file."""
     from jointbayes.cli.progress import show_phase
+
+    show_phase("reading the draws", on_terminal_only=True)  # before the seconds that the rest takes to load
     from jointbayes.report.kept_draws import draws_explained
     from jointbayes.report.run_directory import require_writable, write_run
     from jointbayes.workflow import load_posterior
 
-    show_phase("reading the draws", on_terminal_only=True)
     loaded = load_posterior(posterior)
     target = out or Path("reports") / loaded.record.case_name
     require_writable(target)
