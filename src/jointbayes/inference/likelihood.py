@@ -236,7 +236,7 @@ class FrfLikelihood(Likelihood):
         parts = 2 if self.kind == "complex" else 1
         rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))
         row = 0
-        for some in (self._residual.z(here), *slopes):
+        for some in (self._residual.z(here), *filter(len, slopes)):
             white = self.noise.whiten(some, hyper).reshape(len(some), -1)
             for part, values in enumerate((white.real, white.imag)[:parts]):
                 columns = rows[row : row + len(some), part * self.n_data : (part + 1) * self.n_data]
