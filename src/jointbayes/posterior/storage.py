@@ -170,8 +170,10 @@ def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLik
     """
     stored = tree.copy()
     stored.attrs = {_ATTRIBUTE: json.dumps({"file_version": FILE_VERSION if "problem" in record else 1, **record})}
-    content = stored.to_netcdf(None, engine="h5netcdf")
-    assert isinstance(content, memoryview)
+    view = stored.to_netcdf(None, engine="h5netcdf")
+    assert isinstance(view, memoryview)
+    content = bytes(view)
+    view.release()  # an error would keep it alive beyond its buffer, and Python complain at its end
     write_whole_file(path, content)
 
 
