@@ -72,6 +72,7 @@ __all__ = [
     "noise_law",
     "noise_of",
     "prior_of",
+    "rigid_frequencies_hz",
     "stiffness_of",
     "true_beam",
     "with_workshop_uncertainty",
@@ -131,17 +132,17 @@ def _damping(spec: DampingSpec) -> DampingLaw:
             return Rayleigh(spec.alpha_per_s, spec.beta_s)
 
 
-def prior_of(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> JointPrior:
-    """Priors on the joint's coordinates and on all else that the case calls uncertain."""
+def prior_of(
+    spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement, of_noise: tuple[Nuisance, ...]
+) -> JointPrior:
+    """Priors on the joint's coordinates and on all else that the case calls uncertain, those of the noise last."""
     parametrisation = parametrisation_named(spec.joint.parametrisation)
     if spec.prior is None:
         own = own_stiffness(recipe, spec.joint)
         marginals = tuple(_default_marginal(axis, own, recipe.length) for axis in parametrisation.axes)
     else:
         marginals = tuple(_marginal(getattr(spec.prior, name)) for name in parametrisation.names)
-    return JointPrior(
-        parametrisation, marginals, (*_quantities(spec, recipe, measurement), *noise_of(spec.noise, measurement)[1])
-    )
+    return JointPrior(parametrisation, marginals, (*_quantities(spec, recipe, measurement), *of_noise))
 
 
 def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
@@ -227,11 +228,14 @@ def _modes_in_band(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement)
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
     if isinstance(measurement, FrequencyMeasurement):
         return measurement.frequency_hz.size
-    joint = Joint(spec.joint.dofs, spec.joint.against)
-    family = BeamFamily(recipe, {})
-    count = min(recipe.dofs_per_node * recipe.elements, _MOST_MODES)
-    rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    rigid = rigid_frequencies_hz(recipe, Joint(spec.joint.dofs, spec.joint.against), _MOST_MODES)
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
+
+
+def rigid_frequencies_hz(recipe: BeamRecipe, joint: Joint, most: int) -> Array:
+    """Lowest natural frequencies of a beam with a rigid joint, Hz: no more than `most`, nor than it has."""
+    count = min(most, recipe.dofs_per_node * recipe.elements)
+    return NaturalFrequencies(BeamFamily(recipe, {}), joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
 
 
 def _factor_prior(spec: FactorPriorSpec) -> Marginal:

@@ -181,13 +181,14 @@ def _build(
         else:
             recipe = beam_recipe(spec.structure, spec.data)
             measurement = measurement_of(recipe, joint, spec.data)
-        prior = prior_of(spec, recipe, measurement)
+        noise, of_noise = noise_of(spec.noise, measurement)
+        prior = prior_of(spec, recipe, measurement, of_noise)
         problem = Problem(
             family_of(recipe, prior),
             joint,
             measurement,
             prior,
-            noise_of(spec.noise, measurement)[0],
+            noise,
             spec.noise.residuals,
             first_guess(spec, recipe),
             name=name,

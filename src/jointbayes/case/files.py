@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jointbayes.case.build import rigid_frequencies_hz
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.measured import (
     MeasuredFrequenciesSpec,
@@ -13,8 +14,7 @@ from jointbayes.case.schema.measured import (
 from jointbayes.case.schema.priors import FactorPriorSpec
 from jointbayes.case.schema.structure import ModalDampingSpec, StructureSpec
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import NaturalFrequencies
-from jointbayes.joint import RIGID, Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.measurement.channels import Channel
 from jointbayes.measurement.data import FrfMeasurement, Measurement
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
@@ -23,7 +23,7 @@ from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings
 from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.measurement.variance import RelativeNoise
-from jointbayes.structure import BeamFamily, BeamRecipe
+from jointbayes.structure import BeamRecipe
 
 __all__ = ["plan_of", "require_lowest", "with_estimated_variance", "with_measured_damping"]
 
@@ -95,9 +95,7 @@ def require_lowest(spec: CaseSpec, recipe: BeamRecipe, joint: Joint, measured: M
     modes = measured.provenance.modes if measured.provenance else ()
     if not modes or not (ratios or isinstance(spec.data, MeasuredFrequenciesSpec)):
         return
-    family = BeamFamily(recipe, {})
-    count = min(len(modes), recipe.dofs_per_node * recipe.elements)
-    rigid = NaturalFrequencies(family, joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    rigid = rigid_frequencies_hz(recipe, joint, len(modes))
     for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
         if mode.frequency_hz > _ABOVE_RIGID * highest:
             raise MeasurementError(

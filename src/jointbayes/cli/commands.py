@@ -273,12 +273,13 @@ def plan(
     case = _load(config)
     import json
 
-    from jointbayes.studies.planning.directory import require_plan_directory, write_plan
+    from jointbayes.report.run_directory import require_writable
+    from jointbayes.studies.planning.directory import PLAN_MARK, write_plan
     from jointbayes.studies.planning.plan import plan as ranked
     from jointbayes.studies.planning.report import plan_lines
 
     if out is not None:
-        require_plan_directory(out)
+        require_writable(out, PLAN_MARK)
     result = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
     if out is not None:
         write_plan(result, case, out)

@@ -125,6 +125,11 @@ class Problem:
         return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size))
 
     @property
+    def most_modes(self) -> int:
+        """Natural frequencies that the model of the data has whatever the joint, also a rigid one."""
+        return self.structures_of_data.nominal.n_dofs - len(self.joint.dofs)
+
+    @property
     def first_guess(self) -> NDArray[np.float64]:
         """(k11, k12, k22), shape (3,), from which a search starts: `initial`, or the middle of the prior."""
         if self.initial is not None:

@@ -19,6 +19,7 @@ from jointbayes.posterior.information.uncertain_inputs import (
     UncertainInputsRow,
     effect_of_uncertain_inputs,
     effect_sentence,
+    listed,
     uncertain_quantities,
 )
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
@@ -158,7 +159,7 @@ def assumed_words(freed: Problem) -> tuple[str, ...]:
 
 
 def _prior_words(nuisance: Nuisance) -> str:
-    name = nuisance.name.replace("youngs", "Young's").replace("_", " ")
+    name = listed((nuisance.name,))
     if isinstance(nuisance.prior, Normal):
         return f"{name} to {100 * nuisance.prior.sd:g} %"
     low, high = (math.exp(end) for end in nuisance.prior.support)

@@ -81,7 +81,7 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
         count, low, high = _MOST_MODES, *measured.frf.frequency_hz[[0, -1]]
     else:
         count, low, high = measured.frequency_hz.size, np.finfo(float).tiny, math.inf
-    count = min(count, problem.structures_of_data.nominal.n_dofs - len(problem.joint.dofs))
+    count = min(count, problem.most_modes)
     k = problem.prior.stiffness(theta)
     steps = _STEP * np.eye(k.size)
     joints = np.stack([k, np.array([RIGID, 0.0, RIGID]), *(k * (1 + steps)), *(k * (1 - steps))])

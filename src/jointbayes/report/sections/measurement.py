@@ -45,8 +45,7 @@ def _predicted(posterior: Posterior, modes: Sequence[MeasuredMode]) -> list[floa
     """The model's natural frequency nearest to each measured one."""
     problem, theta = posterior.problem, posterior.estimate.theta
     measured = np.array([mode.frequency_hz for mode in modes])
-    most = problem.structures_of_data.nominal.n_dofs - len(problem.joint.dofs)
-    count = min(most, 2 * len(measured) + 4)
+    count = min(problem.most_modes, 2 * len(measured) + 4)
     predicted = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 

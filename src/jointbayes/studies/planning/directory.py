@@ -9,9 +9,10 @@ from jointbayes.report.run_directory import json_text, require_writable, write_w
 from jointbayes.studies.planning.plan import Plan
 from jointbayes.studies.planning.report import build_plan_report
 
-__all__ = ["require_plan_directory", "write_plan"]
+__all__ = ["PLAN_MARK", "write_plan"]
 
-_MARK = "plan.json"  # by which the directory of a plan is known
+#: File by which the directory of a plan is known.
+PLAN_MARK = "plan.json"
 
 
 def write_plan(plan: Plan, case: Case, directory: str | os.PathLike[str]) -> Path:
@@ -38,19 +39,8 @@ def write_plan(plan: Plan, case: Case, directory: str | os.PathLike[str]) -> Pat
         If the directory exists and is not that of a plan.
     """
     target = Path(directory)
-    require_plan_directory(target)
+    require_writable(target, PLAN_MARK)
     summary = plan.summary()
     report = build_plan_report(summary, datetime.datetime.now(datetime.UTC).date())
-    write_whole(target, report, {_MARK: json_text(summary), "case.toml": case.text})
+    write_whole(target, report, {PLAN_MARK: json_text(summary), "case.toml": case.text})
     return target
-
-
-def require_plan_directory(target: Path) -> None:
-    """Refuse a place where the directory of a plan cannot or must not be written; before the work, not after it.
-
-    Raises
-    ------
-    CaseError
-        If it is a file, or a directory that holds something else.
-    """
-    require_writable(target, _MARK)
