@@ -202,7 +202,7 @@ def test_every_module_and_python_file_named_exists(page):
 
 
 def test_the_readme_states_the_exit_codes_of_the_command_line():
-    from jointbayes.cli import commands as cli
+    from jointbayes.cli import common as cli
 
     text = README.read_text(encoding="utf-8")
     assert f"**{cli.NOT_MATCHED}** the check does not match" in text

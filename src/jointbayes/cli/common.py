@@ -1,0 +1,84 @@
+"""What several commands share: reading a case, drawing, what is printed of a posterior, exit codes."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from jointbayes.case.case import Case
+    from jointbayes.case.plausibility import InputWarning
+    from jointbayes.posterior import Posterior
+
+NOT_MATCHED = 1
+BAD_INPUT = 2
+NOT_CONVERGED = 3
+INTERRUPTED = 130  # as shells have it: 128 + SIGINT
+WRITTEN = "jointbayes.written"  # in a command's context: what it has written
+
+seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
+config_argument = click.argument("config", type=click.Path(path_type=Path))
+
+
+def load(config: Path) -> "Case":
+    """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
+    from jointbayes.case.plausibility import input_warnings, stated_band_hz
+    from jointbayes.case.schema.case import parse_case
+    from jointbayes.case.toml_text import fault_line, read_text
+    from jointbayes.cli.progress import show_phase
+
+    # what is wrong with the file itself is said before anything heavy is loaded
+    text = read_text(config)
+    spec = parse_case(text, str(config))
+    early = input_warnings(spec, text, stated_band_hz(spec))
+
+    def tell(warnings: "Iterable[InputWarning]") -> None:
+        for warning in warnings:
+            place = fault_line(str(config), warning.line, warning.key, warning.text)
+            click.echo(f"jointbayes: warning: {place}", err=True)
+
+    tell(early)
+    show_phase("reading the case", on_terminal_only=True)
+    from jointbayes.case.case import load_case
+
+    case = load_case(config)
+    tell(warning for warning in case.warnings if warning not in early)
+    return case
+
+
+def draw(case: "Case", seed: int | None) -> "Posterior":
+    """Sample a case with progress on standard error."""
+    from jointbayes.cli.progress import show_phase, show_progress
+    from jointbayes.workflow import sample as draw
+
+    with show_progress() as progress:
+        return draw(case, seed, progress=progress, tell=show_phase)
+
+
+def note_written(path: Path) -> None:
+    """Keep in mind what an interrupted command has written already."""
+    click.get_current_context().meta[WRITTEN] = path
+
+
+def print_summary(posterior: "Posterior") -> None:
+    """Print convergence, verdicts, and what may be wrong with them."""
+    from jointbayes.posterior.verdicts import verdict_line
+
+    if not posterior.converged:
+        click.echo("NOT CONVERGED: do not use these numbers.")
+    click.echo(posterior.reason)
+    for name in posterior.stiffness_names:
+        click.echo(verdict_line(posterior, name))
+    if posterior.estimate.sentence:
+        click.echo(posterior.estimate.sentence)
+    if posterior.mesh is not None and not posterior.mesh.within:
+        click.echo(posterior.mesh.sentence)
+
+
+def exit_by_convergence(posterior: "Posterior") -> None:
+    """End with the exit code of a run that has not converged, where it has not."""
+    if not posterior.converged:
+        sys.exit(NOT_CONVERGED)

@@ -1,0 +1,85 @@
+"""Commands on files before there is a posterior: init, simulate, inspect."""
+
+from pathlib import Path
+
+import click
+
+from jointbayes.cli.common import config_argument
+
+#: Formats of `simulate`, each with the endings that choose it.
+_FORMATS: dict[str, tuple[str, ...]] = {
+    "uff58": (".uff", ".unv", ".uf"),
+    "uff58b": (),
+    "mat": (".mat",),
+    "mat73": (),
+    "csv": (".csv",),
+    "tsv": (".tsv", ".txt"),
+    "npz": (".npz",),
+    "hdf5": (".h5", ".hdf5"),
+    "lvm": (".lvm",),
+}
+
+
+@click.command()
+@click.argument("file", default="my_case.toml", type=click.Path(path_type=Path))
+def init(file: Path) -> None:
+    """Write a small case to start from, by default my_case.toml; FILE may be a directory."""
+    from importlib.resources import files
+
+    from jointbayes.errors import CaseError
+    from jointbayes.whole_file import write_whole_file
+
+    target = file / "my_case.toml" if file.is_dir() else file
+    if target.exists():
+        raise CaseError(f"{target}: found a file of this name; expected a new one; choose another name")
+    write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
+    click.echo(f"Case: {target}; next: jointbayes run {target}")
+
+
+@click.command()
+@config_argument
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
+@click.option("--format", "form", type=click.Choice(list(_FORMATS)), help="By default that of the file's ending.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
+def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
+    """Measure the truth of a case in a virtual test and write a measurement file."""
+    import numpy as np
+
+    from jointbayes.case.case import load_case
+    from jointbayes.case.simulation import describe
+    from jointbayes.case.simulation import simulate as measure
+    from jointbayes.errors import CaseError
+    from jointbayes.measurement.formats import write_records
+
+    chosen = form or next((name for name, endings in _FORMATS.items() if out.suffix.lower() in endings), None)
+    if chosen is None:
+        raise CaseError(
+            f"{out}: found no format of the ending {out.suffix!r}; expected one of "
+            f"{', '.join(e for endings in _FORMATS.values() for e in endings)}; choose another or give --format"
+        )
+    case = load_case(config)
+    records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
+    write_records(records, out, chosen)
+    for line in describe(records):
+        click.echo(line)
+    click.echo(f"Measurement: {out} ({chosen})")
+
+
+@click.command("inspect")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")
+@click.option("--mass", type=click.FloatRange(min=0, min_open=True), help="Mass of a structure that hangs free, kg.")
+def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None:
+    """List what a measurement file holds, and warn of what looks wrong in it."""
+    from jointbayes.measurement.inspection.inspection import inspect_file
+    from jointbayes.measurement.inspection.text import text_of
+
+    inspection = inspect_file(file, mass)
+    for line in text_of(inspection):
+        click.echo(line)
+    if figure is not None:
+        from jointbayes.report.inspect_figure import inspect_figure
+
+        traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in inspection.hits]
+        figure.write_text(inspect_figure(inspection.frfs, inspection.modes, traces), encoding="utf-8")
+        click.echo(f"Figure: {figure}")

@@ -1,0 +1,143 @@
+"""Commands on one case or its posterior: run, identify, sample, report, check."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from jointbayes.cli.common import (
+    NOT_MATCHED,
+    config_argument,
+    draw,
+    exit_by_convergence,
+    load,
+    note_written,
+    print_summary,
+    seed_option,
+)
+
+
+@click.command()
+@config_argument
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
+@seed_option
+def run(config: Path, out: Path | None, seed: int | None) -> None:
+    """Identify, sample and write the report of a case file."""
+    case = load(config)
+    from jointbayes.cli.progress import show_phase
+    from jointbayes.report.kept_draws import draws_kept
+    from jointbayes.report.run_directory import require_writable, write_run
+
+    target = out or Path("reports") / case.name
+    require_writable(target)
+    posterior = draw(case, seed)
+    with draws_kept(posterior, target):
+        note_written(write_run(posterior, target, show_phase))
+    print_summary(posterior)
+    click.echo(posterior.check.sentence)
+    if not posterior.check.explains:
+        click.echo(posterior.diagnosis.sentence)
+    click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+    exit_by_convergence(posterior)
+
+
+@click.command()
+@config_argument
+def identify(config: Path) -> None:
+    """Run the paper's sensitivity iteration and the MAP search; print both."""
+    case = load(config)
+    from jointbayes.cli.progress import show_phase
+    from jointbayes.workflow import find_map
+    from jointbayes.workflow import identify as iterate
+
+    provenance = case.problem.measurement.provenance
+    if case.problem.measurement.joint_frf is not None:
+        history = iterate(case)
+        heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
+        click.echo(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
+        for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
+            values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
+            click.echo(f"{step:>4} {norm:>10.3e} {values}")
+        click.echo(f"The paper's iteration {history.reason}.")
+    elif provenance is not None and provenance.iteration:
+        click.echo(f"The paper's iteration is left out. {provenance.iteration}.")
+    estimate = find_map(case, tell=show_phase)
+    stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
+    click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in stiffnesses))
+    edges = case.problem.prior.at_edge(estimate.theta)
+    if edges:
+        click.echo(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
+    else:
+        sd = estimate.covariance.diagonal() ** 0.5
+        words = ", ".join(f"{n} {s:.3g}" for n, s in zip(case.problem.prior.labels, sd, strict=True))
+        click.echo(f"Linearised sd, without draws: {words}")
+    if estimate.failed_starts:
+        click.echo(f"Starts that ended elsewhere: {estimate.failed_text}")
+    if estimate.sentence:
+        click.echo(estimate.sentence)
+
+
+@click.command()
+@config_argument
+@click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
+@seed_option
+def sample(config: Path, out: Path | None, seed: int | None) -> None:
+    """Sample a case and write the draws, without a report."""
+    case = load(config)
+    from jointbayes.errors import CaseError
+    from jointbayes.report.kept_draws import save_draws
+
+    target = out or Path(f"{case.name}.nc")
+    if not target.absolute().parent.is_dir():
+        raise CaseError(f"{target}: found no directory {target.parent}; expected one that exists; make it first")
+    if target.exists() and not target.is_file():
+        kind = "a directory" if target.is_dir() else "no regular file"
+        raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
+    posterior = draw(case, seed)
+    save_draws(posterior, target)
+    note_written(target)
+    print_summary(posterior)
+    click.echo(f"Draws: {target}")
+    exit_by_convergence(posterior)
+
+
+@click.command()
+@click.argument("posterior", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
+def report(posterior: Path, out: Path | None) -> None:
+    """Write the report of a posterior file."""
+    from jointbayes.cli.progress import show_phase
+
+    show_phase("reading the draws", on_terminal_only=True)  # before the seconds that the rest takes to load
+    from jointbayes.report.kept_draws import draws_explained
+    from jointbayes.report.run_directory import require_writable, write_run
+    from jointbayes.workflow import load_posterior
+
+    loaded = load_posterior(posterior)
+    target = out or Path("reports") / loaded.record.case_name
+    require_writable(target)
+    with draws_explained(posterior, target):
+        note_written(write_run(loaded, target, show_phase))
+    click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+    exit_by_convergence(loaded)
+
+
+@click.command()
+@config_argument
+@seed_option
+def check(config: Path, seed: int | None) -> None:
+    """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not."""
+    case = load(config)
+    from jointbayes.studies.reference_check import check_posterior, require_reference
+
+    require_reference(case)
+    result = check_posterior(case, draw(case, seed))
+    click.echo(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
+    for line in result.lines:
+        mark, word = {True: ("ok  ", "expected"), False: ("FAIL", "expected"), None: ("info", "published")}[
+            line.matches
+        ]
+        click.echo(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
+    click.echo("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
+    if not result.matches:
+        sys.exit(NOT_MATCHED)

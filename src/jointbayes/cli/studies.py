@@ -1,0 +1,73 @@
+"""Commands that make many posteriors: compare, plan."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from jointbayes.cli.common import NOT_CONVERGED, config_argument, load, seed_option
+
+
+@click.command()
+@click.argument("config", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Run directory to write; by default none.")
+@seed_option
+def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
+    """Compare hypotheses on the joint, from rigid to a full matrix, in one case file or several of the same data."""
+    from jointbayes.report.run_directory import require_writable
+    from jointbayes.studies.comparison.compare import compare as weigh
+    from jointbayes.studies.comparison.compare import require_same_data
+    from jointbayes.studies.comparison.directory import COMPARISON_MARK, write_comparison
+    from jointbayes.studies.comparison.report import evidence_table
+
+    cases = [load(path) for path in config]
+    require_same_data(cases)
+    if out is not None:
+        require_writable(out, COMPARISON_MARK)
+    comparison = weigh(cases, seed, lambda name: click.echo(f"weighing {name}", err=True))
+    for line in evidence_table(comparison.summary(), method=True).lines():
+        click.echo(line)
+    for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
+        click.echo(f"Cross-validation is {note}.")
+    if out is not None:
+        write_comparison(comparison, cases, out)
+        click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+    if not comparison.trusted:
+        click.echo("NOT TRUSTED: the error of an evidence is unknown, see the table.")
+    click.echo(comparison.verdict)
+    if not comparison.trusted:
+        sys.exit(NOT_CONVERGED)
+
+
+@click.command()
+@config_argument
+@click.option("--out", type=click.Path(path_type=Path), help="Directory for report and numbers; by default none.")
+@click.option("--json", "as_json", is_flag=True, help="Print plan.json instead of a table.")
+@click.option("--assume", nargs=3, type=float, metavar="K11 K12 K22", help="Plan for this joint, not the one found.")
+@seed_option
+def plan(
+    config: Path, out: Path | None, as_json: bool, assume: tuple[float, float, float] | None, seed: int | None
+) -> None:
+    """Recommend what to measure next, from simulated further measurements."""
+    case = load(config)
+    import json
+
+    from jointbayes.report.run_directory import require_writable
+    from jointbayes.studies.planning.directory import PLAN_MARK, write_plan
+    from jointbayes.studies.planning.plan import plan as ranked
+    from jointbayes.studies.planning.report import plan_lines
+
+    if out is not None:
+        require_writable(out, PLAN_MARK)
+    result = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
+    if out is not None:
+        write_plan(result, case, out)
+    if as_json:
+        click.echo(json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        for line in plan_lines(result):
+            click.echo(line)
+        if out is not None:
+            click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+    if not result.converged:
+        sys.exit(NOT_CONVERGED)
