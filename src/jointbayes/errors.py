@@ -9,15 +9,56 @@ __all__ = [
     "ReportInterruptedError",
     "SamplingError",
     "WriteError",
+    "printable",
 ]
+
+#: What `str.isspace` is true of and a terminal does not show as a blank.
+_NO_BLANKS = "\t\n\v\f\r\x1c\x1d\x1e\x1f\x85\u2028\u2029"
+
+
+def printable(text: str, keep: str = "") -> str:
+    r"""Text with every character escaped that does not print, as `repr` escapes it.
+
+    These are control characters (of C0 and C1, so that no name changes colours or moves the cursor), marks that turn
+    the direction of writing, invisible ones, and halves of surrogate pairs. Blanks of all widths stay.
+
+    Parameters
+    ----------
+    text
+        Any text: a file's name, a label in a file.
+    keep
+        Characters that stay whatever they are.
+
+    Examples
+    --------
+    >>> print(printable("tip\x1b[31m\u202e of Mößler"))
+    tip\x1b[31m\u202e of Mößler
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        c
+        if c.isprintable() or c in keep or (c.isspace() and c not in _NO_BLANKS)
+        else c.encode("unicode_escape").decode("ascii")
+        for c in text
+    )
 
 
 class JointBayesError(Exception):
-    """Base of every error that a user's input can cause; the CLI prints it and exits 2."""
+    """Base of every error that a user's input can cause; the CLI prints it and exits 2.
+
+    As text it is one line that is safe on a terminal, whatever names of files and channels are in it.
+    """
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class CaseError(JointBayesError):
-    """A case file cannot be read or asks for something that does not exist."""
+    """A case file cannot be read or asks for something that does not exist; one line for each fault."""
+
+    def __str__(self) -> str:
+        return printable(Exception.__str__(self), keep="\n")
 
 
 class MeasurementError(JointBayesError):

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jointbayes.cli.output import say
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -17,6 +19,7 @@ NOT_MATCHED = 1
 BAD_INPUT = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
+OUTPUT_CLOSED = 141  # the same with SIGPIPE
 WRITTEN = "jointbayes.written"  # in a command's context: what it has written
 
 seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
@@ -38,7 +41,7 @@ def load(config: Path) -> "Case":
     def tell(warnings: "Iterable[InputWarning]") -> None:
         for warning in warnings:
             place = fault_line(str(config), warning.line, warning.key, warning.text)
-            click.echo(f"jointbayes: warning: {place}", err=True)
+            say(f"jointbayes: warning: {place}", err=True)
 
     tell(early)
     show_phase("reading the case", on_terminal_only=True)
@@ -68,14 +71,14 @@ def print_summary(posterior: "Posterior") -> None:
     from jointbayes.posterior.verdicts import verdict_line
 
     if not posterior.converged:
-        click.echo("NOT CONVERGED: do not use these numbers.")
-    click.echo(posterior.reason)
+        say("NOT CONVERGED: do not use these numbers.")
+    say(posterior.reason)
     for name in posterior.stiffness_names:
-        click.echo(verdict_line(posterior, name))
+        say(verdict_line(posterior, name))
     if posterior.estimate.sentence:
-        click.echo(posterior.estimate.sentence)
+        say(posterior.estimate.sentence)
     if posterior.mesh is not None and not posterior.mesh.within:
-        click.echo(posterior.mesh.sentence)
+        say(posterior.mesh.sentence)
 
 
 def exit_by_convergence(posterior: "Posterior") -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from jointbayes.cli.common import config_argument
+from jointbayes.cli.output import say
 
 #: Formats of `simulate`, each with the endings that choose it.
 _FORMATS: dict[str, tuple[str, ...]] = {
@@ -33,7 +34,7 @@ def init(file: Path) -> None:
     if target.exists():
         raise CaseError(f"{target}: found a file of this name; expected a new one; choose another name")
     write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
-    click.echo(f"Case: {target}; next: jointbayes run {target}")
+    say(f"Case: {target}; next: jointbayes run {target}")
 
 
 @click.command()
@@ -61,8 +62,8 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
     write_records(records, out, chosen)
     for line in describe(records):
-        click.echo(line)
-    click.echo(f"Measurement: {out} ({chosen})")
+        say(line)
+    say(f"Measurement: {out} ({chosen})")
 
 
 @click.command("inspect")
@@ -76,10 +77,10 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
 
     inspection = inspect_file(file, mass)
     for line in text_of(inspection):
-        click.echo(line)
+        say(line)
     if figure is not None:
         from jointbayes.report.inspect_figure import inspect_figure
 
         traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in inspection.hits]
         figure.write_text(inspect_figure(inspection.frfs, inspection.modes, traces), encoding="utf-8")
-        click.echo(f"Figure: {figure}")
+        say(f"Figure: {figure}")

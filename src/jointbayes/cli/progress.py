@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from jointbayes.cli.output import say
+
 if TYPE_CHECKING:
     from jointbayes.sampling import Progress
 
@@ -23,7 +25,7 @@ def show_phase(name: str, *, on_terminal_only: bool = False) -> None:
     """
     if on_terminal_only and not sys.stderr.isatty():
         return
-    print(f"{time.monotonic() - _BEGIN:6.1f} s  {name}", file=sys.stderr, flush=True)
+    say(f"{time.monotonic() - _BEGIN:6.1f} s  {name}", err=True)
 
 
 @contextmanager
@@ -55,11 +57,10 @@ def _plain() -> Callable[["Progress"], None]:
         if progress.elapsed_seconds - last >= _LINES_AT_LEAST_APART or progress.steps >= progress.expected_steps:
             last = progress.elapsed_seconds
             left = progress.elapsed_seconds * (progress.expected_steps / progress.steps - 1)
-            print(
+            say(
                 f"sampling: step {progress.steps} of about {progress.expected_steps}, {_figures(progress)}, "
                 f"{progress.elapsed_seconds:.0f} s so far, about {left:.0f} s left",
-                file=sys.stderr,
-                flush=True,
+                err=True,
             )
 
     return report

@@ -15,6 +15,7 @@ from jointbayes.cli.common import (
     print_summary,
     seed_option,
 )
+from jointbayes.cli.output import say
 
 
 @click.command()
@@ -34,10 +35,10 @@ def run(config: Path, out: Path | None, seed: int | None) -> None:
     with draws_kept(posterior, target):
         note_written(write_run(posterior, target, show_phase))
     print_summary(posterior)
-    click.echo(posterior.check.sentence)
+    say(posterior.check.sentence)
     if not posterior.check.explains:
-        click.echo(posterior.diagnosis.sentence)
-    click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+        say(posterior.diagnosis.sentence)
+    say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     exit_by_convergence(posterior)
 
 
@@ -54,27 +55,27 @@ def identify(config: Path) -> None:
     if case.problem.measurement.joint_frf is not None:
         history = iterate(case)
         heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
-        click.echo(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
+        say(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
         for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
             values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
-            click.echo(f"{step:>4} {norm:>10.3e} {values}")
-        click.echo(f"The paper's iteration {history.reason}.")
+            say(f"{step:>4} {norm:>10.3e} {values}")
+        say(f"The paper's iteration {history.reason}.")
     elif provenance is not None and provenance.iteration:
-        click.echo(f"The paper's iteration is left out. {provenance.iteration}.")
+        say(f"The paper's iteration is left out. {provenance.iteration}.")
     estimate = find_map(case, tell=show_phase)
     stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
-    click.echo("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in stiffnesses))
+    say("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in stiffnesses))
     edges = case.problem.prior.at_edge(estimate.theta)
     if edges:
-        click.echo(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
+        say(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")
     else:
         sd = estimate.covariance.diagonal() ** 0.5
         words = ", ".join(f"{n} {s:.3g}" for n, s in zip(case.problem.prior.labels, sd, strict=True))
-        click.echo(f"Linearised sd, without draws: {words}")
+        say(f"Linearised sd, without draws: {words}")
     if estimate.failed_starts:
-        click.echo(f"Starts that ended elsewhere: {estimate.failed_text}")
+        say(f"Starts that ended elsewhere: {estimate.failed_text}")
     if estimate.sentence:
-        click.echo(estimate.sentence)
+        say(estimate.sentence)
 
 
 @click.command()
@@ -97,7 +98,7 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
     save_draws(posterior, target)
     note_written(target)
     print_summary(posterior)
-    click.echo(f"Draws: {target}")
+    say(f"Draws: {target}")
     exit_by_convergence(posterior)
 
 
@@ -118,7 +119,7 @@ def report(posterior: Path, out: Path | None) -> None:
     require_writable(target)
     with draws_explained(posterior, target):
         note_written(write_run(loaded, target, show_phase))
-    click.echo(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
+    say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     exit_by_convergence(loaded)
 
 
@@ -132,12 +133,12 @@ def check(config: Path, seed: int | None) -> None:
 
     require_reference(case)
     result = check_posterior(case, draw(case, seed))
-    click.echo(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
+    say(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
     for line in result.lines:
         mark, word = {True: ("ok  ", "expected"), False: ("FAIL", "expected"), None: ("info", "published")}[
             line.matches
         ]
-        click.echo(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
-    click.echo("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
+        say(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
+    say("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")
     if not result.matches:
         sys.exit(NOT_MATCHED)

@@ -6,6 +6,8 @@ from pathlib import Path
 import click
 
 from jointbayes.cli.common import NOT_CONVERGED, config_argument, load, seed_option
+from jointbayes.cli.output import say
+from jointbayes.errors import printable
 
 
 @click.command()
@@ -24,17 +26,17 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     require_same_data(cases)
     if out is not None:
         require_writable(out, COMPARISON_MARK)
-    comparison = weigh(cases, seed, lambda name: click.echo(f"weighing {name}", err=True))
+    comparison = weigh(cases, seed, lambda name: say(f"weighing {name}", err=True))
     for line in evidence_table(comparison.summary(), method=True).lines():
-        click.echo(line)
+        say(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
-        click.echo(f"Cross-validation is {note}.")
+        say(f"Cross-validation is {note}.")
     if out is not None:
         write_comparison(comparison, cases, out)
-        click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+        say(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
     if not comparison.trusted:
-        click.echo("NOT TRUSTED: the error of an evidence is unknown, see the table.")
-    click.echo(comparison.verdict)
+        say("NOT TRUSTED: the error of an evidence is unknown, see the table.")
+    say(comparison.verdict)
     if not comparison.trusted:
         sys.exit(NOT_CONVERGED)
 
@@ -59,15 +61,19 @@ def plan(
 
     if out is not None:
         require_writable(out, PLAN_MARK)
-    result = ranked(case, seed=seed, assume=assume, progress=lambda line: click.echo(line, err=True))
+    result = ranked(case, seed=seed, assume=assume, progress=lambda line: say(line, err=True))
     if out is not None:
         write_plan(result, case, out)
     if as_json:
-        click.echo(json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False))
+        text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False)
+        if printable(text, keep="\n") != text:  # an escape of JSON's own stays JSON
+            text = json.dumps(result.summary(), indent=2, allow_nan=False)
+        for line in text.split("\n"):
+            say(line)
     else:
         for line in plan_lines(result):
-            click.echo(line)
+            say(line)
         if out is not None:
-            click.echo(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+            say(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
     if not result.converged:
         sys.exit(NOT_CONVERGED)

@@ -1,0 +1,139 @@
+"""What is printed: no name steers a terminal, and a reader that leaves is no fault."""
+
+import ast
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jointbayes.cli
+from jointbayes import errors
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError, printable
+
+#: Colours, a title of the window, one byte that begins an escape, a bell, backspaces, text turned round, a new line.
+HOSTILE = (
+    "\x1b[31m", "\x1b]0;owned\x07", "\x9b31m", "\x08\x08", "\x7f", "\x85", "\r", "\n", "\v", "\f", "\t", "\x0e",
+    *map(chr, (*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C, 0x2028, 0xFEFF, 0xE0001)),
+    "\x90q", "\udc9b",
+)  # fmt: skip
+MAIN = "from jointbayes.cli.commands import main; main()"
+
+
+@pytest.mark.parametrize("part", HOSTILE, ids=ascii)
+def test_what_steers_a_terminal_is_escaped(part):
+    shown = printable(f"tip{part} of Mößler")
+    assert shown.isprintable()
+    assert shown == f"tip{repr(part)[1:-1]} of Mößler"
+
+
+def test_what_prints_stays_as_it_is():
+    for text in ("", "plain", "11:y ± 3 %", "Ölfüß 試験 ω² × 10⁻³", "a\xa0b\u2009c\u3000d"):
+        assert printable(text) == text
+    assert printable("a\nb\x1b", keep="\n") == "a\nb\\x1b"
+
+
+@pytest.mark.parametrize("name", [n for n in errors.__all__ if n.endswith("Error") and "Interrupted" not in n])
+def test_every_error_is_printable_and_all_but_that_of_a_case_are_one_line(name):
+    error = getattr(errors, name)(f"file{''.join(HOSTILE)}: found nothing")
+    assert isinstance(error, JointBayesError)
+    lines = str(error).split("\n")
+    assert len(lines) == (2 if isinstance(error, CaseError) else 1)
+    assert all(line.isprintable() for line in lines)
+
+
+def test_a_message_that_passes_through_several_errors_is_escaped_once():
+    inner = MeasurementError("label '\x1b': found nothing")
+    assert str(MeasurementError(f"file: {inner}")) == "file: label '\\x1b': found nothing"
+
+
+def test_commands_print_by_one_function_alone():
+    folder = Path(jointbayes.cli.__path__[0])
+    found = [
+        f"{path.name}:{node.lineno}"
+        for path in sorted(folder.glob("*.py"))
+        if path.name != "output.py"
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) in ("print", "click.echo", "click.secho", "sys.stdout.write", "sys.stderr.write")
+    ]
+    assert not found, f"jointbayes.cli.output.say makes names safe; use it at {', '.join(found)}"
+
+
+def hostile_archive(path):
+    """An archive with names of members, labels and units of the worst kind, and what is wrong in the last one."""
+    word = "".join(HOSTILE[:-1])
+    lines = np.arange(1.0, 13.0)
+    values = (lines + 1j)[:, None, None] * np.ones((1, 2, 1))
+    block = {"frequency_hz": lines, "frf": values, "outputs": [f"a{word}", "b"], "inputs": [f"c{word}"]}
+    np.savez(path, **block, unit=f"furlong{word}", averages=3.0)
+    return path
+
+
+def on_a_terminal(arguments, cwd):
+    """Everything that a command sends to a terminal, which is its output, its errors and its input."""
+    master, slave = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-c", MAIN, *arguments], stdin=slave, stdout=slave, stderr=slave, cwd=cwd
+    ) as process:
+        os.close(slave)
+        sent = b""
+        while True:
+            try:
+                part = os.read(master, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not part:
+                break
+            sent += part
+    os.close(master)
+    return process.returncode, sent.decode("utf-8").replace("\r\n", "\n")
+
+
+def test_nothing_of_a_file_reaches_the_terminal_raw(tmp_path):
+    hostile_archive(tmp_path / "sound.npz")
+    with np.load(tmp_path / "sound.npz") as archive:
+        broken = {f"{name}\x1b[31m\x9b\u202e": archive[name] for name in archive}
+    np.savez(tmp_path / "bad\x1b[31m\n\u202e.npz", **broken, frf=np.array(["x\x1b[31m"]))
+    code, sent = on_a_terminal(["inspect", "sound.npz"], tmp_path)
+    assert code == 0
+    assert "furlong\\x1b[31m" in sent
+    assert all(line.isprintable() for line in sent.split("\n"))
+    code, sent = on_a_terminal(["inspect", "bad\x1b[31m\n\u202e.npz"], tmp_path)
+    assert code == 2
+    assert sent.count("\n") == 1
+    assert sent.rstrip("\n").isprintable()
+    code, sent = on_a_terminal(["inspect", "one", "two\x1b[31m\n\x9b"], tmp_path)
+    assert code == 2
+    assert all(line.isprintable() for line in sent.split("\n"))
+
+
+def test_json_of_hostile_names_stays_json():
+    text = json.dumps({"case": "".join(HOSTILE)})
+    assert printable(text) == text
+
+
+def piped(arguments, cwd, reads, both=False):
+    """Exit code and standard error of a command whose reader takes so many bytes and leaves."""
+    command = [sys.executable, "-c", MAIN, *arguments]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT if both else subprocess.PIPE, cwd=cwd
+    ) as process:
+        if reads:
+            process.stdout.read(reads)
+        process.stdout.close()
+        said = "" if both else process.stderr.read().decode()
+    return process.returncode, said
+
+
+@pytest.mark.skipif(not hasattr(__import__("select"), "poll"), reason="pipes are looked at by poll")
+def test_a_reader_that_leaves_ends_a_command_quietly(tmp_path):
+    hostile_archive(tmp_path / "sound.npz")
+    for arguments in (["inspect", "sound.npz"], ["--help"], ["inspect", "--help"], ["--version"]):
+        assert piped(arguments, tmp_path, 0) == (141, ""), arguments
+    assert piped(["inspect", "none.npz"], tmp_path, 0)[0] == 2  # nothing was to be printed there
+    assert piped(["inspect", "none.npz"], tmp_path, 0, both=True)[0] == 2
