@@ -8,6 +8,7 @@ BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CASE := clamped_beam
 MARKS ?= not science
+SECONDS ?= 60
 
 # The linear algebra is small: more BLAS threads only get in each other's way, and in xdist's.
 export OPENBLAS_NUM_THREADS = 1
@@ -16,7 +17,7 @@ export OMP_NUM_THREADS = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:  # two pip runs in one environment break it
-.PHONY: help report test lint docs bench numbers science clean
+.PHONY: help report test lint docs bench numbers fuzz science clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +47,9 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README and docs quote of them (minutes)
 	$(BIN)/python -m benchmarks.numbers
 
+fuzz: $(VENV)/.stamp-test  ## damaged input for every reader, SECONDS=60 each; what fails is kept in fuzz-offenders/
+	$(BIN)/python -m tests.fuzz all --seconds $(SECONDS)
+
 science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies against known truths: hours
 	$(BIN)/python -m pytest -n auto --dist worksteal -m science
 	$(BIN)/python -m benchmarks.mode_found
@@ -55,6 +59,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.planning
 	$(BIN)/python -m benchmarks.coherence
 	$(BIN)/python -m benchmarks.files
+	$(BIN)/python -m tests.fuzz all --together 3600
 
 clean:  ## remove environments, caches and builds; reports/ stays
 	rm -rf .venv .venv-* site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -176,7 +176,7 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
         table, key = fault.place.path[:-1], str(fault.place.path[-1])
         inside = fault.place.value if isinstance(fault.place.value, Mapping) else {}
         here = [str(p[-1]) for p in missing if p[:-1] == table]
-        below = [str(p[-2]) for p in missing if p[:-2] == table and p[-1] in inside]
+        below = [str(p[-2]) for p in missing if len(p) > 1 and p[:-2] == table and p[-1] in inside]
         alone = sum(f.place.path[:-1] == table for f in unknown) == 1
         known = [k for m in fault.place.owner for k in m.model_fields]
         # The surest sign first: a missing key, then a table whose missing keys are inside, then likeness.

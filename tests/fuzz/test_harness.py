@@ -1,0 +1,129 @@
+import os
+import random
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+
+from jointbayes.errors import CaseError, ModelError
+from tests.fuzz.harness import Attacker, fuzz, made_input
+from tests.fuzz.mutations import EXTREMES, damaged_bytes, with_extreme_number
+from tests.fuzz.target import Target
+
+HERE = __name__
+
+
+class Misbehaving(Target):
+    """Does what its input says."""
+
+    name = "misbehaving"
+    suffix = ".txt"
+    memory = 2 * 2**30
+
+    def seeds(self):
+        return [b"fine"]
+
+    def mutate(self, rng, content):
+        return rng.choice([content, b"xxxxxx zero xxxxxx", b"refuse"])
+
+    def attempt(self, path):
+        text = path.read_text()
+        if "zero" in text:
+            raise ZeroDivisionError
+        if text == "refuse":
+            raise ModelError(f"{path}: found nothing; expected something; write it")
+        if text == "nameless":
+            raise ModelError("found nothing")
+        if text == "two lines":
+            raise CaseError(f"{path}:1: found\nnothing")
+        if text == "coloured":
+            raise CaseError(f"{path}:1: found \x1b[31mred")
+        if text == "leave":
+            Path("left.txt").write_text("x")
+        if text == "leave in the temporary directory":
+            (Path(os.environ["TMPDIR"]) / "left" / "deep").mkdir(parents=True)
+        if text == "warn":
+            warnings.warn("look", UserWarning, stacklevel=1)
+        if text == "print":
+            print("hello")
+        if text == "die":
+            os.abort()
+        if text == "leave the program":
+            raise SystemExit
+        if text == "eat":
+            bytearray(4 * 2**30)
+        if text == "compute":
+            while True:
+                pass
+        if text == "linger":
+            begun = time.process_time()
+            while time.process_time() - begun < 5.2:
+                pass
+
+
+BAD = Misbehaving()
+
+
+@pytest.fixture(scope="module")
+def attacker():
+    with Attacker(f"{HERE}:BAD") as attacker:
+        yield attacker
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("fine", "accepted"),
+        ("refuse", "refused"),
+        ("zero", "traceback"),
+        ("leave the program", "traceback"),
+        ("nameless", "message"),
+        ("two lines", "message"),
+        ("coloured", "message"),
+        ("leave", "file left"),
+        ("leave in the temporary directory", "file left"),
+        ("warn", "warning"),
+        ("print", "printed"),
+        ("eat", "memory"),
+        ("die", "crash"),
+    ],
+)
+def test_each_misdeed_is_seen_and_the_next_input_is_judged_afresh(attacker, text, kind):
+    assert attacker.attempt(text.encode()).kind == kind
+    assert attacker.attempt(b"fine").kind == "accepted"
+
+
+@pytest.mark.science
+@pytest.mark.parametrize(("text", "kind"), [("compute", "hang"), ("linger", "slow")])
+def test_what_takes_more_than_five_seconds_of_computing_is_a_fault(attacker, text, kind):
+    assert attacker.attempt(text.encode()).kind == kind
+    assert attacker.attempt(b"fine").kind == "accepted"
+
+
+def test_inputs_depend_on_seed_and_number_alone():
+    inputs = [made_input(BAD, BAD.seeds(), 1, number) for number in range(50)]
+    assert inputs == [made_input(BAD, BAD.seeds(), 1, number) for number in range(50)]
+    assert inputs != [made_input(BAD, BAD.seeds(), 2, number) for number in range(50)]
+    assert len(set(inputs)) == 3
+
+
+def test_an_offender_is_kept_small_with_what_it_did_and_counted(tmp_path):
+    tally = fuzz(f"{HERE}:BAD", seed=1, count=40, seconds=None, offenders=tmp_path)
+    assert tally.count == 40
+    ((kind, where), numbers) = next(iter(tally.faults.items()))
+    assert (kind, where) == ("traceback", "ZeroDivisionError in test_harness.py:attempt")
+    assert len(numbers) == tally.kinds["traceback"] > 3
+    smallest = min(tally.saved, key=lambda path: path.stat().st_size)
+    assert smallest.read_bytes() == b"zero"
+    assert "raise ZeroDivisionError" in smallest.with_name(f"{smallest.name}.txt").read_text()
+    assert "ZeroDivisionError" in str(tally)
+
+
+def test_the_generator_alone_decides_on_damage():
+    text = b"length_mm = 383.0\n[joint]\ndofs = 4\n"
+    assert damaged_bytes(random.Random(3), text) == damaged_bytes(random.Random(3), text)
+    assert len({damaged_bytes(random.Random(seed), text) for seed in range(100)}) > 80
+    assert damaged_bytes(random.Random(1), b"") == b""
+    found = with_extreme_number(random.Random(1), b"length_mm = 383.0 # mm")
+    assert found.removeprefix(b"length_mm = ").removesuffix(b" # mm").decode() in EXTREMES
