@@ -1,6 +1,7 @@
 """Families of structures: the modes of a beam whose quantities are uncertain are those of the beam built anew."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -150,3 +151,27 @@ def test_a_natural_frequency_may_be_off_by_itself_and_takes_its_resonance_along(
     assert_allclose(slope[0], (up - down) / (2 * h), rtol=1e-4, atol=1e-6 * np.abs(slope).max())
     with pytest.raises(ModelError, match="mode_frequency_1"):
         BeamFamily(recipe(), {"mode_frequency_2": (-0.2, 0.2)})
+
+
+def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
+    beam = recipe()
+    ranges = {"length": (-0.01, 0.01), "section_size": (-0.02, 0.02)}
+    motions = np.eye(BeamFamily(beam, ranges).nominal.n_dofs)[:, :2]
+    first, again = (BeamFamily(beam, ranges).free_modes(motions) for _ in range(2))
+    assert again is first
+    others = (
+        BeamFamily(replace(beam, length=1.1 * beam.length), ranges).free_modes(motions),
+        BeamFamily(beam, {"length": (-0.02, 0.01)}).free_modes(motions),
+        BeamFamily(beam, ranges, exact=True).free_modes(motions),
+        BeamFamily(beam, ranges).free_modes(2 * motions),
+    )
+    assert first not in others
+    assert np.allclose(2 * first(np.ones((1, 2)))[1], others[-1](np.ones((1, 2)))[1])
+
+
+def test_beams_that_are_described_by_lists_are_solved_all_the_same():
+    beam = recipe()
+    listed = replace(beam, supports=list(beam.supports))
+    motions = np.eye(BeamFamily(beam, {}).nominal.n_dofs)[:, :2]
+    found, expected = (BeamFamily(one, {}).free_modes(motions)(np.ones((1, 0))) for one in (listed, beam))
+    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))

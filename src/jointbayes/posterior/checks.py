@@ -92,6 +92,12 @@ class PredictiveCheck:
         return self.whiteness_p_value is not None and self.whiteness_p_value < self._level
 
     @property
+    def misfit_p_value(self) -> float:
+        """Probability that a right model misfits as much in size or in correlation; below `FALSE_ALARM`: misfit."""
+        both = [p for p in (self.chi2_p_value, self.whiteness_p_value) if p is not None]
+        return min(1.0, len(both) * min(both))
+
+    @property
     def overstated(self) -> bool:
         """Whether residuals are smaller than the noise should make them; no reason to distrust the model."""
         return self.chi2_p_value > 1 - self._level

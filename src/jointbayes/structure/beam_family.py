@@ -8,7 +8,7 @@ points at which the beam is assembled and solved; the interpolation is checked w
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -26,6 +26,10 @@ from jointbayes.structure.uncertain_quantities import BeamRecipe, is_damping_rat
 __all__ = ["BeamFamily"]
 
 Array = NDArray[np.float64]
+
+#: Free modes of so many beams are kept, for no more motions each: search, draws, checks and report of one case, and
+#: cases that differ in their data alone, ask for the same ones again and again.
+_KEPT, _KEPT_MOTIONS = 12, 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,6 +89,11 @@ class BeamFamily:
     def _axes(self) -> "_ShapeAxes":
         return _ShapeAxes(self.recipe, self.ranges)
 
+    @property
+    def shape_ends(self) -> list[tuple[float, float]]:
+        """Least and largest of each of the shape numbers."""
+        return self._axes.ends
+
     @cached_property
     def reach_of_modes_hz(self) -> float | None:
         """Frequency up to which modes are wanted: a beam at the end of its range may have its modes so much lower."""
@@ -137,17 +146,10 @@ class BeamFamily:
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
         if self.exact:
             return _AssembledModes(self, motions)
-        turned = _rotations(self.nominal.dofs, motions)
-        modes = self.nominal.modes()
-        kept = Reduction(modes.eigenvalues.size, motions)
-        reduction = kept if self.reach_of_modes_hz is None else Reduction.below(self.reach_of_modes_hz, modes, motions)
-        # the last terms are the least smooth over the ranges, and the least needed
-        for terms in (reduction.terms, reduction.terms - 1):
-            beams = _BeamModes(self, replace(reduction, terms=terms))
-            table = tabulated(beams.at, motions, self._axes.ends)
-            if table is not None:
-                return _ScaledModes(self, table, turned)
-        return _ScaledModes(self, _BeamModes(self, reduction), turned)
+        beams = _BeamsOf(self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
+        if motions.shape[1] > _KEPT_MOTIONS or not beams.known_by_value:
+            return _interpolated(self, motions)
+        return _kept(beams, motions.shape, motions.tobytes())
 
     def structure_at(self, numbers: Sequence[float]) -> Structure:
         """Beam of nominal length, E and ρ at shape numbers (axes,), assembled anew."""
@@ -157,8 +159,10 @@ class BeamFamily:
         return self.recipe.lumped.structure(factors, self.mesh)
 
     def damping_ratios(self, factors: Array) -> Array:
-        """Damping ratio of every mode, shape (n, m)."""
+        """Damping ratio of every mode, shape (n, m), or (1, m) where all are certain."""
         law = self.recipe.damping
+        if not any(map(is_damping_ratio, self.names)):
+            return self._certain_ratios
         listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
         ratios = np.tile(law.per_mode(self.nominal.n_dofs), (len(factors), 1))
         ratios *= self.factor(factors, "damping_ratio")[:, None]
@@ -166,6 +170,10 @@ class BeamFamily:
             # the last one holds for all higher modes
             ratios[:, i : None if i == listed - 1 else i + 1] *= self.factor(factors, f"damping_ratio_{i + 1}")[:, None]
         return ratios
+
+    @cached_property
+    def _certain_ratios(self) -> Array:
+        return self.recipe.damping.per_mode(self.nominal.n_dofs)[None]
 
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (n,)."""
@@ -187,6 +195,44 @@ class BeamFamily:
     def shape_numbers(self, factors: Array) -> Array:
         """Logarithms of the numbers that change the modes by more than factors, shape (n, axes)."""
         return self._axes.numbers(self, factors)
+
+
+@dataclass(frozen=True, slots=True)
+class _BeamsOf:
+    """What a family is made from: equal where the beams are."""
+
+    recipe: BeamRecipe
+    ranges: tuple[tuple[str, tuple[float, float]], ...]
+    dofs: tuple[str, ...] | None
+    top_hz: float | None
+
+    @property
+    def known_by_value(self) -> bool:
+        """Whether it can be looked up; not where a caller gave lists for tuples."""
+        try:
+            hash(self)
+        except TypeError:
+            return False
+        return True
+
+
+@lru_cache(maxsize=_KEPT)
+def _kept(beams: _BeamsOf, shape: tuple[int, ...], motions: bytes) -> FreeModes:
+    family = BeamFamily(beams.recipe, dict(beams.ranges), dofs=beams.dofs, top_hz=beams.top_hz)
+    return _interpolated(family, np.frombuffer(motions).reshape(shape))
+
+
+def _interpolated(family: BeamFamily, motions: Array) -> FreeModes:
+    turned = _rotations(family.nominal.dofs, motions)
+    modes, reach = family.nominal.modes(), family.reach_of_modes_hz
+    reduction = Reduction(modes.eigenvalues.size, motions) if reach is None else Reduction.below(reach, modes, motions)
+    # the last terms are the least smooth over the ranges, and the least needed
+    for terms in (reduction.terms, reduction.terms - 1):
+        beams = _BeamModes(family, replace(reduction, terms=terms))
+        table = tabulated(beams.at, motions, family.shape_ends)
+        if table is not None:
+            return _ScaledModes(family, table, turned)
+    return _ScaledModes(family, _BeamModes(family, reduction), turned)
 
 
 class _ShapeAxes:
@@ -246,7 +292,15 @@ class _ScaledModes:
     def __init__(self, family: BeamFamily, modes: "ModeTable | _BeamModes", turned: NDArray[np.bool_]) -> None:
         self._family, self._modes, self._turned = family, modes, turned
 
+    @cached_property
+    def _certain(self) -> tuple[Array, Array]:
+        return self._at(np.empty((1, 0)))
+
     def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q); one row for all where no factor changes them."""
+        return self._at(factors) if self._family.names else self._certain
+
+    def _at(self, factors: Array) -> tuple[Array, Array]:
         family = self._family
         eigenvalues, motions = self._modes(family.shape_numbers(factors))
         size = family.factor(factors, "length")  # the beam of the table, made longer and thicker alike

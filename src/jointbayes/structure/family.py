@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.structure.matrices import Structure
+from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.reduction import Reduction
 
 __all__ = ["MOST_HELD", "Discretisation", "FixedFamily", "FreeModes", "StructureFamily", "as_family"]
@@ -102,6 +103,17 @@ class _Constant:
         return self._found
 
 
+class _Solved:
+    """A structure whose modes are computed once, for all forward models that are made of it."""
+
+    def __init__(self, structure: Structure) -> None:
+        self._structure = structure
+
+    @cached_property
+    def modes(self) -> Modes:
+        return self._structure.modes()
+
+
 class FixedFamily:
     """The family of one: a structure that is exactly known, given by its matrices.
 
@@ -118,13 +130,16 @@ class FixedFamily:
 
     def __init__(self, structure: Structure, top_hz: float | None = None) -> None:
         self.nominal, self._top_hz = structure, top_hz
+        self._solved = _Solved(structure)
 
     def __repr__(self) -> str:
         return repr(self.nominal)
 
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same structure; its matrices are what they are."""
-        return type(self)(self.nominal, top_hz)
+        same = type(self)(self.nominal, top_hz)
+        same._solved = self._solved
+        return same
 
     def reference(self, *, solved: bool = True) -> "FixedFamily":
         """The same structure, with all its modes if `solved`."""
@@ -132,7 +147,7 @@ class FixedFamily:
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz."""
-        frequency = self.nominal.modes().frequency_hz
+        frequency = self._solved.modes.frequency_hz
         return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
 
     def structure(self, factors: Array) -> Structure:
@@ -141,7 +156,7 @@ class FixedFamily:
 
     def free_modes(self, motions: Array) -> FreeModes:
         """Its modes, whatever the factors."""
-        modes = self.nominal.modes()
+        modes = self._solved.modes
         if self._top_hz is None:
             return _Constant(modes.eigenvalues, motions.T @ modes.shapes)
         reduced = Reduction.below(self._top_hz, modes, motions).of(modes)

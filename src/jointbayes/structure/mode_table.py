@@ -133,6 +133,8 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
     if math.prod(counts) > _MOST_POINTS:
         return None
     table = ModeTable(modes_at, motions, ends, counts)
+    if not ends:  # nothing is interpolated
+        return table
     return table if table.error(modes_at) < 10 * _ACCURATE else None
 
 
