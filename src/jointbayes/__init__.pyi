@@ -10,6 +10,7 @@ from jointbayes.errors import MeasurementError as MeasurementError
 from jointbayes.errors import ModelError as ModelError
 from jointbayes.errors import ReportError as ReportError
 from jointbayes.errors import SamplingError as SamplingError
+from jointbayes.errors import WorkerError as WorkerError
 from jointbayes.errors import WriteError as WriteError
 from jointbayes.frf import FrfSet as FrfSet
 from jointbayes.frf import Ports as Ports

@@ -8,6 +8,7 @@ __all__ = [
     "ReportError",
     "ReportInterruptedError",
     "SamplingError",
+    "WorkerError",
     "WriteError",
     "printable",
 ]
@@ -71,6 +72,10 @@ class ModelError(JointBayesError):
 
 class SamplingError(JointBayesError):
     """The sampler was set up in a way that cannot give draws."""
+
+
+class WorkerError(JointBayesError):
+    """The processes that tasks are spread over cannot be had, or end one after the other."""
 
 
 class WriteError(JointBayesError):

@@ -1,0 +1,208 @@
+"""The driver: hands out tasks, tries those again whose worker died, and names those that go on killing."""
+
+import itertools
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from jointbayes.errors import WorkerError
+from jointbayes.studies.tasks.crew import Crew, Event, packed
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["Outcome", "run_tasks"]
+
+_TICK = 0.5  # seconds between two calls of `watch`
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a task.
+
+    Parameters
+    ----------
+    key
+        Of the task.
+    value
+        What the function returned; None where it failed.
+    error
+        What went wrong at the last attempt, in words; None where the function returned.
+    attempts
+        How often it was begun; where a whole executor broke, only those count that ran alone.
+    killed_worker
+        Whether the last attempt ended with its worker, which died or took longer than allowed.
+    """
+
+    key: str
+    value: Any
+    error: str | None
+    attempts: int
+    killed_worker: bool
+
+
+@dataclass(slots=True)
+class _Task:
+    key: str
+    arguments: tuple[Any, ...]
+    attempts: int = 0
+    alone: bool = False  # something died beside it: what it does is seen only where nothing else runs
+
+
+def run_tasks(
+    function: Callable[..., Any],
+    tasks: Iterable[tuple[str, tuple[Any, ...]]],
+    *,
+    workers: int | None = None,
+    executor: Executor | Callable[[], Executor] | None = None,
+    scheduler: "str | Client | None" = None,
+    attempts: int = 2,
+    seconds: float | None = None,
+    preload: Sequence[str] = (),
+    watch: Callable[[tuple[str, ...]], None] | None = None,
+) -> Iterator[Outcome]:
+    """Call a function for many tasks side by side; yield what became of each, in the order in which they end.
+
+    A task whose worker dies, and one that raises, is begun again at once, `attempts` times in all; the others go on.
+    The first task runs by itself, so that only one process compiles what is not yet compiled. Where the loop over the
+    outcomes is left, by Ctrl-C too, all workers end.
+
+    Parameters
+    ----------
+    function
+        Defined at the top of a module; called as ``function(*arguments)``. As a task may run twice, it must not matter
+        that it does: it writes files whole, under a name of its own, and returns little.
+    tasks
+        Key and arguments of each; taken one by one as workers come free, so it may be a generator of very many.
+    workers
+        Number of processes of this machine; by default one for each processor. With `scheduler` or `executor` the
+        largest number of tasks under way.
+    executor
+        An executor of concurrent.futures in place of own processes, or a function that makes one, which is called
+        again when a worker has died and the executor with it.
+    scheduler
+        Address of a Dask scheduler, or a client. Each worker gets one task at a time, whatever its threads.
+    attempts
+        How often a task is begun at most.
+    seconds
+        Longest time for one attempt; its worker is then ended as if it had died. Not with `executor`.
+    preload
+        Modules that new processes of this machine have from the start.
+    watch
+        Called about twice a second with the keys of the tasks that run.
+
+    Yields
+    ------
+    Outcome
+        One for each task.
+
+    Raises
+    ------
+    WorkerError
+        If the settings contradict each other, or no worker can be had.
+    """
+    if executor is not None and (scheduler is not None or seconds is not None):
+        raise WorkerError("run_tasks: found executor with scheduler or seconds; expected it without; drop one")
+    for name, number in (("workers", workers), ("attempts", attempts), ("seconds", seconds)):
+        if number is not None and not number > 0:
+            raise WorkerError(f"run_tasks: found {name} = {number}; expected a number above 0; correct it")
+
+    def crew() -> Crew:
+        if executor is not None:
+            from jointbayes.studies.tasks.executors import ExecutorCrew
+
+            return ExecutorCrew(executor, workers)
+        if scheduler is not None:
+            from jointbayes.studies.tasks.dask import DaskCrew
+
+            return DaskCrew(scheduler, workers, seconds)
+        from jointbayes.studies.tasks.local import LocalCrew
+
+        return LocalCrew(workers or _processors(), preload, seconds)
+
+    return _Driver(function, iter(tasks), attempts, watch).outcomes(crew)
+
+
+def _processors() -> int:
+    """Processors that this process may use."""
+    allowed = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
+
+
+class _Driver:
+    """Tasks that wait, tasks that run, and what is decided when one ends."""
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        source: Iterator[tuple[str, tuple[Any, ...]]],
+        attempts: int,
+        watch: Callable[[tuple[str, ...]], None] | None,
+    ) -> None:
+        self._function, self._source, self._attempts = function, source, attempts
+        self._watch = watch or (lambda _keys: None)
+        self._again: deque[_Task] = deque()
+        self._running: dict[int, _Task] = {}
+        self._tickets = itertools.count()
+        self._warm = False
+
+    def outcomes(self, crew: Callable[[], Crew]) -> Iterator[Outcome]:
+        """Run all tasks."""
+        at_work = crew()
+        try:
+            while self._hand_out(at_work):
+                self._watch(tuple(task.key for task in self._running.values()))
+                ended = [outcome for event in at_work.wait(_TICK) if (outcome := self._judged(event))]
+                if ended:
+                    self._hand_out(at_work)  # workers go on while the caller looks at the outcomes
+                yield from ended
+        finally:
+            at_work.stop()
+
+    def _hand_out(self, crew: Crew) -> bool:
+        """Start what can be started; tell whether anything runs, or has still to."""
+        while crew.free > 0 and not (self._running and (not self._warm or self._one_alone())):
+            task = self._next()
+            if task is None:
+                break
+            if task.alone and self._running:
+                self._again.appendleft(task)
+                break
+            ticket = next(self._tickets)
+            task.attempts += 1
+            self._running[ticket] = task
+            crew.start(ticket, packed(self._function, task.arguments))
+        return bool(self._running or self._again or self._peek())
+
+    def _one_alone(self) -> bool:
+        return any(task.alone for task in self._running.values())
+
+    def _next(self) -> _Task | None:
+        if self._again:
+            return self._again.popleft()
+        found = next(self._source, None)
+        return None if found is None else _Task(*found)
+
+    def _peek(self) -> bool:
+        """Whether there is a further task; it is then the next one to wait."""
+        task = self._next()
+        if task is not None:
+            self._again.appendleft(task)
+        return task is not None
+
+    def _judged(self, event: Event) -> Outcome | None:
+        """The outcome of a task that has ended for good; one that has not waits again, before all others."""
+        task, reply = self._running.pop(event.ticket), event.reply
+        self._warm = True
+        if reply is not None and reply.error is None:
+            return Outcome(task.key, reply.value, None, task.attempts, False)
+        if not event.certain:
+            task.alone = True
+            task.attempts -= 1
+        if not event.certain or task.attempts < self._attempts:
+            self._again.appendleft(task)
+            return None
+        return Outcome(task.key, None, event.reason if reply is None else reply.error, task.attempts, reply is None)

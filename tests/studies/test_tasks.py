@@ -1,0 +1,230 @@
+import itertools
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+
+import pytest
+
+import jointbayes as jb
+from jointbayes.studies.tasks import run_tasks
+from tests.studies.task_functions import (
+    fail_some,
+    hang_some,
+    kill_some,
+    leave,
+    settings_of_worker,
+    slow_square,
+    square,
+    unsendable,
+)
+
+
+def numbered(count, *arguments):
+    return ((f"task {i}", (i, *arguments)) for i in range(count))
+
+
+def by_key(outcomes):
+    outcomes = list(outcomes)
+    found = {outcome.key: outcome for outcome in outcomes}
+    assert len(found) == len(outcomes), "a task has two outcomes"
+    return found
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed", reason="install jointbayes[cluster] for the tests on Dask")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        yield cluster
+
+
+def test_each_task_has_one_outcome_with_its_value():
+    found = by_key(run_tasks(square, numbered(20), workers=2))
+    assert [found[f"task {i}"].value for i in range(20)] == [i**2 for i in range(20)]
+    assert {(o.error, o.attempts, o.killed_worker) for o in found.values()} == {(None, 1, False)}
+
+
+def test_tasks_are_taken_only_as_workers_come_free():
+    taken = 0
+
+    def tasks():
+        nonlocal taken
+        for i in itertools.count():
+            taken += 1
+            yield f"task {i}", (i,)
+
+    for number, _ in enumerate(run_tasks(square, tasks(), workers=2), 1):
+        assert taken <= number + 4
+        if number == 30:
+            break
+
+
+def test_task_whose_worker_dies_is_done_again_and_one_that_kills_each_time_is_set_aside(tmp_path):
+    found = by_key(run_tasks(kill_some, numbered(12, str(tmp_path), (3, 7), (5,)), workers=2))
+    assert len(found) == 12
+    assert {key for key, o in found.items() if o.killed_worker} == {"task 5"}
+    assert found["task 5"].error == "its worker ended by SIGKILL"
+    assert found["task 5"].value is None
+    assert {key: o.attempts for key, o in found.items() if o.attempts > 1} == {"task 3": 2, "task 5": 2, "task 7": 2}
+    assert all(found[f"task {i}"].value == i**2 for i in range(12) if i != 5)
+    assert len(list(tmp_path.iterdir())) == 15  # attempts in all: none was done twice without need
+
+
+def test_task_that_raises_has_its_error_in_words_and_is_tried_once_more():
+    found = by_key(run_tasks(fail_some, numbered(4, (3,)), workers=2))
+    assert found["task 3"].error == "task 3: found a wrong number; expected another; change it"
+    assert found["task 1"].error.startswith("ZeroDivisionError: division by zero (in fail_some, task_functions.py:")
+    assert {o.key: o.attempts for o in found.values()} == {"task 0": 1, "task 1": 2, "task 2": 1, "task 3": 2}
+    assert not any(o.killed_worker for o in found.values())
+
+
+def test_value_that_cannot_be_sent_and_exit_are_errors_of_the_task():
+    (found,) = run_tasks(unsendable, numbered(1), workers=1, attempts=1)
+    assert "cannot be sent to the driver" in found.error
+    (found,) = run_tasks(leave, numbered(1), workers=1, attempts=1)
+    assert found.error.startswith("SystemExit: 3")
+    assert not found.killed_worker
+
+
+def test_task_that_hangs_is_ended_and_named():
+    found = by_key(run_tasks(hang_some, numbered(4, (2,)), workers=2, attempts=1, seconds=1.0))
+    assert found["task 2"].error == "took longer than the 1 s allowed"
+    assert found["task 2"].killed_worker
+    assert [found[f"task {i}"].value for i in (0, 1, 3)] == [0, 1, 9]
+
+
+def test_first_task_runs_alone_and_then_as_many_as_there_are_workers():
+    seen = []
+    for _ in run_tasks(slow_square, numbered(5, 0.7), workers=2, watch=seen.append):
+        pass
+    together = [set(keys) for keys in seen if keys]
+    assert {"task 0"} in together
+    assert not any(len(keys) > 1 for keys in together if "task 0" in keys)
+    assert max(len(keys) for keys in together) == 2
+
+
+def test_workers_have_one_thread_and_leave_ctrl_c_to_the_driver():
+    found = [o.value for o in run_tasks(settings_of_worker, numbered(6), workers=2)]
+    assert {(tuple(threads), ignores) for _, threads, ignores in found} == {(("1", "1", "1"), True)}
+    assert os.getpid() not in {pid for pid, _, _ in found}
+    assert "NUMBA_NUM_THREADS" not in os.environ
+
+
+def test_leaving_the_loop_ends_the_workers():
+    outcomes = run_tasks(hang_some, numbered(9, (2, 3)), workers=2)
+    next(outcomes)
+    assert multiprocessing.active_children()
+    outcomes.close()
+    assert not multiprocessing.active_children()
+
+
+SCRIPT = """
+from jointbayes.studies.tasks import run_tasks
+from tests.studies.task_functions import write_then_wait
+
+if __name__ == "__main__":
+    list(run_tasks(write_then_wait, ((str(i), (i, {directory!r})) for i in range(4)), workers=2))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_workers_end_with_their_driver_however_it_ends_and_remove_what_is_half_written(tmp_path, number):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(directory=str(tmp_path)))
+    with subprocess.Popen(
+        [sys.executable, script], stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ) as driver:
+        until = time.monotonic() + 60
+        while not (marks := list(tmp_path.glob("pid-*"))) and time.monotonic() < until:
+            time.sleep(0.05)
+        driver.send_signal(number)
+        driver.wait(30)
+    (worker,) = (int(mark.name.split("-")[2]) for mark in marks)
+    while time.monotonic() < until and (alive(worker) or list(tmp_path.glob(".half-*"))):
+        time.sleep(0.05)
+    assert not alive(worker)
+    assert not list(tmp_path.glob(".half-*"))
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_script_without_a_guard_is_told_to_have_one(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(directory=str(tmp_path)).replace('if __name__ == "__main__":', "if True:"))
+    ended = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=60, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert "WorkerError: workers: found that 3 processes in a row ended" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"workers": 0}, "workers = 0"),
+        ({"attempts": 0}, "attempts = 0"),
+        ({"seconds": -1.0}, "seconds = -1"),
+        ({"executor": ThreadPoolExecutor, "scheduler": "tcp://127.0.0.1:1"}, "executor with scheduler"),
+        ({"scheduler": "tcp://127.0.0.1:1"}, "scheduler: found none at tcp://127.0.0.1:1"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(settings, message, monkeypatch):
+    monkeypatch.setattr("jointbayes.studies.tasks.dask._CONNECT", 1.0)
+    with pytest.raises(jb.WorkerError, match=message):
+        list(run_tasks(square, numbered(3), **settings))
+
+
+def test_function_that_cannot_be_sent_is_refused():
+    with pytest.raises(jb.WorkerError, match="cannot be sent to another process"):
+        list(run_tasks(lambda i: i, numbered(3), workers=1))
+
+
+def test_any_executor_does_the_tasks():
+    with ThreadPoolExecutor(2) as executor:
+        found = by_key(run_tasks(fail_some, numbered(9, (3,)), executor=executor))
+        assert executor.submit(square, 3).result() == 9  # it stays open
+    assert [i for i in range(9) if found[f"task {i}"].error is None] == [0, 2, 4, 5, 6, 7, 8]
+
+
+def test_executor_made_anew_names_the_task_that_broke_it(tmp_path):
+    make = partial(ProcessPoolExecutor, 2, multiprocessing.get_context("forkserver"))
+    found = by_key(run_tasks(kill_some, numbered(8, str(tmp_path), (2,), (5,)), executor=make))
+    assert {key for key, o in found.items() if o.killed_worker} == {"task 5"}
+    assert {o.attempts for key, o in found.items() if key != "task 5"} == {1}  # those beside it are not blamed
+    assert found["task 5"].attempts == 2
+    assert len(list(tmp_path.glob("5.*"))) <= 3  # with others at most once, then by itself
+    assert all(found[f"task {i}"].value == i**2 for i in range(8) if i != 5)
+
+
+def test_broken_executor_that_cannot_be_made_anew_is_an_error(tmp_path):
+    with ProcessPoolExecutor(2, multiprocessing.get_context("forkserver")) as executor:
+        list(executor.map(time.sleep, [0.2, 0.2]))  # one that is started as it breaks would never end
+        with pytest.raises(jb.WorkerError, match="pass a function that makes an executor"):
+            list(run_tasks(kill_some, numbered(8, str(tmp_path), (), (3,)), executor=executor))
+
+
+def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_path):
+    tasks = numbered(10, str(tmp_path), (3,), (6,))
+    found = by_key(run_tasks(kill_some, tasks, scheduler=cluster.scheduler_address))
+    assert {key for key, o in found.items() if o.killed_worker} == {"task 6"}
+    assert all(found[f"task {i}"].value == i**2 for i in range(10) if i != 6)
+    assert {key: o.attempts for key, o in found.items() if o.attempts > 1} == {"task 3": 2, "task 6": 2}
+
+
+def test_dask_worker_with_a_task_that_hangs_is_restarted(cluster):
+    found = by_key(run_tasks(hang_some, numbered(4, (2,)), scheduler=cluster.scheduler_address, attempts=1, seconds=2))
+    assert found["task 2"].error == "took longer than the 2 s allowed"
+    assert [found[f"task {i}"].value for i in (0, 1, 3)] == [0, 1, 9]
