@@ -47,6 +47,8 @@ _PRIOR_STARTS = 6
 #: Draws looked at for further starts, where natural frequencies gave some and where not, and starts taken from them.
 _FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
+#: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
+_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
 _COMPARED = 16  # draws at which a problem that is passed must have the density of the file
 
 
@@ -183,8 +185,8 @@ def sample(
     case
         The case, or the problem.
     seed
-        Seed of the run's one random generator; by default the case's, 1 of a problem. The same seed gives the same
-        draws bit for bit.
+        Seed of all random numbers; by default the case's, 1 of a problem. The same seed gives the same draws bit for
+        bit.
     settings
         Sampler settings; by default the case's.
     progress
@@ -207,26 +209,30 @@ def sample(
     seed = _seed(whole, seed)
     tell = tell or (lambda _line: None)
     settings = settings or (SamplerSettings() if whole is None else whole.sampler)
-    rng = np.random.default_rng(seed)
     estimate = find_map(case, seed=seed, tell=tell)
     tell("fitting a proposal to the posterior")
     log_posterior = problem.log_posterior
-    start = starting_walkers(estimate.starts_for_draws, log_posterior.prior.log_density, settings, rng)
-    systems = coordinate_systems(problem)
-    proposal = fit_proposal(log_posterior, systems, estimate.starts_for_draws, rng)
-    start = replace_far_walkers(start, log_posterior, estimate.log_posterior - _NO_DRAW, proposal, rng)
+    modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
+    start = starting_walkers(modes, log_posterior.prior.log_density, settings, _generator(seed, _WALKERS))
+    proposal = fit_proposal(log_posterior, systems, modes, _generator(seed, _PROPOSAL))
+    least = estimate.log_posterior - _NO_DRAW
+    start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
     tell("sampling")
     chains, proposal = run_adapted(
         log_posterior,
         start,
-        rng,
+        _generator(seed, _STEPS),
         settings,
         progress,
         systems=systems,
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
     )
-    return _posterior(problem, whole, seed, settings, estimate, proposal, chains, rng)
+    return _posterior(problem, whole, seed, settings, estimate, proposal, chains)
+
+
+def _generator(seed: int, purpose: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose,)))
 
 
 def _posterior(
@@ -237,7 +243,6 @@ def _posterior(
     estimate: MapEstimate,
     proposal: Proposal,
     chains: Chains,
-    rng: np.random.Generator,
 ) -> Posterior:
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode_theta, mode_density = _refined(problem.log_posterior, chains.theta[best])
@@ -273,7 +278,7 @@ def _posterior(
         package_versions(),
         provenance.as_json() if provenance else None,
     )
-    tree = draws_tree(problem, chains.draws(), problem.prior.sample(rng, _PRIOR_DRAWS))
+    tree = draws_tree(problem, chains.draws(), problem.prior.sample(_generator(seed, _PRIOR), _PRIOR_DRAWS))
     return Posterior(problem, tree, estimate, mode_theta, mode_density, record, case)
 
 

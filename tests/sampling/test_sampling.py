@@ -33,6 +33,7 @@ from jointbayes.sampling.stopping import (
     with_end_error,
     worst_end_error,
 )
+from jointbayes.sampling.streams import Streams
 
 SHORT = SamplerSettings(walkers=8, max_steps=300, check_every=100)
 
@@ -347,10 +348,6 @@ class TestReproducibility:
         for other in range(1, 4):
             assert not np.any(theta[0, -1] == theta[other, -1])
 
-    def test_length_of_the_blocks_does_not_change_the_draws(self):
-        other = dataclasses.replace(SHORT, check_every=37)
-        np.testing.assert_array_equal(run(1).theta, run(1, other).theta)
-
     def test_adding_an_ensemble_leaves_the_others_as_they_are(self):
         more = dataclasses.replace(SHORT, ensembles=5)
         start = np.random.default_rng(0).normal(size=(5, 8, 2))
@@ -358,13 +355,23 @@ class TestReproducibility:
         four = run_ensembles(gaussian, start[:4], np.random.default_rng(1), SHORT)
         np.testing.assert_array_equal(five.theta[:4], four.theta)
 
-    def test_an_ensemble_goes_on_from_a_pickled_state_as_if_never_interrupted(self):
-        theta = np.random.default_rng(0).normal(size=(8, 2))
-        state = EnsembleState(theta, gaussian(theta), tuple(np.random.RandomState(5).get_state()))
-        whole = advance(gaussian, state, 60)
-        half = advance(gaussian, state, 30)
-        rest = advance(gaussian, pickle.loads(pickle.dumps(half.end)), 30)
-        np.testing.assert_array_equal(whole.theta, np.concatenate([half.theta, rest.theta]))
+    def test_any_block_is_had_again_from_where_it_began_and_its_own_seed(self):
+        chains = run(1)
+        streams = Streams.of(np.random.default_rng(1))
+        for ensemble, number in ((0, 1), (3, 2)):
+            first = number * SHORT.check_every
+            before = chains.theta[ensemble, first - 1]
+            state = pickle.loads(pickle.dumps(EnsembleState(before, gaussian(before))))
+            block = advance(gaussian, state, SHORT.check_every, streams.block(ensemble, number))
+            np.testing.assert_array_equal(block.theta, chains.theta[ensemble, first : first + SHORT.check_every])
+
+    def test_no_two_blocks_draw_the_same_numbers(self):
+        streams = Streams.of(np.random.default_rng(1))
+        seeds = [streams.of_stage(s).block(e, b) for s in range(3) for e in range(4) for b in range(5)]
+        words = {tuple(seed.generate_state(4)) for seed in seeds}
+        assert len(words) == len(seeds)
+        drawn = streams.refit().integers(2**63, size=4)
+        assert not np.array_equal(drawn, streams.of_stage(1).refit().integers(2**63, size=4))
 
     def test_the_callers_own_stream_is_spawned_from_and_not_drawn_from(self):
         start = np.random.default_rng(0).normal(size=(4, 8, 2))

@@ -78,8 +78,9 @@ def moved(target, move):
     ends, accepted, proposed = [], 0, 0
     for seed in range(ENSEMBLES):
         start = target.exact(WALKERS, rng)
-        state = EnsembleState(start, target.log_density(start), tuple(np.random.RandomState(seed).get_state()))
-        block = advance(target.log_density, state, STEPS, (WeightedMove("move", move, 1.0),))
+        state = EnsembleState(start, target.log_density(start))
+        random = np.random.SeedSequence(seed)
+        block = advance(target.log_density, state, STEPS, random, (WeightedMove("move", move, 1.0),))
         ends.append(block.end.theta)
         accepted += block.moves["move"].accepted
         proposed += block.moves["move"].proposed

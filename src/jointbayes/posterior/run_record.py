@@ -27,7 +27,7 @@ class RunRecord:
     case_name, case_text
         Name of the case, or the problem, and the case's TOML text; empty where there was no case.
     seed
-        Seed of the one random generator of the run.
+        Seed of all random numbers of the run.
     converged, reason
         Whether the stop rule was met, and a sentence with its figures.
     sampler

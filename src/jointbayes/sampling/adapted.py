@@ -13,9 +13,10 @@ from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
 from jointbayes.sampling.proposal.student import StudentMixture
 from jointbayes.sampling.proposal.weights import importance_efficiency, truncated
-from jointbayes.sampling.run import Slow, run_ensembles
+from jointbayes.sampling.run import Slow, run_stage
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import Quantities
+from jointbayes.sampling.streams import Streams
 
 __all__ = ["proposal_from_draws", "run_adapted"]
 
@@ -74,12 +75,14 @@ def run_adapted(
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
     discarded, evaluations, seconds = 0, 0, 0.0
-    for stage in (*_STAGES, None):
+    streams = Streams.of(rng)
+    for number, stage in enumerate((*_STAGES, None)):
+        streams = streams.of_stage(number)
         left = settings.max_steps - discarded
-        chains = run_ensembles(
+        chains = run_stage(
             log_density,
             start,
-            rng,
+            streams,
             replace(settings, max_steps=left),
             progress and _with_earlier(progress, discarded, settings.max_steps, seconds),
             coordinates=proposal.coordinates,
@@ -92,7 +95,7 @@ def run_adapted(
         if chains.converged or chains.steps == left:
             break
         discarded += chains.steps
-        proposal = proposal_from_draws(log_density, systems, _draws(chains), rng)
+        proposal = proposal_from_draws(log_density, systems, _draws(chains), streams.refit())
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:

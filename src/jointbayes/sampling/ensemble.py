@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +128,7 @@ class MoveCount:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnsembleState:
-    """One ensemble between two steps: all that its next steps depend on.
+    """One ensemble between two blocks of steps.
 
     Parameters
     ----------
@@ -136,13 +136,10 @@ class EnsembleState:
         Positions.
     log_density : ndarray, shape (walkers,)
         Log-density at the positions.
-    random_state : tuple
-        State of the Mersenne twister that emcee draws from, as `RandomState.get_state` gives it.
     """
 
     theta: NDArray[np.float64]
     log_density: NDArray[np.float64]
-    random_state: tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,23 +156,29 @@ class Block:
         Accepted proposals of each move, by its name.
     singular : int
         Number of points at which the log-density says (by its counter ``singular``) that it had no finite value.
-    end : EnsembleState
-        State after the last step.
     """
 
     theta: NDArray[np.float64]
     log_density: NDArray[np.float64]
     moves: Mapping[str, MoveCount]
     singular: int
-    end: EnsembleState
+
+    @property
+    def end(self) -> EnsembleState:
+        """State after the last step."""
+        return EnsembleState(self.theta[-1], self.log_density[-1])
 
 
 def advance(
-    log_density: LogDensity, state: EnsembleState, steps: int, moves: tuple[WeightedMove, ...] | None = None
+    log_density: LogDensity,
+    state: EnsembleState,
+    steps: int,
+    seed: np.random.SeedSequence,
+    moves: tuple[WeightedMove, ...] | None = None,
 ) -> Block:
     """Move one ensemble on by some steps.
 
-    A pure function of its arguments: the same state gives the same block in any process and in any order.
+    A pure function of its arguments: the same state and seed give the same block in any process and in any order.
 
     Parameters
     ----------
@@ -185,6 +188,8 @@ def advance(
         Where the ensemble stands.
     steps : int
         Number of steps.
+    seed : numpy.random.SeedSequence
+        Of all random numbers of these steps.
     moves : tuple of WeightedMove, optional
         Moves to choose from at each step; by default those of :func:`mixture` without coordinates and proposal.
 
@@ -208,16 +213,16 @@ def advance(
     sampler = Driver(walkers, dimension, None, moves=weighted, vectorize=True)
     # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
     sampler.log_prob_fn = Checked(log_density)
-    # The generator's state must travel with the positions: emcee otherwise copies NumPy's global one.
+    # emcee only knows the Mersenne twister, and takes its state with the positions, else NumPy's global one.
+    twister = np.random.RandomState(np.random.MT19937(seed))
     singular = getattr(log_density, "singular", 0)
-    before = State(state.theta, log_prob=state.log_density, random_state=state.random_state)
-    after = sampler.run_mcmc(before, steps, skip_initial_state_check=True)
+    before = State(state.theta, log_prob=state.log_density, random_state=twister.get_state())
+    sampler.run_mcmc(before, steps, skip_initial_state_check=True)
     return Block(
         theta=sampler.get_chain(),
         log_density=sampler.get_log_prob(),
         moves={name: MoveCount(move.accepted, move.proposed) for name, move in counted.items()},
         singular=getattr(log_density, "singular", 0) - singular,
-        end=EnsembleState(after.coords, after.log_prob, sampler.final_random_state),
     )
 
 
@@ -237,9 +242,9 @@ class _Counted:
 
 
 def initial_states(
-    log_density: LogDensity, start: NDArray[np.float64], rng: np.random.Generator, settings: SamplerSettings
+    log_density: LogDensity, start: NDArray[np.float64], settings: SamplerSettings
 ) -> list[EnsembleState]:
-    """Check the start and give each ensemble its own stream of random numbers."""
+    """Check the start and compute the log-density there."""
     start = np.array(start, dtype=np.float64)
     if start.ndim != 3 or start.shape[:2] != (settings.ensembles, settings.walkers):
         raise SamplingError(
@@ -248,7 +253,7 @@ def initial_states(
         )
     settings.require_dimension(start.shape[2])
     states = []
-    for index, (theta, child) in enumerate(zip(start, rng.spawn(settings.ensembles), strict=True)):
+    for index, theta in enumerate(start):
         _require_spanning(theta, index)
         values = Checked(log_density)(theta)
         outside = np.flatnonzero(np.isneginf(values))
@@ -257,9 +262,7 @@ def initial_states(
                 f"sampler start: the density is zero at walkers {outside.tolist()} of ensemble {index}, the "
                 f"first at θ = {theta[outside[0]].tolist()}; expected every walker inside the prior's support"
             )
-        # emcee only knows the Mersenne twister; eight words of the child stream seed it.
-        twister = np.random.MT19937(child.integers(2**32, size=8, dtype=np.uint32))
-        states.append(EnsembleState(theta, values, tuple(np.random.RandomState(twister).get_state())))
+        states.append(EnsembleState(theta, values))
     return states
 
 

@@ -24,7 +24,7 @@ _JITTER = 1e-5  # of the factor, as in emcee: no step is exactly the way back of
 
 
 class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
-    """emcee's sampler, whose state of random numbers is read at the end only.
+    """emcee's sampler, whose state of random numbers is never read.
 
     emcee copies the 624 words of the generator's state at every step. With vectorised moves that would be a fourth of
     the time of a step.
@@ -32,17 +32,12 @@ class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
 
     @property
     def random_state(self) -> None:
-        """Nothing between the steps; see `final_random_state`."""
+        """Nothing: the next block has a seed of its own."""
         return
 
     @random_state.setter
     def random_state(self, state: tuple[Any, ...]) -> None:
         self._random.set_state(state)
-
-    @property
-    def final_random_state(self) -> tuple[Any, ...]:
-        """State of the Mersenne twister, as `RandomState.get_state` gives it."""
-        return tuple(self._random.get_state())
 
 
 def settle(model: "Model", state: "State", walkers: Walkers, proposed: Array, log_factor: Array) -> NDArray[np.bool_]:

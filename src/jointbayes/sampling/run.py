@@ -26,9 +26,10 @@ from jointbayes.sampling.stopping import (
     thinning,
     with_end_error,
 )
+from jointbayes.sampling.streams import Streams
 from jointbayes.sampling.workers import MoveOn, mover
 
-__all__ = ["Slow", "run_ensembles"]
+__all__ = ["Slow", "run_ensembles", "run_stage"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,6 @@ def run_ensembles(
     coordinates: Coordinates | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
-    slow: Slow | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met or the step limit is reached.
 
@@ -61,7 +61,7 @@ def run_ensembles(
     start : ndarray, shape (ensembles, walkers, d)
         Where the walkers start: at finite log-density, spanning the space in each ensemble.
     rng : numpy.random.Generator
-        Source of all randomness; one child per ensemble is spawned from it.
+        Source of all randomness: one child is spawned from it, and from that a seed for each ensemble and block.
     settings : SamplerSettings
         Size, length, stop rule and number of processes. The draws do not depend on the latter.
     progress : callable, optional
@@ -73,8 +73,6 @@ def run_ensembles(
         more of the steps are proposed from it.
     quantities : Quantities, optional
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
-    slow : Slow, optional
-        When the run ends before its limit because it mixes slowly; by default never.
 
     Raises
     ------
@@ -95,15 +93,50 @@ def run_ensembles(
     >>> run_ensembles(lambda x: -0.5 * x[:, 0] ** 2, rng.normal(size=(4, 8, 1)), rng, settings).converged
     True
     """
+    return run_stage(
+        log_density,
+        start,
+        Streams.of(rng),
+        settings,
+        progress,
+        coordinates=coordinates,
+        proposal=proposal,
+        quantities=quantities,
+    )
+
+
+def run_stage(
+    log_density: LogDensity,
+    start: NDArray[np.float64],
+    streams: Streams,
+    settings: SamplerSettings,
+    progress: Callable[[Progress], None] | None,
+    *,
+    coordinates: Coordinates | None,
+    proposal: Proposal | None,
+    quantities: Quantities | None,
+    slow: Slow | None = None,
+) -> Chains:
+    """Run the ensembles as :func:`run_ensembles` does, as one stage of several.
+
+    Parameters
+    ----------
+    log_density, start, settings, progress, coordinates, proposal, quantities
+        As for :func:`run_ensembles`.
+    streams : Streams
+        Seeds of this stage.
+    slow : Slow, optional
+        When the stage ends before its limit because it mixes slowly; by default never.
+    """
     import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
 
     began = time.perf_counter()
-    states = initial_states(log_density, start, rng, settings)
+    states = initial_states(log_density, start, settings)
     run = _Run(blocks=[], checks=[], step=0)
     verdict = Verdict(converged=False, reason="")
     with mover(log_density, mixture(coordinates, proposal), min(settings.processes, settings.ensembles)) as move_on:
         while not verdict.converged and run.step < settings.max_steps and not (slow and run.is_slow(slow)):
-            states = run.extend(move_on, states, settings)
+            states = run.extend(move_on, states, streams, settings)
             if run.step == run.due(settings):
                 run.check(settings, quantities)
                 verdict = judge(settings, run.checks)
@@ -133,10 +166,13 @@ class _Run:
             return False
         return self.checks[-1].tau_max > slow.tau
 
-    def extend(self, move_on: MoveOn, states: list[EnsembleState], settings: SamplerSettings) -> list[EnsembleState]:
+    def extend(
+        self, move_on: MoveOn, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
+    ) -> list[EnsembleState]:
         """Move every ensemble on by one block and return where they stand."""
         size = min(settings.check_every, settings.max_steps - self.step)
-        self.blocks.append(move_on(states, size))
+        seeds = [streams.block(ensemble, len(self.blocks)) for ensemble in range(len(states))]
+        self.blocks.append(move_on(states, size, seeds))
         self.step += size
         return [block.end for block in self.blocks[-1]]
 

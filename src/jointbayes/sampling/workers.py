@@ -9,16 +9,18 @@ from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context
 
+import numpy as np
+
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, WeightedMove, advance
 
 __all__ = ["MoveOn", "mover"]
 
-MoveOn = Callable[[list[EnsembleState], int], list[Block]]
-"""Moves each ensemble on by so many steps."""
+MoveOn = Callable[[list[EnsembleState], int, list[np.random.SeedSequence]], list[Block]]
+"""Moves each ensemble on by so many steps, each with a seed of its own."""
 
-# What a worker works on. It is sent once when the worker starts; a task then carries a state only.
+# What a worker works on. It is sent once when the worker starts; a task then carries a state and a seed only.
 _work: tuple[LogDensity, tuple[WeightedMove, ...]]
 
 
@@ -42,7 +44,9 @@ def mover(log_density: LogDensity, moves: tuple[WeightedMove, ...], processes: i
         log-density raises in a worker is raised here.
     """
     if processes == 1:
-        yield lambda states, steps: [advance(log_density, state, steps, moves) for state in states]
+        yield lambda states, steps, seeds: [
+            advance(log_density, state, steps, seed, moves) for state, seed in zip(states, seeds, strict=True)
+        ]
         return
     try:
         work = pickle.dumps((log_density, moves))
@@ -64,9 +68,11 @@ def mover(log_density: LogDensity, moves: tuple[WeightedMove, ...], processes: i
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _move_on(pool: ProcessPoolExecutor, states: list[EnsembleState], steps: int) -> list[Block]:
+def _move_on(
+    pool: ProcessPoolExecutor, states: list[EnsembleState], steps: int, seeds: list[np.random.SeedSequence]
+) -> list[Block]:
     with _interrupts_held():  # the pool starts its processes when it gets tasks
-        blocks = pool.map(_advance, states, [steps] * len(states))
+        blocks = pool.map(_advance, states, [steps] * len(states), seeds)
     return list(blocks)
 
 
@@ -91,5 +97,5 @@ def _receive(work: bytes) -> None:
     _work = pickle.loads(work)
 
 
-def _advance(state: EnsembleState, steps: int) -> Block:
-    return advance(_work[0], state, steps, _work[1])
+def _advance(state: EnsembleState, steps: int, seed: np.random.SeedSequence) -> Block:
+    return advance(_work[0], state, steps, seed, _work[1])
