@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-import xarray as xr
 from scipy import sparse, stats
 
 import jointbayes as jb
@@ -179,15 +178,24 @@ PROBLEMS = {
 
 
 def posterior_of(problem, sampled):
-    """A posterior whose draws do not matter."""
-    theta = problem.prior.sample(np.random.default_rng(1), 40).reshape(4, 10, -1)
-    value = problem.log_posterior(theta.reshape(40, -1)).reshape(4, 10)
+    """A posterior whose draws do not matter, but that they are of the problem."""
+    theta = problem.prior.sample(np.random.default_rng(1), 400)
+    value = problem.log_posterior(theta)
+    theta, value = theta[np.isfinite(value)][:40], value[np.isfinite(value)][:40]
+    from jointbayes.identification import MapEstimate
     from jointbayes.posterior.storage import draws_tree
     from jointbayes.sampling import Draws
 
-    tree = draws_tree(problem, Draws(theta, value, np.arange(4)), problem.prior.sample(np.random.default_rng(2), 50))
-    record = dataclasses.replace(sampled.record, case_name=problem.name)
-    return dataclasses.replace(sampled, problem=problem, tree=tree, record=record, mode_theta=theta[0, 0])
+    best, height = theta[value.argmax()], float(value.max())
+    draws = Draws(theta.reshape(4, 10, -1), value.reshape(4, 10), np.arange(4))
+    tree = draws_tree(problem, draws, problem.prior.sample(np.random.default_rng(2), 50))
+    estimate = MapEstimate(best, problem.prior.stiffness(best), np.eye(len(best)), height, ())
+    figures = dict.fromkeys(problem.names, 1.0)
+    sampler = {**sampled.record.sampler, "tau": figures, "ess": figures}
+    record = dataclasses.replace(sampled.record, case_name=problem.name, sampler=sampler, r_hat=figures)
+    return dataclasses.replace(
+        sampled, problem=problem, tree=tree, record=record, estimate=estimate, mode_theta=best, mode_log_density=height
+    )
 
 
 @pytest.mark.parametrize("kind", PROBLEMS)
@@ -386,7 +394,6 @@ def test_parts_that_no_file_can_hold_are_named_and_asked_for(sampled, tmp_path):
 
 
 def test_a_file_cannot_name_what_is_called_for_a_prior():
-    tree = xr.DataTree.from_dict({"problem": xr.Dataset()})
     record = {"own": {}, "description": {"scipy.stats": "chi2_contingency", "args": [[1, 2]], "kwds": {"mapping": []}}}
     with pytest.raises(ModelError, match=r"rod\.nc: found a prior 'chi2_contingency'; expected a continuous dist"):
-        problem_from(tree, record, "rod.nc")
+        problem_from({}.__getitem__, record, "rod.nc")

@@ -1,14 +1,18 @@
 """The steps of a run: identify, find the MAP, sample, load. One function each, from a case or a problem to a result."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.case.case import Case, case_around, case_from_text
-from jointbayes.errors import JointBayesError, ModelError
+from jointbayes.case.schema.case import parse_case
+from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.identification import (
     IterationHistory,
     MapEstimate,
@@ -25,8 +29,7 @@ from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
-from jointbayes.posterior.storage import draws_tree, read_record, stored_measurement
-from jointbayes.posterior.stored_problem import problem_from, require_same_problem
+from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import (
     Chains,
     Progress,
@@ -37,6 +40,9 @@ from jointbayes.sampling import (
     run_adapted,
     starting_walkers,
 )
+
+if TYPE_CHECKING:
+    from jointbayes.posterior.stored_file import StoredFile
 
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
@@ -49,7 +55,6 @@ _FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
 _WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
-_COMPARED = 16  # draws at which a problem that is passed must have the density of the file
 
 
 def identify(case: Case | Problem, initial: ArrayLike | None = None) -> IterationHistory:
@@ -313,36 +318,59 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
     ModelError
         If the problem has parts that no file can hold and is not passed, or another one is.
     """
-    where, passed = os.fspath(path), problem
-    tree, record = read_record(path)
-    run, case = record["record"], None
-    if "problem" not in record:
-        measurement = stored_measurement(tree, run.get("provenance"))
-        case = case_from_text(run["case_name"], run["case_text"], measurement=measurement)
-        problem = passed or case.problem
-    elif passed is None:
-        problem = problem_from(tree, record["problem"], where)
-    else:
-        require_same_problem(passed, record["problem"], where)
-    assert problem is not None
-    posterior = Posterior.restored(problem, tree, record)
+    from jointbayes.posterior.agreement import require_same_density
+    from jointbayes.posterior.stored_file import read_stored
+    from jointbayes.posterior.stored_problem import problem_from, require_same_problem
+
+    stored, passed, case = read_stored(path), problem, None
+    where, run, description = stored.where, stored.record.run, stored.record.stored_problem
+    with _one_line_of(where):
+        if description is None:
+            case = _case_of(stored)
+            problem = passed or case.problem
+        elif passed is None:
+            problem = problem_from(stored.problem_array, description, where)
+        else:
+            require_same_problem(passed, description, where)
+        assert problem is not None
+        posterior = Posterior.restored(problem, stored)
+        if passed is None:
+            require_same_density(posterior, where, passed=False)
     if passed is not None:
-        _require_same_density(posterior, where)
-    if case is None and run["case_text"]:
-        case = case_around(problem, run["case_text"])
+        require_same_density(posterior, where, passed=True)
+    if case is None and run.case_text:
+        case = case_around(problem, run.case_text)
     iteration = identify(case or problem) if problem.measurement.joint_frf is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 
-def _require_same_density(posterior: Posterior, where: str) -> None:
-    """Refuse a problem whose density at the draws is not the one that was stored with them."""
-    stored = posterior.log_density.ravel()
-    rows = np.linspace(0, stored.size - 1, _COMPARED).round().astype(int)
-    computed = posterior.problem.log_posterior(posterior.theta[rows])
-    if not np.allclose(computed, stored[rows], rtol=1e-9, atol=1e-6):
-        worst = int(np.argmax(np.abs(computed - stored[rows])))
-        raise ModelError(
-            f"{where}: found draws of another density than that of the problem passed: ln p is "
-            f"{stored[rows][worst]:.6g} in the file and {computed[worst]:.6g} by the problem; expected the problem "
-            "that was sampled; pass that one"
+def _case_of(stored: "StoredFile") -> Case:
+    """The case that the text in a posterior file states, with the data of the file; files it names are not read."""
+    run = stored.record.run
+    measured = stored.measurement if run.provenance is not None else None
+    if measured is None and isinstance(parse_case(run.case_text, run.case_name).data, MeasuredSpec):
+        raise MeasurementError(
+            f"{stored.where}: found a case with measurement files, and no data of theirs; expected both, as files it "
+            "names are not read; sample again, or take another copy of the file"
         )
+    return case_from_text(run.case_name, run.case_text, measurement=measured)
+
+
+@contextmanager
+def _one_line_of(where: str) -> Iterator[None]:
+    """Turn whatever a damaged file leads to into one line that begins with the file.
+
+    Its record is typed, but a problem is made of hundreds of numbers, and mathematics refuses them in its own ways.
+    """
+    try:
+        yield
+    except JointBayesError as error:
+        if str(error).startswith(where):
+            raise
+        raise MeasurementError(f"{where}: found a problem in it that is none: {error}") from error
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+        said = " ".join(str(error).split())[:120]
+        raise MeasurementError(
+            f"{where}: found a problem in it that cannot be evaluated ({type(error).__name__}: {said}); expected that "
+            "of its draws; sample again, or take another copy of the file"
+        ) from error

@@ -85,3 +85,12 @@ def exit_by_convergence(posterior: "Posterior") -> None:
     """End with the exit code of a run that has not converged, where it has not."""
     if not posterior.converged:
         sys.exit(NOT_CONVERGED)
+
+
+def directory_name(case_name: str, file: Path) -> str:
+    """Name of a run directory by default: that of the case, or of the file where the former is no name of one.
+
+    A posterior file may be anybody's: what it says must not lead out of ``reports``.
+    """
+    plain = case_name.isprintable() and case_name == Path(case_name).name and len(case_name.encode()) < 200
+    return case_name if plain and case_name not in ("", "..") and "\\" not in case_name else file.stem

@@ -8,6 +8,7 @@ import click
 from jointbayes.cli.common import (
     NOT_MATCHED,
     config_argument,
+    directory_name,
     draw,
     exit_by_convergence,
     load,
@@ -115,7 +116,7 @@ def report(posterior: Path, out: Path | None) -> None:
     from jointbayes.workflow import load_posterior
 
     loaded = load_posterior(posterior)
-    target = out or Path("reports") / loaded.record.case_name
+    target = out or Path("reports") / directory_name(loaded.record.case_name, posterior)
     require_writable(target)
     with draws_explained(posterior, target):
         note_written(write_run(loaded, target, show_phase))

@@ -2,19 +2,20 @@
 
 import os
 from dataclasses import asdict, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
-import numpy as np
 import xarray as xr
 
 from jointbayes.inference import Problem
 from jointbayes.posterior.brief import Cell, brief
 from jointbayes.posterior.information.knowledge import Knowledge
-from jointbayes.posterior.run_record import RunRecord
-from jointbayes.posterior.storage import estimate_from, estimate_record, write_tree
+from jointbayes.posterior.storage import estimate_record, values_tree, write_tree
 from jointbayes.posterior.stored_problem import with_problem
 from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import JudgedPosterior
+
+if TYPE_CHECKING:  # what reads files is not loaded by a run, which writes one
+    from jointbayes.posterior.stored_file import StoredFile
 
 __all__ = ["Posterior"]
 
@@ -96,15 +97,25 @@ class Posterior(JudgedPosterior):
         write_tree(tree, record, path)
 
     @classmethod
-    def restored(cls, problem: Problem, tree: xr.DataTree, record: dict[str, Any]) -> Self:
-        """Rebuild a posterior from its problem and what `save` wrote."""
-        mode = record["mode"]
+    def restored(cls, problem: Problem, stored: "StoredFile") -> Self:
+        """Rebuild a posterior from its problem and what `save` wrote.
+
+        Raises
+        ------
+        MeasurementError
+            If what is stored does not belong to the problem: other names, shapes, or numbers that are none.
+        """
+        from jointbayes.posterior.agreement import require_agreement
+
+        record = stored.record
+        require_agreement(problem, record, stored.where)
+        draws = stored.draws(problem)
         return cls(
             problem,
-            tree,
-            estimate_from(record["map"]),
-            np.array(mode["theta"]),
-            mode["log_density"],
-            RunRecord(**record["record"]),
-            kept_knowledge=record.get("knowledge"),
+            values_tree(problem, stored.measurement, draws.values, draws.log_density, draws.ensemble, draws.before),
+            record.estimate,
+            record.mode_theta,
+            record.mode.log_density,
+            record.run,
+            kept_knowledge=record.kept_knowledge,
         )

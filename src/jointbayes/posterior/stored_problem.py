@@ -5,7 +5,8 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import import_module
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import xarray as xr
@@ -14,10 +15,12 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.measurement.provenance import Provenance
+from jointbayes.posterior.file_record import REMEDY, provenance_from
 
-__all__ = ["problem_from", "require_same_problem", "with_problem"]
+__all__ = ["PROBLEM_GROUP", "problem_from", "require_same_problem", "with_problem"]
 
-_GROUP = "problem"
+#: Group of its arrays in a posterior file.
+PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
 _ROOMS = ("structure", "joint", "frf", "measurement", "inference")
 
@@ -35,16 +38,25 @@ def with_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict
         for part, values in parts.items():
             variables[part] = (tuple(f"{name}_{axis}" for axis in range(array.ndim)), values)
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    return xr.DataTree.from_dict({**groups, _GROUP: xr.Dataset(variables)}), description.as_json()
+    return xr.DataTree.from_dict({**groups, PROBLEM_GROUP: xr.Dataset(variables)}), description.as_json()
 
 
-def problem_from(tree: xr.DataTree, record: Mapping[str, Any], where: str) -> Problem:
+def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any], where: str) -> Problem:
     """The problem from what `with_problem` made of it.
+
+    Parameters
+    ----------
+    array
+        Gives an array of the group that `with_problem` added.
+    record
+        The description.
+    where
+        The file, for messages.
 
     Raises
     ------
     ModelError
-        If parts of it could not be stored, or this version knows them no more: which.
+        If parts of it could not be stored, this version knows them no more, or they make no problem: which.
     """
     if record["own"]:
         own = ", ".join(f"{place} ({kind})" for place, kind in record["own"].items())
@@ -52,18 +64,9 @@ def problem_from(tree: xr.DataTree, record: Mapping[str, Any], where: str) -> Pr
             f"{where}: found a posterior with parts that no file can hold: {own}; expected the problem that was "
             "sampled; pass it as load_posterior(path, problem=...)"
         )
-    group = tree[_GROUP].to_dataset()
-
-    def array(name: str) -> NDArray[Any]:
-        if name in group:
-            return np.array(group[name].values)
-        real = group[f"{name}_real"].values
-        values = np.empty(real.shape, dtype=np.complex128)
-        values.real, values.imag = real, group[f"{name}_imag"].values
-        return values
-
-    problem = _restored(record["description"], array, where)
-    assert isinstance(problem, Problem)
+    problem = _Restoring(array, where).part(record["description"], "problem")
+    if not isinstance(problem, Problem):
+        raise ModelError(f"{where}: found a {type(problem).__name__}; expected a problem; sample again")
     return problem
 
 
@@ -135,35 +138,97 @@ class _Description:
         return {"own": name}
 
 
-def _restored(plain: Any, array: Callable[[str], NDArray[Any]], where: str) -> Any:  # noqa: ANN401
-    """A part of a problem from what `_Description` made of it."""
-    if isinstance(plain, list):
-        return tuple(_restored(one, array, where) for one in plain)
-    if not isinstance(plain, dict):
-        return plain
-    if "kind" in plain:
-        kind = _public_class(plain["kind"])
+@dataclass(frozen=True)
+class _Restoring:
+    """Makes the parts of a problem from what `_Description` made of them.
+
+    Nothing that a file names is called but data classes of this package and continuous distributions of scipy.stats,
+    these with numbers only.
+    """
+
+    array: Callable[[str], NDArray[Any]]
+    where: str
+
+    def part(self, plain: Any, place: str) -> Any:  # noqa: ANN401 (any part of a problem)
+        if isinstance(plain, list):
+            return tuple(self.part(one, f"{place}[{i}]") for i, one in enumerate(plain))
+        if not isinstance(plain, dict):
+            return plain
+        if "kind" in plain:
+            return self._of_kind(plain, place)
+        if "array" in plain:
+            return self.array(str(plain["array"]))
+        if "provenance" in plain:
+            return provenance_from(plain["provenance"], self.where)
+        if "mapping" in plain:
+            return self._mapping(plain["mapping"], place)
+        if "scipy.stats" in plain:
+            return self._distribution(plain, place)
+        raise self._fault(place, f"a table of {', '.join(map(str, plain)) or 'nothing'}", "a part of a problem")
+
+    def _of_kind(self, plain: Mapping[str, Any], place: str) -> Any:  # noqa: ANN401
+        kind = _public_class(str(plain["kind"]))
         if kind is None:
             raise ModelError(
-                f"{where}: found a part of kind {plain['kind']!r}; expected one that this version of jointbayes has; "
-                "read it with the version that wrote it"
+                f"{self.where}: found a part of kind {plain['kind']!r}; expected one that this version of jointbayes "
+                "has; read it with the version that wrote it"
             )
-        return kind(**{name: _restored(part, array, where) for name, part in plain.items() if name != "kind"})
-    if "array" in plain:
-        return array(plain["array"])
-    if "provenance" in plain:
-        return Provenance.from_json(plain["provenance"])
-    if "mapping" in plain:
-        return {key: _restored(one, array, where) for key, one in plain["mapping"]}
-    stats = import_module("scipy.stats")
-    law = getattr(stats, str(plain["scipy.stats"]), None)
-    if not isinstance(law, stats.rv_continuous):  # a file must not name what is called
-        raise ModelError(
-            f"{where}: found a prior {plain['scipy.stats']!r}; expected a continuous distribution of scipy.stats; "
-            "repair the file or sample again"
-        )
-    args, kwds = (_restored(plain[key], array, where) for key in ("args", "kwds"))
-    return law(*args, **kwds)
+        given = {name: self.part(one, f"{place}.{name}") for name, one in plain.items() if name != "kind"}
+        hints = get_type_hints(kind)
+        for name, value in given.items():
+            if not _fits(value, hints.get(name, Any)):
+                raise self._fault(f"{place}.{name}", f"{value!r:.60}", str(hints[name]))
+        try:
+            return kind(**given)
+        except (TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as error:
+            raise self._fault(
+                place, f"parts of which no {kind.__name__} can be made ({error})", "whole ones"
+            ) from error
+
+    def _mapping(self, pairs: Any, place: str) -> dict[Any, Any]:  # noqa: ANN401
+        if not isinstance(pairs, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
+            raise self._fault(place, "no pairs", "a list of names and values")
+        return {str(key): self.part(one, f"{place}.{key}") for key, one in pairs}
+
+    def _distribution(self, plain: Mapping[str, Any], place: str) -> Any:  # noqa: ANN401
+        stats = import_module("scipy.stats")
+        law = getattr(stats, str(plain["scipy.stats"]), None)
+        if not isinstance(law, stats.rv_continuous):  # a file must not name what is called
+            raise ModelError(
+                f"{self.where}: found a prior {plain['scipy.stats']!r}; expected a continuous distribution of "
+                "scipy.stats; repair the file or sample again"
+            )
+        args, kwds = self.part(plain.get("args", []), place), self.part(plain.get("kwds", {"mapping": []}), place)
+        if not isinstance(args, tuple) or not isinstance(kwds, dict):
+            raise self._fault(place, "no arguments", "numbers of a distribution")
+        if not all(_fits(value, float) for value in (*args, *kwds.values())):
+            raise self._fault(place, "other arguments than numbers", "numbers of a distribution")
+        try:
+            return law(*args, **kwds)
+        except (TypeError, ValueError) as error:
+            raise self._fault(place, f"a prior {law.name} that cannot be ({error})", "its own parameters") from error
+
+    def _fault(self, place: str, found: str, expected: str) -> ModelError:
+        return ModelError(f"{self.where}: {place}: found {found}; expected {expected}; {REMEDY}")
+
+
+def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401
+    """Whether a value is of a plain type; of other hints nothing is said."""
+    if hint in (float, int, bool, str):
+        if isinstance(value, bool) or hint is bool:
+            return isinstance(value, bool) and hint is bool
+        return isinstance(value, (int, float) if hint is float else hint)
+    kinds = get_args(hint)
+    if get_origin(hint) is Literal:
+        return value in kinds
+    if get_origin(hint) in (Union, UnionType):
+        return any(_fits(value, one) for one in kinds)
+    if get_origin(hint) is tuple:
+        inner = kinds[:1] * len(value) if kinds[-1:] == (...,) and isinstance(value, tuple) else kinds
+        return isinstance(value, tuple) and len(value) == len(inner) and all(map(_fits, value, inner))
+    if isinstance(hint, type) and (hint is type(None) or is_dataclass(hint)):
+        return isinstance(value, hint)
+    return True
 
 
 def _of_scipy(value: object) -> bool:
@@ -175,9 +240,9 @@ def _of_scipy(value: object) -> bool:
 
 
 def _public_class(name: str) -> type | None:
-    """The class that a room hands on under this name; None where none does."""
+    """The data class that a room hands on under this name; None where none does."""
     for room in _ROOMS:
         cls = getattr(import_module(f"jointbayes.{room}"), name, None)
-        if isinstance(cls, type):
+        if isinstance(cls, type) and is_dataclass(cls) and cls.__module__.startswith("jointbayes."):
             return cls
     return None

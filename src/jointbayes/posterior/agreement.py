@@ -1,0 +1,135 @@
+"""Whether the draws and the record of a posterior file belong to its problem.
+
+Each part of a file may be right by itself and yet not belong to the others: after a repair by hand, or where a later
+version of the program computes another density.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.inference import Problem
+from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.file_record import REMEDY, FileRecord
+
+__all__ = ["require_agreement", "require_same_density"]
+
+Array = NDArray[np.float64]
+
+_COMPARED = 16  # draws at which the problem must have the density that is stored
+#: How far ln p of a rebuilt problem may be from the one stored, as a part of it and absolutely: other versions of the
+#: libraries round otherwise, and stiffnesses near the edge of possible joints have lost digits.
+_RTOL, _ATOL = 1e-6, 1e-2
+_FAR = 100.0  # standard deviations of its prior: no draw is so far away
+
+
+def require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
+    """Refuse a record whose names or shapes are not those of the problem.
+
+    Raises
+    ------
+    MeasurementError
+        If anything has another shape or other names: which.
+    """
+    names, stiffnesses = problem.names, len(problem.quantities)
+    d = len(names)
+    found = record.map
+    expected: dict[str, tuple[object, object]] = {
+        "mode.theta": (len(record.mode.theta), d),
+        "map.theta": (len(found.theta), d),
+        "map.stiffness": (len(found.stiffness), stiffnesses),
+    }
+    for i, start in enumerate(found.starts):
+        expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
+    for i, mode in enumerate(found.modes):
+        expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
+    for name, given in (
+        ("r_hat", record.record.r_hat),
+        ("sampler.tau", record.record.sampler.tau),
+        ("sampler.ess", record.record.sampler.ess),
+    ):
+        expected[f"record.{name}"] = (sorted(given), sorted(names))
+    if record.knowledge is not None:
+        known = sorted(quantity.name for quantity in problem.quantities)
+        for i, row in enumerate(record.knowledge.freed):
+            expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), known if row.known else [])
+        for i, profile in enumerate(record.knowledge.profiles):
+            expected[f"knowledge.profiles.{i}.theta"] = ({len(theta) for theta in profile.theta}, {d})
+    for place, (there, wanted) in expected.items():
+        if there != wanted:
+            raise MeasurementError(f"{where}: record, {place}: found {there}; expected {wanted}; {REMEDY}")
+    covariances = {"map": found.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(found.modes)}
+    for place, matrix in covariances.items():
+        if not _is_covariance(matrix, d):
+            raise MeasurementError(
+                f"{where}: record, {place}.covariance: found none; expected a covariance of {d} numbers; {REMEDY}"
+            )
+
+
+def _is_covariance(rows: tuple[tuple[float, ...], ...], dimension: int) -> bool:
+    if len(rows) != dimension or any(len(row) != dimension for row in rows):
+        return False
+    matrix = np.array(rows).reshape(dimension, dimension)
+    if not dimension:
+        return True
+    sd = np.sqrt(np.maximum(np.diag(matrix), 0))
+    if not (sd > 0).all():
+        return False
+    correlation = matrix / sd / sd[:, None]
+    return bool(np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation).min() > -1e-6)
+
+
+def require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool) -> None:
+    """Refuse draws that are not of the problem's density: far outside its prior, or with another ln p.
+
+    Parameters
+    ----------
+    posterior
+        With its problem.
+    where
+        The file, for messages.
+    passed
+        Whether the caller passed the problem; it is then his own, on the same machine, and must agree closely.
+
+    Raises
+    ------
+    ModelError
+        If the density is another one.
+    """
+    problem = posterior.problem
+    for stiffness, what in ((posterior.stiffness, "draws"), (posterior.prior_stiffness, "draws of the prior")):
+        with np.errstate(all="ignore"):
+            if not problem.parametrisation.describes(stiffness).all():
+                raise ModelError(f"{where}: found {what} that are no joint; expected joints of its problem; {REMEDY}")
+            _require_near_prior(problem, problem.parametrisation.coordinates(stiffness), where, what)
+    with np.errstate(all="ignore"):
+        theta = posterior.theta
+        _require_near_prior(problem, theta, where, "draws")
+    rows = np.linspace(0, len(theta) - 1, _COMPARED).round().astype(int)
+    stored = posterior.log_density.ravel()[rows]
+    points = theta[rows]
+    if not passed:
+        points = np.concatenate([points, posterior.mode_theta[None], posterior.estimate.theta[None]])
+        stored = np.append(stored, [posterior.mode_log_density, posterior.estimate.log_posterior])
+    computed = problem.log_posterior(points)
+    rtol, atol = (1e-9, 1e-6) if passed else (_RTOL, _ATOL)
+    if not np.allclose(computed, stored, rtol=rtol, atol=atol):
+        finite = np.where(np.isfinite(computed), computed, -1e300)  # outside the prior, or not a number
+        worst = int(np.argmax(np.abs(finite - stored)))
+        given = "the problem passed" if passed else "its problem"
+        raise ModelError(
+            f"{where}: found draws of another density than that of {given}: ln p is "
+            f"{stored[worst]:.6g} in the file and {computed[worst]:.6g} by the problem; expected the problem "
+            f"that was sampled; {'pass that one' if passed else REMEDY}"
+        )
+
+
+def _require_near_prior(problem: Problem, theta: Array, where: str, what: str) -> None:
+    """Refuse numbers that nobody can have drawn, which arithmetic may not survive."""
+    prior, count = problem.prior, theta.shape[1]
+    low, high = (end[:count] for end in prior.support)
+    mean, sd = prior.mean[:count], prior.sd[:count]
+    low = np.where(np.isfinite(low), low, mean - _FAR * sd) - sd
+    high = np.where(np.isfinite(high), high, mean + _FAR * sd) + sd
+    if not ((theta >= low) & (theta <= high)).all():
+        raise ModelError(f"{where}: found {what} that its prior excludes; expected draws of its problem; {REMEDY}")

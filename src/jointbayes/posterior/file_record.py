@@ -1,0 +1,278 @@
+"""The record of a posterior file, typed: what each field must be before anything is made of it.
+
+A file may be damaged, of another version, or made by somebody else on purpose. What is here is checked by itself, each
+number by its range; what must agree with the problem, by `jointbayes.posterior.agreement`.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+
+from jointbayes.errors import MeasurementError
+from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, StartOutcome
+from jointbayes.joint import Coordinate
+from jointbayes.measurement.provenance import Provenance
+from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.information.uncertain_inputs import Source
+from jointbayes.posterior.run_record import RunRecord
+from jointbayes.posterior.storage import FILE_VERSION
+
+__all__ = ["REMEDY", "FileRecord", "parse_record", "provenance_from"]
+
+Array = NDArray[np.float64]
+
+#: More coordinates, starts and so on than any run has; a reader must not build what takes all memory.
+_MOST = 10_000
+#: What to do about any file that holds no whole posterior.
+REMEDY = "sample again, or take another copy of the file"
+_STRICT = ConfigDict(strict=True, extra="ignore")
+_SHOWN = 60  # characters of a wrong value in a message
+
+
+def _with_jointbayes(versions: dict[str, str]) -> dict[str, str]:
+    if "jointbayes" not in versions:
+        raise ValueError("expected the version of jointbayes among them")
+    return versions
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, le=2**63)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Name = Annotated[str, Field(max_length=1000)]
+Vector = Annotated[tuple[Finite, ...], Field(max_length=_MOST)]
+Rows = Annotated[tuple[Vector, ...], Field(max_length=_MOST)]
+
+
+class _Part(BaseModel):
+    """Fields that a later version adds do not matter: `FILE_VERSION` says which do."""
+
+    model_config = ConfigDict(frozen=True, **_STRICT)
+
+
+class _Sampler(_Part):
+    """Settings and figures of the sampler; NaN where a chain was too short for one."""
+
+    ensembles: Count
+    walkers: Count
+    steps: Count
+    max_steps: Count
+    burn_in: Count
+    thin: Annotated[int, Field(ge=1, le=2**31)]
+    acceptance: Share
+    move_acceptance: dict[Name, float]
+    proposal_efficiency: float
+    tau: dict[Name, float]
+    ess: dict[Name, float]
+    evaluations: Count
+    singular: Count
+    seconds: Annotated[float, Field(ge=0, le=1e12)]
+    ess_per_second: float
+
+
+class _Run(_Part):
+    case_name: Name
+    case_text: Annotated[str, Field(max_length=10**7)]
+    seed: Annotated[int, Field(ge=0, lt=2**128)]
+    converged: bool
+    reason: Annotated[str, Field(max_length=10_000)]
+    sampler: _Sampler
+    r_hat: dict[Name, float]
+    versions: Annotated[dict[Name, Name], AfterValidator(_with_jointbayes)]
+    provenance: dict[str, Any] | None = None
+
+
+class _Mode(_Part):
+    theta: Vector
+    log_density: Finite
+
+
+class _Start(_Part):
+    name: Name
+    start: Vector
+    stiffness: Vector
+    log_posterior: float
+    reached_mode: bool
+
+
+class _LocalMode(_Part):
+    theta: Vector
+    covariance: Rows
+    log_posterior: Finite
+
+
+class _Estimate(_Part):
+    theta: Vector
+    stiffness: Vector
+    covariance: Rows
+    log_posterior: Finite
+    starts: Annotated[tuple[_Start, ...], Field(max_length=_MOST)]
+    modes: Annotated[tuple[_LocalMode, ...], Field(max_length=_MOST)] = ()  # files of version 0.1 know one mode
+    effort: SearchEffort | None = None  # unknown to older files
+
+
+class _Profile(_Part):
+    coordinate: Coordinate
+    value: Annotated[Vector, Field(min_length=1)]
+    log_ratio: Vector
+    theta: Rows
+    level: Annotated[float, Field(gt=0, lt=1)]
+    interval: tuple[float, float]
+    open_below: bool
+    open_above: bool
+
+    @model_validator(mode="after")
+    def _one_ratio_a_value(self) -> Self:
+        if not len(self.value) == len(self.log_ratio) == len(self.theta) or (np.diff(self.value) <= 0).any():
+            raise ValueError("expected rising values, each with its log ratio and theta")
+        return self
+
+
+class _Freed(_Part):
+    uncertain: tuple[Name, ...]
+    source: Source
+    known: dict[Name, Identifiability]
+
+
+class _Knowledge(_Part):
+    profiles: Annotated[tuple[_Profile, ...], Field(max_length=_MOST)]
+    freed: Annotated[tuple[_Freed, ...], Field(max_length=_MOST)]
+    assumed: Annotated[tuple[Name, ...], Field(max_length=_MOST)]
+
+
+class _Problem(_Part):
+    description: dict[str, Any]
+    own: dict[str, str]
+    sha256: Annotated[str, Field(max_length=64)]
+
+
+class FileRecord(_Part):
+    """Everything of a posterior file that is not an array."""
+
+    file_version: int
+    record: _Run
+    mode: _Mode
+    map: _Estimate
+    knowledge: _Knowledge | None = None
+    problem: _Problem | None = None
+    _plain: dict[str, Any] = PrivateAttr(default_factory=dict)
+
+    @property
+    def mode_theta(self) -> Array:
+        """Joint mode, shape (d,)."""
+        return np.array(self.mode.theta)
+
+    @property
+    def run(self) -> RunRecord:
+        """How the draws came about."""
+        plain = self._plain["record"]
+        return RunRecord(**{part.name: plain[part.name] for part in fields(RunRecord) if part.name in plain})
+
+    @property
+    def kept_knowledge(self) -> Mapping[str, Any] | None:
+        """What `Knowledge.kept` gave."""
+        return None if self.knowledge is None else self.knowledge.model_dump()
+
+    @property
+    def stored_problem(self) -> Mapping[str, Any] | None:
+        """What `with_problem` gave; None where the text of a case states the problem."""
+        return self._plain.get("problem")
+
+    @property
+    def estimate(self) -> MapEstimate:
+        """MAP estimate, as it was saved."""
+        found = self.map
+        starts = [(s.name, np.array(s.start), np.array(s.stiffness), s.log_posterior, s.reached_mode)
+                  for s in found.starts]  # fmt: skip
+        modes = [(np.array(m.theta), np.array(m.covariance), m.log_posterior) for m in found.modes]
+        return MapEstimate(
+            np.array(found.theta),
+            np.array(found.stiffness),
+            np.array(found.covariance),
+            found.log_posterior,
+            tuple(StartOutcome(*start) for start in starts),
+            tuple(LocalMode(*mode) for mode in modes),
+            found.effort,
+        )
+
+
+def parse_record(text: str, where: str) -> FileRecord:
+    """Record from the JSON text in a file.
+
+    Parameters
+    ----------
+    text
+        What `write_tree` wrote.
+    where
+        The file, for messages.
+
+    Raises
+    ------
+    MeasurementError
+        If it is no record, of a later version, or any field of it is not what it must be: which.
+    """
+    try:
+        plain = json.loads(text)
+        version = plain["file_version"]
+    except (ValueError, RecursionError, KeyError, TypeError) as error:
+        raise MeasurementError(
+            f"{where}: found no posterior in it ({type(error).__name__}); expected a posterior.nc written by "
+            "jointbayes; give the path of one"
+        ) from None
+    if isinstance(version, int) and version > FILE_VERSION:
+        raise MeasurementError(
+            f"{where}: found file version {version}; expected {FILE_VERSION} or less; "
+            "read it with the jointbayes that wrote it, or a later one"
+        )
+    try:
+        record = FileRecord.model_validate_json(text)
+    except ValidationError as error:
+        raise MeasurementError(f"{where}: {_fault(error)}") from None
+    record._plain.update(plain)
+    return record
+
+
+def provenance_from(record: Mapping[str, Any], where: str) -> Provenance:
+    """Where measured data came from, typed.
+
+    Raises
+    ------
+    MeasurementError
+        If a field of it is not what it must be: which.
+    """
+    plain = dict(record)
+    if isinstance(plain.get("doubts"), list):  # as files of version 0.1 call them, without their kind
+        plain["warnings"] = [{"key": "", **entry} for entry in plain.pop("doubts") if isinstance(entry, dict)]
+    try:
+        return TypeAdapter(Provenance, config=_STRICT).validate_json(json.dumps(plain))
+    except ValidationError as error:
+        raise MeasurementError(f"{where}: provenance of the data: {_fault(error)}") from None
+
+
+def _fault(error: ValidationError) -> str:
+    """The first fault: where, what was found, what is expected."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(map(str, first["loc"])) or "record"
+    found = repr(first["input"])
+    found = "nothing" if first["type"] == "missing" else found if len(found) <= _SHOWN else f"{found[:_SHOWN]}…"
+    more = f" ({error.error_count()} faults in all)" if error.error_count() > 1 else ""
+    return f"record, {place}: found {found}; {_expected(first['msg'])}{more}; {REMEDY}"
+
+
+def _expected(message: str) -> str:
+    """What pydantic wants, in the words of other messages."""
+    said = message.removeprefix("Value error, ")
+    return said if said.startswith("expected") else f"expected another value: {said[:1].lower()}{said[1:]}"
