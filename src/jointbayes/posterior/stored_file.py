@@ -193,7 +193,7 @@ def read_stored(path: str | os.PathLike[str]) -> StoredFile:
     try:
         groups = {place.strip("/"): block for place, block in read_isolated(Path(path), "hdf5")}
     except MeasurementError as error:
-        raise MeasurementError(f"{where}: found no whole posterior in it: {error}") from None
+        raise MeasurementError(f"{where}: found no posterior in it: {error}") from None
     text = groups.get("", {}).get(RECORD)
     if text is None or text.dtype.kind != "U" or text.ndim:
         raise MeasurementError(f"{where}: found no posterior in it; {_EXPECTED}; give the path of one")
