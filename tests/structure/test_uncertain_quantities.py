@@ -175,3 +175,28 @@ def test_beams_that_are_described_by_lists_are_solved_all_the_same():
     motions = np.eye(BeamFamily(beam, {}).nominal.n_dofs)[:, :2]
     found, expected = (BeamFamily(one, {}).free_modes(motions)(np.ones((1, 0))) for one in (listed, beam))
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+
+
+def test_twenty_responses_of_an_uncertain_beam_are_those_of_the_beam_solved_anew():
+    beam = recipe(elements=20)
+    ranges = {"length": (-0.03, 0.03), "youngs_modulus": (-0.1, 0.1)}
+    ports = Ports(np.linspace(20.0, 2500.0, 60), tuple(f"{n}:y" for n in range(2, 22)), ("21:y",))
+    family = BeamFamily(beam, ranges).at((*JOINT.dofs, *ports.outputs, *ports.inputs), 2500.0)
+    factors = draws(family, ranges, 3)
+    found, solved = (
+        receptance_model(one, JOINT, ports).receptance(np.repeat(CLAMP[None], 3, axis=0), factors)
+        for one in (family, replace(family, exact=True))
+    )
+    assert np.abs((found - solved) / np.abs(solved).max(axis=1, keepdims=True)).max() < 1e-7
+
+
+def test_forces_at_the_tip_of_many_responses_need_no_more_modes_than_at_the_tip_of_few():
+    kept = []
+    for elements in (20, 40):
+        ports = Ports(np.array([20.0, 2500.0]), tuple(f"{n}:y" for n in range(2, elements + 2)), (f"{elements + 1}:y",))
+        family = BeamFamily(recipe(elements=elements), {}).at((*JOINT.dofs, *ports.outputs), 2500.0)
+        joined, outputs, inputs = ports.selections(family.nominal, JOINT)
+        motions = np.hstack([joined, outputs, inputs])
+        forced = np.isin(np.arange(motions.shape[1]), (0, 1, motions.shape[1] - 1))
+        kept.append(family.free_modes(motions, forced)(np.ones((1, 0)))[0].shape[1])
+    assert kept[0] == kept[1] < 30

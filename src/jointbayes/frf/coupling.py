@@ -113,7 +113,9 @@ class LowRankCoupling:
         if not family.names and family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE:
             self._known = self._coupling(solve_lines(family.nominal, ports.omega, driven, driven))
             return
-        self._modes = family.free_modes(driven)
+        forced = np.arange(driven.shape[1]) - joined.shape[1] >= len(ports.outputs)
+        forced[: joined.shape[1]] = True
+        self._modes = family.free_modes(driven, forced)
         if not family.names:
             self._known = self._at(np.empty(0))
 

@@ -31,14 +31,23 @@ class JoinedModes:
         Structure without the joint, or a family of them, and where the joint acts, r DOFs.
     motions
         What else to know of each mode, as forms on the DOFs, shape (DOFs, q).
+    forced
+        At which of these forces act, shape (q,), beside those of the joint; by default at all.
     """
 
-    def __init__(self, structure: Structure | StructureFamily, joint: Joint, motions: Array) -> None:
+    def __init__(
+        self,
+        structure: Structure | StructureFamily,
+        joint: Joint,
+        motions: Array,
+        forced: NDArray[np.bool_] | None = None,
+    ) -> None:
         family = as_family(structure)
         self._shift = mode_shift(family.nominal)
         joined = joint.selection(family.nominal)
         self._r = joined.shape[1]
-        self._free = family.free_modes(np.hstack([joined, motions]))
+        forces = None if forced is None else np.concatenate([np.ones(self._r, dtype=bool), forced])
+        self._free = family.free_modes(np.hstack([joined, motions]), forces)
 
     def solve(self, matrices: Array, factors: ArrayLike | None = None) -> tuple[Array, Array, Array]:
         """Assembled modes for joint matrices (batch, r, r), symmetric, and factors on the structure (batch, f).
@@ -146,7 +155,8 @@ class AssembledModes:
             )
         joined, outputs, inputs = ports.selections(family.nominal, joint)
         self._along, rest = split_along(np.hstack([outputs, inputs]), joined)
-        self._family, self._modes = family, JoinedModes(family, joint, rest)
+        forced = np.arange(rest.shape[1]) >= len(ports.outputs)
+        self._family, self._modes = family, JoinedModes(family, joint, rest, forced)
         self._n_out, self._omega = len(ports.outputs), ports.omega
         self._sum = ModalSum(self._omega, self._n_out)
 

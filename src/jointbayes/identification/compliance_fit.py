@@ -86,11 +86,11 @@ class _FreeReceptance:
         # summed over free modes: a dense solution of every line would cost more than the whole search
         family = as_family(structure)
         _, driven, loads = ports.selections(family.nominal, joint)
-        modes = family.free_modes(np.hstack([driven, loads]))
-        k = len(ports.outputs)
+        k, n = len(ports.outputs), len(sides)
+        at = np.arange(k + len(ports.inputs))
+        modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
         free = free_receptance(family, modes, np.empty(0), ports.omega)[:, :k, k:]
         relative = np.eye(2) if not joint.against else np.hstack([np.eye(2), -np.eye(2)])
-        n = len(sides)
         rows = [ports.outputs.index(label) for label in outputs]
         columns = [ports.inputs.index(label) for label in inputs]
         self.jj = relative @ free[:, :n, :n] @ relative.T

@@ -20,16 +20,16 @@ from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.mode_table import ModeTable, tabulated
-from jointbayes.structure.reduction import Reduction
+from jointbayes.structure.reduction import FEW_MOTIONS, Forced, Reduction
 from jointbayes.structure.uncertain_quantities import BeamRecipe, is_damping_ratio, is_mode_frequency
 
 __all__ = ["BeamFamily"]
 
 Array = NDArray[np.float64]
 
-#: Free modes of so many beams are kept, for no more motions each: search, draws, checks and report of one case, and
+#: Free modes of so many beams are kept where motions are few: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.
-_KEPT, _KEPT_MOTIONS = 12, 16
+_KEPT = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,13 +142,13 @@ class BeamFamily:
         named = dict(zip(self.names, given.tolist(), strict=True)) if given.size else {}
         return self.recipe.structure(named, self.mesh)
 
-    def free_modes(self, motions: Array) -> FreeModes:
+    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
         if self.exact:
             return _AssembledModes(self, motions)
         beams = _BeamsOf(self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
-        if motions.shape[1] > _KEPT_MOTIONS or not beams.known_by_value:
-            return _interpolated(self, motions)
+        if motions.shape[1] > FEW_MOTIONS or not beams.known_by_value:
+            return _interpolated(self, motions, forced)
         return _kept(beams, motions.shape, motions.tobytes())
 
     def structure_at(self, numbers: Sequence[float]) -> Structure:
@@ -222,10 +222,12 @@ def _kept(beams: _BeamsOf, shape: tuple[int, ...], motions: bytes) -> FreeModes:
     return _interpolated(family, np.frombuffer(motions).reshape(shape))
 
 
-def _interpolated(family: BeamFamily, motions: Array) -> FreeModes:
+def _interpolated(family: BeamFamily, motions: Array, forced: Forced = None) -> FreeModes:
     turned = _rotations(family.nominal.dofs, motions)
     modes, reach = family.nominal.modes(), family.reach_of_modes_hz
-    reduction = Reduction(modes.eigenvalues.size, motions) if reach is None else Reduction.below(reach, modes, motions)
+    reduction = Reduction(modes.eigenvalues.size, motions)
+    if reach is not None:
+        reduction = Reduction.below(reach, modes, motions, forced)
     # the last terms are the least smooth over the ranges, and the least needed
     for terms in (reduction.terms, reduction.terms - 1):
         beams = _BeamModes(family, replace(reduction, terms=terms))

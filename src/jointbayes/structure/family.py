@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.structure.matrices import Modes, Structure
-from jointbayes.structure.reduction import Reduction
+from jointbayes.structure.reduction import Forced, Reduction
 
 __all__ = ["MOST_HELD", "Discretisation", "FixedFamily", "FreeModes", "StructureFamily", "as_family"]
 
@@ -73,10 +73,11 @@ class StructureFamily(Protocol):
         """Structure at factors (q,), assembled anew."""
         ...
 
-    def free_modes(self, motions: Array) -> FreeModes:
+    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
         """Modes without the joint with k motions, given as forms on the DOFs of `nominal`, shape (DOFs, k).
 
-        Below the frequency of `at` they are the modes; those above are replaced by the few that carry their answer.
+        Below the frequency of `at` they are the modes; those above are replaced by the few that carry their answer to
+        forces at these motions, or at those that are `forced`, shape (k,).
         """
         ...
 
@@ -154,12 +155,12 @@ class FixedFamily:
         """The structure, whatever the factors."""
         return self.nominal
 
-    def free_modes(self, motions: Array) -> FreeModes:
+    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
         """Its modes, whatever the factors."""
         modes = self._solved.modes
         if self._top_hz is None:
             return _Constant(modes.eigenvalues, motions.T @ modes.shapes)
-        reduced = Reduction.below(self._top_hz, modes, motions).of(modes)
+        reduced = Reduction.below(self._top_hz, modes, motions, forced).of(modes)
         return _Constant(reduced.eigenvalues, motions.T @ reduced.shapes)
 
     def damping_ratios(self, factors: Array) -> Array:

@@ -26,7 +26,16 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError
 
-__all__ = ["BeamPlane", "Span", "bar_matrices", "beam_matrices", "element_error", "node_positions", "spans_between"]
+__all__ = [
+    "MANY_POINTS",
+    "BeamPlane",
+    "Span",
+    "bar_matrices",
+    "beam_matrices",
+    "element_error",
+    "node_positions",
+    "spans_between",
+]
 
 Array = NDArray[np.float64]
 
@@ -36,6 +45,9 @@ _RICHER = 4  # orders by which the element is richer that another is compared wi
 #: Largest relative error of an element's strain and kinetic energy: eigenvalues are as exact, an FRF's peak to this
 #: over the damping ratio.
 ACCURACY = 2e-10
+#: Between more points than these elements are so short that none needs to be as rich as that bound makes them.
+MANY_POINTS = 32
+_VISIBLE_OF_MANY = 1 / 64  # of the ω at which an element's error shows: still far above rounding
 _ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element was seen to leave
 
 
@@ -139,15 +151,15 @@ def node_positions(spans: Sequence[Span]) -> Array:
     return np.concatenate(points)
 
 
-def element_error(length: float, order: int, plane: BeamPlane, omega: float) -> float:
+def element_error(length: float, order: int, plane: BeamPlane, omega: float, share: float = 1.0) -> float:
     """Largest relative error of an element's energy for motions that fall off as e^(−ωt), seen from its ends.
 
     Compared with an element of four orders more: K + ω²M of both, what lies between the ends condensed. An element is
     never too soft, so that the error has one sign; eigenvalues near ω² are off by no more than twice as much. Where
     the element is so short that rounding would hide the error it is taken at a higher ω and scaled down with ω²,
-    which is more than is left of it at any order from 3 on.
+    which is more than is left of it at any order from 3 on; at a `share` of that ω the bound is closer.
     """
-    visible = math.sqrt(plane.bending / plane.mass) / length**2  # a wave number of 1/length
+    visible = share * math.sqrt(plane.bending / plane.mass) / length**2  # a wave number of 1/length
     at = max(omega, visible)
     coarse, fine = (_condensed(length, p, plane, at) for p in (order, order + _RICHER))
     return float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max()) * (omega / at) ** 2
@@ -184,22 +196,23 @@ def spans_between(
     ModelError
         If no number of elements is enough.
     """
+    share = _VISIBLE_OF_MANY if len(positions) > MANY_POINTS else 1.0
     return tuple(
         Span(end - start, elements, order + extra_order)
         for start, end in itertools.pairwise(positions)
-        for elements, order in [_cheapest(round(end - start, 12), tuple(planes), omega)]
+        for elements, order in [_cheapest(round(end - start, 12), tuple(planes), omega, share)]
     )
 
 
 @lru_cache(maxsize=256)
-def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float) -> tuple[int, int]:
+def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share: float) -> tuple[int, int]:
     """Number of elements and order that need the fewest nodes."""
     # shear strain is a difference of two slopes: in a thin beam rounding leaves no more of it than this
     rounding = max(_ROUNDING * np.finfo(float).eps * plane.shear * length**2 / plane.bending for plane in planes)
     enough = max(ACCURACY, rounding)
 
     def accurate(elements: int, order: int) -> bool:
-        return max(element_error(length / elements, order, plane, omega) for plane in planes) <= enough
+        return max(element_error(length / elements, order, plane, omega, share) for plane in planes) <= enough
 
     best: tuple[int, int] | None = None
     for order in _ORDERS:

@@ -121,6 +121,7 @@ class ModeTable:
 
 def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None:
     """The smallest table that is accurate enough, axis by axis and then as a whole; None if there is none."""
+    modes_at = _remembering(modes_at)
     counts: list[int] = []
     for i in range(len(ends)):
         alone = [end if j == i else (0.0, 0.0) for j, end in enumerate(ends)]
@@ -136,6 +137,19 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
     if not ends:  # nothing is interpolated
         return table
     return table if table.error(modes_at) < 10 * _ACCURATE else None
+
+
+def _remembering(modes_at: ModesAt) -> ModesAt:
+    """The same function, each point solved once: tables of different size share those at which they are checked."""
+    known: dict[tuple[float, ...], tuple[Modes, Array]] = {}
+
+    def remembered(numbers: Sequence[float]) -> tuple[Modes, Array]:
+        point = tuple(numbers)
+        if point not in known:
+            known[point] = modes_at(numbers)
+        return known[point]
+
+    return remembered
 
 
 def _chebyshev(low: float, high: float, n: int) -> Array:

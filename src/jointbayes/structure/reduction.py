@@ -19,15 +19,21 @@ from numpy.typing import NDArray
 
 from jointbayes.structure.matrices import Modes
 
-__all__ = ["MOST_TERMS", "Reduction"]
+__all__ = ["FEW_MOTIONS", "MOST_TERMS", "Forced", "Reduction"]
 
 Array = NDArray[np.float64]
+Forced = NDArray[np.bool_] | None
+"""At which of some motions forces act; None for all."""
 
-#: Modes up to this many times the highest frequency are kept one by one.
-_KEPT = 2.0
+#: Modes up to this many times the highest frequency are kept one by one; where responses have no vectors, up to more.
+_KEPT, _KEPT_OF_FORCES = 2.0, 3.0
 #: Terms of the residual in ω²: static, and the first two beyond. With these less than 1e-10 of an FRF's peak is lost,
 #: and little of the motion of a stiff joint itself, which is small beside its parts.
 MOST_TERMS = 3
+#: Of more motions than these only those at which forces act have vectors of their own: what many responses would add is
+#: nearly what there is already, and rounding.
+FEW_MOTIONS = 16
+_TERMS_OF_FORCES = 2 * MOST_TERMS  # as exact: a vector at either end of an FRF counts for its power in ω²
 #: A direction that holds less than this of a unit vector adds nothing but rounding.
 _SAME = 1e-9
 
@@ -43,17 +49,26 @@ class Reduction:
     motions
         Where forces act and motion is observed, as forms on the DOFs, shape (DOFs, k).
     terms
-        Terms of the residual for each of these.
+        Terms of the residual for each of the forces.
+    forced
+        Those of the motions at which forces act, shape (DOFs, f); None takes all.
     """
 
     kept: int
     motions: Array
     terms: int = MOST_TERMS
+    forced: Array | None = None
 
     @classmethod
-    def below(cls, top_hz: float, modes: Modes, motions: Array) -> "Reduction":
-        """The reduction that serves up to a frequency in Hz, for a structure with these modes."""
-        return cls(int(np.searchsorted(modes.eigenvalues, (_KEPT * 2 * np.pi * top_hz) ** 2)), motions)
+    def below(cls, top_hz: float, modes: Modes, motions: Array, forced: Forced = None) -> "Reduction":
+        """The reduction that serves up to a frequency in Hz, for a structure with these modes.
+
+        With `forced`, shape (k,), no force acts at the other motions.
+        """
+        all_forced = forced is None or motions.shape[1] <= FEW_MOTIONS
+        highest = (_KEPT if all_forced else _KEPT_OF_FORCES) * 2 * np.pi * top_hz
+        kept = int(np.searchsorted(modes.eigenvalues, highest**2))
+        return cls(kept, motions) if all_forced else cls(kept, motions, _TERMS_OF_FORCES, motions[:, forced])
 
     def of(self, modes: Modes) -> Modes:
         """The kept modes, and Ritz vectors that stand for all others: unit modal mass, rising, shapes (DOFs, m).
@@ -64,7 +79,7 @@ class Reduction:
             All modes of a structure.
         """
         above, shapes = modes.eigenvalues[self.kept :], modes.shapes[:, self.kept :]
-        participation = self.motions.T @ shapes
+        participation = (self.motions if self.forced is None else self.forced).T @ shapes
         participation = participation[np.abs(participation).max(axis=1, initial=0.0) > 0]
         if self.terms * len(participation) >= above.size:
             return modes

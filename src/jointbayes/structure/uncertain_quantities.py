@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial, beam
 from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.high_order import MANY_POINTS
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.mesh import BeamMesh, BeamShape, mesh_through, meshed_beam
 from jointbayes.structure.section import Section
@@ -20,7 +21,7 @@ __all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "ElementKind", "is_damping_rati
 ElementKind = Literal["converged", "paper"]
 
 _HALF_WAVES = 10.0  # along the beam: what a mesh without a stated frequency is made for
-_RICHER = 4  # polynomial orders that a reference has more
+_RICHER, _RICHER_OF_MANY = 4, 1  # polynomial orders that a reference has more; between many points one says enough
 
 #: Quantities of a beam that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on.
 STRUCTURE_QUANTITIES = (
@@ -129,7 +130,7 @@ class BeamRecipe:
             labels = (*dofs, *self.supports, *self.accelerometer_dofs)
             numbers = {int(label.split(":")[0]) for label in labels} & set(range(1, self.elements + 2))
         top = self.shape.bending_frequency_hz(_HALF_WAVES) if top_hz is None else top_hz
-        extra = _RICHER if self.richer else 0
+        extra = (_RICHER_OF_MANY if len(numbers) > MANY_POINTS else _RICHER) if self.richer else 0
         return mesh_through(self.shape, self.elements + 1, numbers, top, self.dofs_per_node, extra)
 
     def structure(self, factors: Mapping[str, float] | None = None, mesh: BeamMesh | None = None) -> Structure:
