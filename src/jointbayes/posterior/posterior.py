@@ -51,7 +51,7 @@ class Posterior(JudgedPosterior):
             Draws at most; no fewer than four of each walker are kept.
         """
         chains, draws = self.log_density.shape
-        every = max(1, min(draws // 4, -(-chains * draws // most)))
+        every = max(1, -(-draws // max(4, most // chains)))
         rows = {"posterior": every, "sample_stats": every, "prior": -(-self.prior_stiffness.shape[0] // most)}
         groups = {
             f"/{name}": group.to_dataset().isel(draw=slice(None, None, rows[name]))
