@@ -336,10 +336,10 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         posterior = Posterior.restored(problem, stored)
         if passed is None:
             require_same_density(posterior, where, passed=False)
+        if case is None and run.case_text:
+            case = case_around(problem, run.case_text)
     if passed is not None:
         require_same_density(posterior, where, passed=True)
-    if case is None and run.case_text:
-        case = case_around(problem, run.case_text)
     iteration = identify(case or problem) if problem.measurement.joint_frf is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 

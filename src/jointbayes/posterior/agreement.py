@@ -4,6 +4,8 @@ Each part of a file may be right by itself and yet not belong to the others: aft
 version of the program computes another density.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,21 +99,16 @@ def require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool)
         If the density is another one.
     """
     problem = posterior.problem
-    for stiffness, what in ((posterior.stiffness, "draws"), (posterior.prior_stiffness, "draws of the prior")):
-        with np.errstate(all="ignore"):
-            if not problem.parametrisation.describes(stiffness).all():
-                raise ModelError(f"{where}: found {what} that are no joint; expected joints of its problem; {REMEDY}")
-            _require_near_prior(problem, problem.parametrisation.coordinates(stiffness), where, what)
-    with np.errstate(all="ignore"):
-        theta = posterior.theta
-        _require_near_prior(problem, theta, where, "draws")
+    theta = _coordinates(posterior, posterior.stiffness, posterior.values, where, "draws")
+    _coordinates(posterior, posterior.prior_stiffness, posterior.prior_values, where, "draws of the prior")
     rows = np.linspace(0, len(theta) - 1, _COMPARED).round().astype(int)
     stored = posterior.log_density.ravel()[rows]
     points = theta[rows]
     if not passed:
         points = np.concatenate([points, posterior.mode_theta[None], posterior.estimate.theta[None]])
         stored = np.append(stored, [posterior.mode_log_density, posterior.estimate.log_posterior])
-    computed = problem.log_posterior(points)
+    with np.errstate(all="ignore"):  # a damaged mode may lie anywhere
+        computed = problem.log_posterior(points)
     rtol, atol = (1e-9, 1e-6) if passed else (_RTOL, _ATOL)
     if not np.allclose(computed, stored, rtol=rtol, atol=atol):
         finite = np.where(np.isfinite(computed), computed, -1e300)  # outside the prior, or not a number
@@ -124,12 +121,20 @@ def require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool)
         )
 
 
-def _require_near_prior(problem: Problem, theta: Array, where: str, what: str) -> None:
-    """Refuse numbers that nobody can have drawn, which arithmetic may not survive."""
-    prior, count = problem.prior, theta.shape[1]
-    low, high = (end[:count] for end in prior.support)
-    mean, sd = prior.mean[:count], prior.sd[:count]
-    low = np.where(np.isfinite(low), low, mean - _FAR * sd) - sd
-    high = np.where(np.isfinite(high), high, mean + _FAR * sd) + sd
-    if not ((theta >= low) & (theta <= high)).all():
+def _coordinates(
+    posterior: PosteriorDraws, stiffness: Array, values: Callable[[str], Array], where: str, what: str
+) -> Array:
+    """θ of draws, shape (n, d); refused where nobody can have drawn them, which arithmetic may not survive."""
+    prior = posterior.problem.prior
+    low, high = prior.support
+    low = np.where(np.isfinite(low), low, prior.mean - _FAR * prior.sd) - prior.sd
+    high = np.where(np.isfinite(high), high, prior.mean + _FAR * prior.sd) + prior.sd
+    with np.errstate(all="ignore"):
+        if not prior.parametrisation.describes(stiffness).all():
+            raise ModelError(f"{where}: found {what} that are no joint; expected joints of its problem; {REMEDY}")
+        rest = [np.log(values(n.name).ravel() / n.nominal)[:, None] for n in prior.nuisances]
+        theta = np.concatenate([prior.parametrisation.coordinates(stiffness), *rest], axis=1)
+        inside = (theta >= low) & (theta <= high)
+    if not inside.all():
         raise ModelError(f"{where}: found {what} that its prior excludes; expected draws of its problem; {REMEDY}")
+    return theta

@@ -2,6 +2,7 @@
 
 import io
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
-from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.text import Text
+from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from jointbayes.report.markup import SUPERSCRIPTS
+from jointbayes.report.markup import SUPERSCRIPTS, clean
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.thinning import extremes
 
@@ -38,6 +40,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
+_POWER = re.compile(r"\^\{([-\d]+)\}")
 _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
 #: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
 _STRETCHES = 700
@@ -49,6 +52,7 @@ _POINTS = 3000
 MOST_CURVES = len(SERIES_COLOURS)
 _STYLE: Any = {
     "svg.fonttype": "path",
+    "text.parse_math": False,  # a label may be a user's, and dollars in it are dollars
     "svg.hashsalt": "jointbayes",
     "font.size": 9,
     "axes.spines.top": False,
@@ -66,10 +70,32 @@ def svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
     with rc_context(_STYLE):
         canvas = Canvas(figsize=(width, height))
         draw(canvas)
+        for axis in (axis for axes in canvas.axes for axis in (axes.xaxis, axes.yaxis)):
+            if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
+                axis.set_major_formatter(_in_characters(axis.get_major_formatter()))
+                axis.set_minor_formatter(_in_characters(axis.get_minor_formatter()))
+        for text in canvas.findobj(Text):
+            text.set_text(clean(text.get_text()))  # else a control character in a label breaks the drawing
         buffer = io.StringIO()
-        canvas.savefig(buffer, format="svg", metadata={"Date": None})
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)  # a box stands for it
+            canvas.savefig(buffer, format="svg", metadata={"Date": None})
     # a hundredth of a point is finer than any page shows
-    return _BEYOND_HUNDREDTHS.sub("", buffer.getvalue())
+    return _BEYOND_HUNDREDTHS.sub("", clean(buffer.getvalue()))
+
+
+def _in_characters(formatter: Any) -> Formatter:  # noqa: ANN401 (matplotlib is untyped here)
+    """A formatter whose formulas, powers of ten, are written in characters."""
+    if not isinstance(formatter, LogFormatterSciNotation):
+        return formatter
+
+    def text(value: float, place: int | None) -> str:
+        formula = formatter(value, place).removeprefix("$\\mathdefault{").removesuffix("}$").replace("\\times", "×")
+        return _POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), formula)
+
+    shown = FuncFormatter(text)
+    shown.set_locs = formatter.set_locs  # type: ignore[method-assign]  # by which it decides what to label
+    return shown
 
 
 def panels(

@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain
+from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
 from jointbayes.report.model import SERIES_COLOURS, Figure, LinePlot, Report, Series
 from jointbayes.report.thinning import extremes, points_of_polyline
 
@@ -98,7 +98,7 @@ def _rich(text: str) -> Markup:
     """HTML of a text with bold and code; every run is escaped before it is wrapped."""
     parts = []
     for run in parse(text):
-        part = escape(run.text)
+        part = Markup(ISOLATED.sub(r"<bdi>\1</bdi>", str(escape(run.text))))  # escaped before, and never nested
         if run.code:
             part = Markup("<code>{}</code>").format(part)
         if run.bold:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
 from jointbayes.posterior.summary import Summary
+from jointbayes.report.markup import foreign
 
 __all__ = ["ReportInputs"]
 
@@ -39,7 +40,7 @@ class ReportInputs:
     def title(self) -> str:
         """Title of the case, or the problem's name."""
         case = self.posterior.case
-        return self.posterior.problem.name if case is None else case.title
+        return foreign(self.posterior.problem.name if case is None else case.title)
 
     @property
     def reference(self) -> NDArray[np.float64] | None:
@@ -49,7 +50,7 @@ class ReportInputs:
     @property
     def reference_source(self) -> str:
         """Where the published stiffnesses are from; empty without any."""
-        return "" if self.posterior.case is None else self.posterior.case.reference_source
+        return "" if self.posterior.case is None else foreign(self.posterior.case.reference_source)
 
     @property
     def paper_audit(self) -> bool:

@@ -1,18 +1,34 @@
-r"""The one reading of report text that HTML and PDF share: bold, code, numbers.
+r"""The one reading of report text that HTML and PDF share: bold, code, numbers, and words that are not ours.
 
 Text is parsed here, in Python, into runs that the templates print as they are. No template evaluates a
-user's text, so neither ``<script>`` nor ``#panic()`` in a case name can do anything but be read.
+user's text, so neither ``<script>`` nor ``#panic()`` in a case name can do anything but be read. What comes from a
+file, `foreign`, is not read for markup either, and is isolated: it turns nothing around it from right to left.
 """
 
 import re
-from dataclasses import dataclass
+import unicodedata
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report.model import Kind
 
-__all__ = ["SYMBOLS", "Badge", "Run", "badge", "clean", "format_numbers", "kind_of", "parse", "plain"]
+__all__ = [
+    "ISOLATED",
+    "SYMBOLS",
+    "Badge",
+    "Run",
+    "as_characters",
+    "badge",
+    "clean",
+    "foreign",
+    "format_numbers",
+    "kind_of",
+    "parse",
+    "plain",
+]
 
 _BOLD = re.compile(r"\*\*(?=\S)(.+?)(?<=\S)\*\*")
 _CODE = re.compile(r"`([^`]+)`")
@@ -20,7 +36,13 @@ _CODE = re.compile(r"`([^`]+)`")
 _SCIENTIFIC = re.compile(r"(?<![\w.])([-+−]?)(\d+(?:\.\d+)?)[eE]([-+−]?)(\d{1,3})(?!\w|\.\d)")
 _NEGATIVE = re.compile(r"(?<![\w.)\]-])-(?=\.?\d)")
 _BLANKS = re.compile(r"[ \t\n]+")  # not \s: a no-break space is there on purpose
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufff9-\ufffb\ufffe\uffff]")
+#: What turns the direction of all that follows; they are shown as `repr` shows them.
+_TURNS = re.compile("[\u202a-\u202e\u2066\u2067]")
+_OPEN, _CLOSE = "\u2068", "\u2069"  # first strong isolate, pop directional isolate
+#: A stretch of foreign text as `Run.text` holds it: its words are the group.
+ISOLATED = re.compile(f"{_OPEN}([^{_OPEN}{_CLOSE}]*){_CLOSE}")
+_PLACE = "\ufff9"  # stands for such a stretch while markup is read; no text has it, see _CONTROL
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
@@ -31,7 +53,7 @@ class Run:
     Parameters
     ----------
     text : str
-        Literal text; numbers outside code are already typeset.
+        Literal text; numbers outside code are already typeset. Foreign words stand between U+2068 and U+2069.
     bold, code : bool
         Style.
     """
@@ -101,14 +123,34 @@ def kind_of(verdict: str) -> Kind | Literal[""]:
 
 
 def clean(text: str) -> str:
-    r"""Text without what neither HTML nor PDF can carry: control characters and lone surrogates.
+    r"""Text without what neither HTML nor PDF can carry, and without what turns the direction of lines.
 
     Examples
     --------
     >>> clean("a\x00b\udc80")
     'ab?'
     """
-    return _CONTROL.sub("", text.encode("utf-8", "replace").decode("utf-8").replace("\r\n", "\n"))
+    text = _CONTROL.sub("", text.encode("utf-8", "replace").decode("utf-8").replace("\r\n", "\n"))
+    return _TURNS.sub(_escaped, text)
+
+
+def _escaped(match: re.Match[str]) -> str:
+    return match.group().encode("unicode_escape").decode("ascii")
+
+
+def foreign(text: str) -> str:
+    r"""Text of a file or a user, for a place in a report's text: literal, and isolated from the words around it.
+
+    Text that is neither markup nor runs from right to left needs nothing and stays as it is.
+
+    Examples
+    --------
+    >>> [run.text for run in parse("of **" + foreign("a**2 `b`") + "**")]
+    ['of ', '\u2068a**2 `b`\u2069']
+    """
+    words = re.sub(f"[{_OPEN}{_CLOSE}]", _escaped, clean(text))
+    words = _BLANKS.sub(" ", words).strip(" ")
+    return f"{_OPEN}{words}{_CLOSE}" if "**" in words or "`" in words or _runs_leftward(words) else words
 
 
 def _typeset(match: re.Match[str]) -> str:
@@ -173,7 +215,7 @@ def parse(text: str) -> tuple[Run, ...]:
     Parameters
     ----------
     text : str
-        Text of a report; line breaks count as spaces, marks that are not closed are literal.
+        Text of a report; line breaks count as spaces, marks that are not closed and `foreign` words are literal.
 
     Returns
     -------
@@ -186,6 +228,8 @@ def parse(text: str) -> tuple[Run, ...]:
     [('Converged:', True, False), (' see ', False, False), ('k12', False, True)]
     """
     text = _BLANKS.sub(" ", clean(text)).strip(" ")
+    words = iter(ISOLATED.findall(text))
+    text = re.sub(f"[{_OPEN}{_CLOSE}]", "", ISOLATED.sub(_PLACE, text))
     runs: list[Run] = []
     end = 0
     for match in _bold_spans(text):
@@ -193,7 +237,22 @@ def parse(text: str) -> tuple[Run, ...]:
         runs += _code_runs(text[match.start(1) : match.end(1)], bold=True)
         end = match.end()
     runs += _code_runs(text[end:], bold=False)
-    return tuple(runs)
+    return tuple(replace(run, text=_with_words(run, words)) for run in runs)
+
+
+def _with_words(run: Run, words: Iterator[str]) -> str:
+    """The text of a run with the foreign words that its places stand for."""
+    typeset = str if run.code else format_numbers
+    return re.sub(_PLACE, lambda _: f"{_OPEN}{typeset(next(words))}{_CLOSE}", run.text)
+
+
+def as_characters(text: str) -> str:
+    """Text of a run for places that take only characters: isolates stay where words run from right to left."""
+    return ISOLATED.sub(lambda words: words[0] if _runs_leftward(words[1]) else words[1], text)
+
+
+def _runs_leftward(words: str) -> bool:
+    return not words.isascii() and any(unicodedata.bidirectional(character) in ("R", "AL", "AN") for character in words)
 
 
 def plain(text: str) -> str:
@@ -204,4 +263,4 @@ def plain(text: str) -> str:
     >>> plain("Stiffness of `k12`")
     'Stiffness of k12'
     """
-    return "".join(run.text for run in parse(text))
+    return as_characters("".join(run.text for run in parse(text)))

@@ -40,6 +40,7 @@ SERIES_COLOURS = ("#1f5a94", "#c1511b", "#2b7a55", "#8b4a8f", "#8a6d00", "#3d8fb
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_.:-]*")
 _NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?\d.*")
+_NOT_ISOLATED = dict.fromkeys(map(ord, "\u2068\u2069"))  # a terminal has no use for them, see `markup.foreign`
 _ABSENT_CELL = frozenset({"", "-", "–", "—", "n/a"})
 
 
@@ -148,7 +149,8 @@ class Table:
 
     def lines(self) -> list[str]:
         """Head and rows in columns, as a terminal shows them."""
-        return in_columns([self.head, *self.rows], self.alignment)
+        rows = [tuple(cell.translate(_NOT_ISOLATED) for cell in row) for row in (self.head, *self.rows)]
+        return in_columns(rows, self.alignment)
 
     def _natural_alignment(self, column: int) -> str:
         filled = [row[column] for row in self.rows if row[column].strip() not in _ABSENT_CELL]

@@ -10,7 +10,7 @@ from typing import Any
 
 import typst
 
-from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain
+from jointbayes.report.markup import SYMBOLS, as_characters, badge, clean, parse, plain
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Report, Table
 
 __all__ = ["render_pdf"]
@@ -123,7 +123,10 @@ def _cell(text: str) -> dict[str, Any]:
 
 
 def _runs(text: str) -> list[dict[str, Any]]:
-    return [{"text": _breakable(run.text), "style": {"bold": run.bold, "code": run.code}} for run in parse(text)]
+    return [
+        {"text": _breakable(as_characters(run.text)), "style": {"bold": run.bold, "code": run.code}}
+        for run in parse(text)
+    ]
 
 
 def _breakable(text: str) -> str:

@@ -14,6 +14,7 @@ from jointbayes.posterior.rounding import signed
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series, Table
 
 __all__ = ["fit_section", "frf_unit"]
@@ -68,7 +69,9 @@ def _measure(diagnosis: Diagnosis) -> list[Block]:
         note = "Fitted to measured and predicted data in the same way. A dash: natural frequencies have no damping."
         blocks.append(Table("Resonances", head, rows, note=note))
     if diagnosis.pairs:
-        pairs = tuple((f"{p.output}/{p.input}", f"{p.correlation:.4f}", number(p.level)) for p in diagnosis.pairs)
+        pairs = tuple(
+            (foreign(f"{p.output}/{p.input}"), f"{p.correlation:.4f}", number(p.level)) for p in diagnosis.pairs
+        )
         note = (
             "Correlation: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
             "resonances where there are any."
@@ -93,7 +96,7 @@ def _frf_figures(posterior: Posterior, measurement: FrfMeasurement) -> list[Bloc
             at = (slice(None), i, j)
             curves = (frf.values[at], guess[at], best[at])
             magnitude, phase = _magnitude(band, at, curves), _phase(band, at, curves)
-            title = f"{frf.quantity} {output}/{input_}"
+            title = f"{frf.quantity} {foreign(f'{output}/{input_}')}"
             unit = frf_unit(frf.quantity, output, input_)
             blocks.append(
                 _figure(f"frf-{i}-{j}", magnitude, label, f"Magnitude of the {title}", f"|H| ({unit})", log=True)

@@ -6,7 +6,7 @@ from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
 from jointbayes.report.format import factor, number, rounded, rounded_interval
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import kind_of
+from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Callout, Paragraph, Table
 from jointbayes.report.sections.measurement import mode_table
 
@@ -17,7 +17,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
     """Banners, verdict table with the reason of each verdict, and the sentence on the coupling stiffness."""
     summary = inputs.summary
     return (
-        *(Callout("caution", f"**Check the case file.** {warning}.") for warning in summary.warnings),
+        *(Callout("caution", f"**Check the case file.** {foreign(str(warning))}.") for warning in summary.warnings),
         *mode_table(inputs.posterior),
         *_banners(inputs),
         _verdict_table(inputs),

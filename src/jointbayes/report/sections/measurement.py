@@ -10,6 +10,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
 from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
 
 __all__ = ["measurement_section", "mode_table"]
@@ -56,34 +57,35 @@ def measurement_section(inputs: ReportInputs) -> Section | None:
     if p is None:
         return None
     averages = f", {p.averages} averages" if p.averages else ""
+    quantity = foreign(p.quantity.capitalize())
     text = (
-        f"**{p.quantity.capitalize()}**, {p.lines} lines from {p.band_hz[0]:g} to {p.band_hz[1]:g} Hz{averages}. "
-        f"Variance: {p.variance}."
+        f"**{quantity}**, {p.lines} lines from {p.band_hz[0]:g} to {p.band_hz[1]:g} Hz{averages}. "
+        f"Variance: {foreign(p.variance)}."
     )
     if p.variance_dof is not None:
         text += (
             f" It is itself an estimate, with {p.variance_dof} degrees of freedom at each line, so the standardised "
             "residuals follow Student's t distribution with as many, unless [noise] states another."
         )
-    blocks: list[Block] = [Callout("caution", f"**Check {w.where}.** {_sentence(w)}") for w in p.warnings]
+    blocks: list[Block] = [Callout("caution", f"**Check {foreign(w.where)}.** {_sentence(w)}") for w in p.warnings]
     blocks.append(Paragraph(text))
-    files = tuple((file.name, f"{file.size}", f"`{file.sha256}`") for file in p.files)
+    files = tuple((foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`") for file in p.files)
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))
     head = ("Channel", "Used as", "DOF", "Factor", "Mass taken out (g)")
     blocks.append(Table("Channels", head, tuple(_row(use) for use in p.channels), align="lllrr"))
-    blocks += [Paragraph(note) for note in p.notes]
+    blocks += [Paragraph(foreign(note)) for note in p.notes]
     if p.left_out:
-        shown = ", ".join(f"`{label}`" for label in p.left_out[:40])
+        shown = ", ".join(f"`{foreign(label)}`" for label in p.left_out[:40])
         more = f" and {len(p.left_out) - 40} more" if len(p.left_out) > 40 else ""
         blocks.append(Paragraph(f"Channels left out, because the case does not map them: {shown}{more}."))
     return Section("measurement", "Measurement", tuple(blocks))
 
 
 def _sentence(warning: MeasurementWarning) -> str:
-    return f"{warning.sentence[0].upper()}{warning.sentence[1:]}; {warning.remedy}."
+    return foreign(f"{warning.sentence[:1].upper()}{warning.sentence[1:]}; {warning.remedy}.")
 
 
 def _row(use: ChannelUse) -> tuple[str, ...]:
     turned = " (other direction)" if use.reversed_direction else ""
     mass = number(1e3 * use.accelerometer_mass) if use.accelerometer_mass else "–"
-    return (f"`{use.channel}`{turned}", use.role, use.dof, number(use.factor, 6), mass)
+    return (f"`{foreign(use.channel)}`{turned}", use.role, foreign(use.dof), number(use.factor, 6), mass)

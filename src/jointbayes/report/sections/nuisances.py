@@ -3,6 +3,7 @@
 from jointbayes.report.format import contraction, fixed, interval, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.labels import readable
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Section, Table
 
 __all__ = ["nuisance_section"]
@@ -15,12 +16,12 @@ def nuisance_section(inputs: ReportInputs) -> Section | None:
         return None
     rows = tuple(
         (
-            readable(name),
+            foreign(readable(name)),
             number(n.nominal, 4),
             interval(n.prior_interval95, 4),
             number(n.median, 4),
             interval(n.interval95, 4),
-            n.unit,
+            foreign(n.unit),
             contraction(n.contraction, 2),
             fixed(n.r_hat, 3),
         )

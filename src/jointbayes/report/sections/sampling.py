@@ -5,6 +5,7 @@ from jointbayes.report import figures
 from jointbayes.report.format import fixed, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.labels import coordinate_labels
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Figure, Section, Table
 
 __all__ = ["chain_figures", "sampling_section"]
@@ -20,7 +21,7 @@ def sampling_section(inputs: ReportInputs) -> Section:
         ("Burn-in, thinning", f"{s['burn_in']} steps, every {s['thin']} steps"),
         ("Autocorrelation time τ", ", ".join(f"{n} {number(t)}" for n, t in s["tau"].items()) + " steps"),
         ("Acceptance", f"{100 * s['acceptance']:.0f} %"),
-        *((f"– {name}", f"{100 * share:.0f} %") for name, share in s["move_acceptance"].items()),
+        *((f"– {foreign(name)}", f"{100 * share:.0f} %") for name, share in s["move_acceptance"].items()),
         ("Importance efficiency of the proposal", f"{100 * s['proposal_efficiency']:.0f} %"),
         ("Evaluations", f"{s['evaluations']}"),
         ("of these without a finite value", f"{s['singular']}"),

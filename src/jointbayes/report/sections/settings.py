@@ -1,6 +1,7 @@
 """Everything needed to repeat the run."""
 
 from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Code, Paragraph, Section, Table
 
 __all__ = ["settings_section"]
@@ -9,7 +10,7 @@ __all__ = ["settings_section"]
 def settings_section(inputs: ReportInputs) -> Section:
     """Everything needed to repeat the run."""
     posterior, summary = inputs.posterior, inputs.summary
-    versions = tuple(summary.record.versions.items())
+    versions = tuple((foreign(name), foreign(version)) for name, version in summary.record.versions.items())
     return Section(
         "settings",
         "Settings and versions",

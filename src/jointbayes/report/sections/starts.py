@@ -8,6 +8,7 @@ from jointbayes.joint import STIFFNESSES
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 __all__ = ["starts_section"]
@@ -18,7 +19,7 @@ def starts_section(inputs: ReportInputs) -> Section:
     posterior, estimate = inputs.posterior, inputs.posterior.estimate
     rows = tuple(
         (
-            start.name,
+            foreign(start.name),
             ", ".join(number(k) for k in start.start),
             ", ".join(number(k) for k in start.stiffness),
             number(start.log_posterior, 7),
@@ -29,7 +30,7 @@ def starts_section(inputs: ReportInputs) -> Section:
     head = ("Start", "k11, k12, k22 from", "to", "ln p", "Mode reached")
     reached = len(rows) - len(estimate.failed_starts)
     text = f"{reached} of {len(rows)} starts reach the mode"
-    text += f"; these do not: {estimate.failed_text}." if estimate.failed_starts else "."
+    text += f"; these do not: {foreign(estimate.failed_text)}." if estimate.failed_starts else "."
     text += (
         f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
     )
@@ -40,7 +41,7 @@ def starts_section(inputs: ReportInputs) -> Section:
     if estimate.iteration is not None:
         blocks += _iteration_blocks(estimate.iteration, inputs.reference)
     elif provenance is not None and provenance.iteration:
-        blocks.append(Paragraph(f"**The paper's iteration was left out.** {provenance.iteration}."))
+        blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(provenance.iteration)}."))
     return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 

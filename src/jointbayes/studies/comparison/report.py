@@ -12,6 +12,7 @@ from jointbayes.joint import STIFFNESS_NAMES, STIFFNESSES
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.report.figures import panels, room_for, svg
 from jointbayes.report.format import number
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table
 from jointbayes.studies.comparison.result import GRADES
 
@@ -62,7 +63,7 @@ def build_comparison_report(summary: dict[str, Any], date: datetime.date) -> Rep
     """
     return Report(
         title="Comparison of joints",
-        subtitle=" against ".join(dict.fromkeys(row["title"] for row in summary["candidates"])),
+        subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
         lead=_lead(summary),
         sections=(
             Section("evidence", "Evidence", (evidence_table(summary), _figure(summary), _method_table(summary))),
@@ -93,7 +94,7 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
         marks.insert(0, "best")
     return (
         row["hypothesis"],
-        row["case"],
+        foreign(row["case"]),
         _signed(row["log_z"], 2) + error,
         f"{row['two_log_b']:.1f}",
         "–" if row["words"] == "best" else row["words"],
@@ -107,9 +108,11 @@ def _method_cells(row: Row) -> tuple[str, str]:
 
 
 def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
-    blocks: list[Block] = [Callout("good" if summary["trusted"] else "caution", f"**{summary['verdict']}**")]
+    blocks: list[Block] = [Callout("good" if summary["trusted"] else "caution", f"**{foreign(summary['verdict'])}**")]
     if not summary["trusted"]:
-        names = ", ".join(f"{r['hypothesis']} in {r['case']}" for r in summary["candidates"] if not r["trusted"])
+        names = ", ".join(
+            f"{r['hypothesis']} in {foreign(r['case'])}" for r in summary["candidates"] if not r["trusted"]
+        )
         blocks.append(Callout("bad", f"**The error of the evidence is unreliable for: {names}.**"))
     return tuple(blocks)
 
@@ -123,7 +126,7 @@ def _figure(summary: dict[str, Any]) -> Figure:
         "Evidence of each candidate with twice its standard error. Dashed lines, by 2 ln B against the best: the ends "
         f"of evidence that is {'; '.join(f'{words} ({end:g})' for end, words in GRADES)}. An arrow marks a candidate "
         "further down.",
-        f"Evidence of {len(rows)} candidates; the best is {labels[0]} with ln Z {log_z[0]:.2f}.",
+        f"Evidence of {len(rows)} candidates; the best is {foreign(labels[0])} with ln Z {log_z[0]:.2f}.",
         _evidences(labels, log_z, error),
     )
 
@@ -160,7 +163,7 @@ def _evidences(labels: Sequence[str], log_z: NDArray[np.float64], error: NDArray
 def _method_table(summary: dict[str, Any]) -> Table:
     head = ("Joint", "Case", *_METHOD_HEAD, "Effective draws", "Evaluations")
     rows = tuple(
-        (row["hypothesis"], row["case"], *_method_cells(row), f"{row['ess']:.0f}", str(row["evaluations"]))
+        (row["hypothesis"], foreign(row["case"]), *_method_cells(row), f"{row['ess']:.0f}", str(row["evaluations"]))
         for row in _ranked(summary)
     )
     note = (
@@ -175,7 +178,7 @@ def _joint_table(summary: dict[str, Any]) -> Table:
     rows = tuple(
         (
             row["hypothesis"],
-            row["case"],
+            foreign(row["case"]),
             *("rigid" if n in row["rigid"] else number(row["map"][n]).replace("-", "−", 1) for n in STIFFNESS_NAMES),
         )
         for row in _ranked(summary)
@@ -186,14 +189,14 @@ def _joint_table(summary: dict[str, Any]) -> Table:
 def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
     rows = [row for row in summary["candidates"] if row["loo"]]
     notes = dict.fromkeys(row["loo_note"] for row in summary["candidates"] if row["loo_note"])
-    blocks: list[Block] = [Paragraph(f"Cross-validation is {note}.") for note in notes]
+    blocks: list[Block] = [Paragraph(f"Cross-validation is {foreign(note)}.") for note in notes]
     if rows:
         rows.sort(key=lambda row: -float(row["loo"]["elpd"]))
         head = ("Joint", "Case", "elpd", "Less than the best", "Largest Pareto k", f"Pareto k above {PARETO_LIMIT:g}")
         cells = tuple(
             (
                 row["hypothesis"],
-                row["case"],
+                foreign(row["case"]),
                 f"{_signed(row['loo']['elpd'], 1)} ± {row['loo']['se']:.1f}",
                 f"{_signed(row['loo']['difference'], 1)} ± {row['loo']['difference_se']:.1f}",
                 number(row["loo"]["pareto_k_max"], 2),
@@ -225,5 +228,5 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
 
 def _settings(summary: dict[str, Any]) -> Table:
     rows = [("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])]
-    rows += [(name, str(version)) for name, version in summary["versions"].items()]
+    rows += [(foreign(name), foreign(str(version))) for name, version in summary["versions"].items()]
     return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")

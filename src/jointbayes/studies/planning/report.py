@@ -11,6 +11,7 @@ from matplotlib.figure import Figure as Canvas
 from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.report.figures import legend_above, panels, room_for, svg
 from jointbayes.report.format import number
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
 from jointbayes.studies.planning.plan import Plan
 
@@ -48,8 +49,8 @@ def plan_lines(plan: Plan) -> list[str]:
 
 
 def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
-    names = " + ".join(entry["names"]) + (" (recommended)" if entry["names"] == recommended else "")
-    where = " + ".join(place for place in entry["positions"] if place)
+    names = foreign(" + ".join(entry["names"])) + (" (recommended)" if entry["names"] == recommended else "")
+    where = foreign(" + ".join(place for place in entry["positions"] if place))
     simulated = entry["simulated"]
     if simulated is None:
         sd = entry["linearised"]["median"]
@@ -81,9 +82,12 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
     )
     kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
     return Report(
-        title=summary["title"],
+        title=foreign(summary["title"]),
         subtitle=f"What to measure next to know {parameter}",
-        lead=(Callout(kind, summary["sentence"]), *(Callout("caution", note) for note in summary["notes"])),
+        lead=(
+            Callout(kind, foreign(summary["sentence"])),
+            *(Callout("caution", foreign(note)) for note in summary["notes"]),
+        ),
         sections=sections,
         date=date,
         version=version("jointbayes"),
@@ -93,7 +97,7 @@ def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report
 def _figure(entries: Sequence[Entry], parameter: str, now: Entry) -> Figure:
     simulated = [e for e in entries if e["simulated"] is not None and e["simulated"]["valid"]]
     alt = f"Standard deviation of ln {parameter} after each simulated measurement: " + ", ".join(
-        f"{' + '.join(e['names'])} {number(e['simulated']['sd_median'])}" for e in simulated
+        f"{foreign(' + '.join(e['names']))} {number(e['simulated']['sd_median'])}" for e in simulated
     )
     caption = (
         f"Standard deviation of ln {parameter} after each measurement: every simulated one (small points), their "
