@@ -187,7 +187,7 @@ def read_npz_set(tmp_path):
         ({"averages": [3.0, 4.0]}, "expected one whole number of 1 or more"),
         ({"coherence": np.ones((4, 3, 1))}, r"found shape \(4, 3, 1\); expected \(4, 3, 2\)"),
         ({"samples": np.ones((5, 2))}, "found no sampling rate"),
-        ({"samples": np.ones((5, 2)), "fs": 0.0}, "expected one number above 0 Hz"),
+        ({"samples": np.ones((5, 2)), "fs": 0.0}, "expected one number above 0"),
         ({"samples": np.ones((5, 2)), "t": np.ones(5)}, "not evenly spaced"),
         ({"samples": np.ones((5, 2)), "t": np.ones(4)}, "found 4 instants; expected 5"),
         ({"samples": np.ones((5, 2)), "fs": 1.0, "channels": ["a"]}, "found 2 columns; expected as many channels"),

@@ -1,5 +1,7 @@
 """`jointbayes inspect`: what it says of a file, its figure, its exit status, and that it streams."""
 
+import os
+import stat
 import tracemalloc
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
@@ -9,12 +11,14 @@ import pytest
 from click.testing import CliRunner
 
 from jointbayes.cli.commands import main
-from jointbayes.measurement.formats import write_records
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats import write_frf, write_records
 from jointbayes.measurement.inspection import inspection
 from jointbayes.measurement.inspection.inspection import inspect_file, inspect_records
 from jointbayes.measurement.inspection.text import text_of
-from jointbayes.measurement.records import TimeRecord
+from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.report.inspect_figure import inspect_figure
+from tests.conftest import CONFIGS
 from tests.measurement.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records, times
 
 COARSE = LINES[1::2]  # 1 Hz apart
@@ -169,3 +173,69 @@ def test_many_frfs_are_streamed(monkeypatch):
         tracemalloc.stop()
     # an FRF with its axis and coherence is 200 kB; what is kept of each is a fiftieth of that
     assert (peak[70] - peak[20]) / 50 < 8_000
+
+
+# ---- hostile and careless input
+
+
+def test_a_coherence_that_is_not_finite_is_warned_of():
+    lines = np.arange(1.0, 21.0)
+    for bad, where in ((np.inf, 3), (np.nan, 0)):
+        coherence = np.full(20, 0.9)
+        coherence[where] = bad
+        record = FrfRecord("1:Z+", "2:Z+", lines, lines + 1j, "mobility", "m/s/N", coherence, 5)
+        found = [w.sentence for w in inspect_records([record]).warnings if w.key == "coherence_range"]
+        assert found == ["coherence is NaN or infinite on 1 of 20 lines, not 0 to 1"]
+
+
+def test_too_few_lines_to_fit_are_said_without_a_band_that_nobody_gave():
+    lines = np.arange(1.0, 14.0)
+    record = FrfRecord("1:Z+", "2:Z+", lines, lines + 1j, "mobility")
+    assert inspect_records([record]).modes_note.startswith("modal fit: found 13 lines; expected 16 or more")
+
+
+def test_numbers_that_no_measurement_gives_are_warned_of_and_nothing_else_is_judged():
+    lines = np.arange(1.0, 41.0)
+    for size in (1e300, 1e-300):
+        record = FrfRecord("1:Z+", "1:Z+", lines, size * (lines + 1j), "mobility", "m/s/N")
+        keys = {w.key for w in inspect_records([record]).warnings}
+        assert keys == {"not_finite", "coherence_missing"}
+
+
+def test_labels_of_any_kind_are_drawn_as_they_are():
+    lines = np.arange(1.0, 41.0)
+    for label in ("$\\frac{", "a$b$c", "_first", "\x1b[31m\0", "試験", "<b>&amp;", "\u202e"):
+        record = FrfRecord(label, "b$", lines, lines + 1j, "mobility")
+        hit = (f"{label} hit 1", "", np.arange(3.0), np.arange(3.0))
+        ElementTree.fromstring(inspect_figure([record], [], [hit]))
+
+
+def test_a_figure_never_replaces_the_measurement(tmp_path):
+    path = tmp_path / "me.csv"
+    write_frf(FrfSet(np.arange(1.0, 21.0), np.ones((20, 1, 1)) + 1j, ("a",), ("b",), "mobility"), path, "csv")
+    before = path.read_bytes()
+    (tmp_path / "link.svg").symlink_to(path)
+    (tmp_path / "hard.svg").hardlink_to(path)
+    os.mkfifo(tmp_path / "pipe.svg")
+    for name in ("me.csv", "link.svg", "hard.svg", "pipe.svg", "."):
+        done = CliRunner().invoke(main, ["inspect", str(path), "--figure", str(tmp_path / name)])
+        assert done.exit_code == 2, done.output
+        assert "expected" in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert path.read_bytes() == before
+    assert stat.S_ISFIFO((tmp_path / "pipe.svg").stat().st_mode)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["hard.svg", "link.svg", "me.csv", "pipe.svg"]
+    done = CliRunner().invoke(main, ["inspect", str(path), "--figure", str(tmp_path / "new.svg")])
+    assert done.exit_code == 0
+    ElementTree.parse(tmp_path / "new.svg")
+
+
+def test_a_measurement_never_replaces_its_case_or_a_device(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_bytes((CONFIGS / "virtual_test.toml").read_bytes())
+    os.mkfifo(tmp_path / "pipe.csv")
+    for name in ("case.toml", "pipe.csv"):
+        done = CliRunner().invoke(main, ["simulate", str(case), "--out", str(tmp_path / name), "--format", "csv"])
+        assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert case.read_bytes() == (CONFIGS / "virtual_test.toml").read_bytes()
+    assert stat.S_ISFIFO((tmp_path / "pipe.csv").stat().st_mode)

@@ -37,6 +37,18 @@ def init(file: Path) -> None:
     say(f"Case: {target}; next: jointbayes run {target}")
 
 
+def _require_other_file(written: Path, read: Path, option: str) -> None:
+    """Refuse to write a file over the one that the command reads."""
+    from jointbayes.errors import CaseError
+
+    try:
+        same = written.samefile(read)
+    except (OSError, ValueError):
+        return  # one of them is not there
+    if same:
+        raise CaseError(f"{written}: found the file that is read; expected another one; choose another {option}")
+
+
 @click.command()
 @config_argument
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
@@ -58,6 +70,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
             f"{out}: found no format of the ending {out.suffix!r}; expected one of "
             f"{', '.join(e for endings in _FORMATS.values() for e in endings)}; choose another or give --format"
         )
+    _require_other_file(out, config, "--out")
     case = load_case(config)
     records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
     write_records(records, out, chosen)
@@ -74,7 +87,10 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
     """List what a measurement file holds, and warn of what looks wrong in it."""
     from jointbayes.measurement.inspection.inspection import inspect_file
     from jointbayes.measurement.inspection.text import text_of
+    from jointbayes.whole_file import write_whole_file
 
+    if figure is not None:
+        _require_other_file(figure, file, "--figure")
     inspection = inspect_file(file, mass)
     for line in text_of(inspection):
         say(line)
@@ -82,5 +98,5 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
         from jointbayes.report.inspect_figure import inspect_figure
 
         traces = [(f"{t.channel} hit {t.hit.number}", t.hit.reason, t.time_s, t.force_n) for t in inspection.hits]
-        figure.write_text(inspect_figure(inspection.frfs, inspection.modes, traces), encoding="utf-8")
+        write_whole_file(figure, inspect_figure(inspection.frfs, inspection.modes, traces).encode())
         say(f"Figure: {figure}")

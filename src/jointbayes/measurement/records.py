@@ -10,7 +10,22 @@ from numpy.typing import NDArray
 from jointbayes.frf import Quantity
 from jointbayes.frf.frf_set import Lines, read_only
 
-__all__ = ["Dof", "FrfRecord", "Record", "SensorQuantity", "TimeRecord", "dof_label", "parse_dof"]
+__all__ = [
+    "HIGHEST_HZ",
+    "LARGEST",
+    "Dof",
+    "FrfRecord",
+    "Record",
+    "SensorQuantity",
+    "TimeRecord",
+    "dof_label",
+    "measurable",
+    "parse_dof",
+]
+
+#: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
+#: Squares and products of what is within stay finite.
+LARGEST, HIGHEST_HZ = 1e40, 1e9
 
 _AXES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
 _LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S|R?[XYZ])(?P<sign>[+-]?)")
@@ -103,6 +118,13 @@ class TimeRecord:
 
 
 Record = FrfRecord | TimeRecord
+
+
+def measurable(values: NDArray[np.float64] | NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Which values a measurement can have: 0, or a finite number of a size that occurs."""
+    with np.errstate(all="ignore"):
+        size = np.maximum(np.abs(values.real), np.abs(values.imag))
+        return np.asarray((size == 0) | ((size >= 1 / LARGEST) & (size <= LARGEST)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """Quick look at measured FRFs and hits: magnitude, phase, coherence, and each hit's force."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,9 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
+from jointbayes.errors import printable
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.provenance import MeasuredMode
-from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
 from jointbayes.report.figures import legend_above, svg
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.thinning import extremes
@@ -23,6 +25,8 @@ HitCurve = tuple[str, str, Array, Array]
 #: A curve of more than two points each is drawn by the lowest and highest of so many stretches.
 _STRETCHES = 750
 _HITS_IN_A_ROW = 4
+#: A coherence beyond this is far off the panel.
+_IN_SIGHT = 10.0
 
 
 def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hits: Sequence[HitCurve]) -> str:
@@ -56,21 +60,25 @@ def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hit
             grid = canvas.add_gridspec(rows, _HITS_IN_A_ROW, hspace=0.7, wspace=0.3, **place)
             _draw_hits(grid.subplots(squeeze=False), drawn)
 
-    return svg(draw, 7.4, height)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)  # of labels in any script
+        return svg(draw, 7.4, height)
 
 
 def _draw_frfs(panels: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode]) -> None:  # noqa: ANN401 (array)
     for i, record in enumerate(frfs):
         colour = SERIES_COLOURS[i % len(SERIES_COLOURS)]
-        f, good = record.frequency_hz, np.isfinite(record.values) & (record.values != 0)
+        f = np.where(np.abs(record.frequency_hz) <= HIGHEST_HZ, record.frequency_hz, np.nan)
+        good = measurable(record.values) & (record.values != 0)
         curves = [np.where(good, np.abs(record.values), np.nan), np.where(good, _degrees(record), np.nan)]
         if record.coherence is not None and len(panels) > 2:
-            curves.append(record.coherence)
+            curves.append(np.where(np.abs(record.coherence) < _IN_SIGHT, record.coherence, np.nan))
         for j, (panel, curve) in enumerate(zip(panels, curves, strict=False)):
             # the phase jumps between −180° and 180°: points, not lines
             style = {"ls": "none", "marker": ".", "ms": 1.2} if j == 1 else {"lw": 0.8}
             kept = extremes(curve, _STRETCHES)
-            panel.plot(f[kept], curve[kept], color=colour, label=f"{record.response}/{record.reference}", **style)
+            name = _plain(f"{record.response}/{record.reference}")
+            panel.plot(f[kept], curve[kept], color=colour, label=name, **style)
     panels[0].set_yscale("log")
     kinds = dict.fromkeys(r.quantity for r in frfs)
     units = [si_frf_unit(kind).replace("^2", "²") or "unknown quantity" for kind in kinds]
@@ -92,13 +100,19 @@ def _draw_hits(grid: Any, hits: Sequence[HitCurve]) -> None:  # noqa: ANN401 (ar
         kept = extremes(force, _STRETCHES)
         panel.plot(1e3 * time[kept], force[kept], lw=0.8, color=SERIES_COLOURS[1 if reason else 0])
         verdict = reason.split(",")[0] if reason else "kept"
-        panel.set_title(f"{name}\n{verdict}", fontsize=7, color=SERIES_COLOURS[1] if reason else "black")
+        panel.set_title(f"{_plain(name)}\n{verdict}", fontsize=7, color=SERIES_COLOURS[1] if reason else "black")
         panel.tick_params(labelsize=7)
     for panel in panels[len(hits) :]:
         panel.set_visible(False)
     for panel in panels[max(len(hits) - _HITS_IN_A_ROW, 0) : len(hits)]:
         panel.set_xlabel("ms", fontsize=7)
     panels[0].set_ylabel("force (N)", fontsize=7)
+
+
+def _plain(label: str) -> str:
+    """A label that Matplotlib takes as it is: no formula, and not hidden for its first sign."""
+    text = printable(label).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def _degrees(record: FrfRecord) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.arrays.layout import even_rate
+from jointbayes.measurement.formats.table_text import float_of
 from jointbayes.measurement.formats.units import (
     frequency_factor,
     read_frf_unit,
@@ -60,10 +61,12 @@ def column_of(header: str) -> Column:
     >>> column_of("Frequency (rad/s)").unit
     'rad/s'
     """
-    match = _UNIT.match(header)
+    header = " ".join(header.split())
+    # looked for where there can be one: a search for a bracket that is not there takes quadratic time
+    match = _UNIT.match(header) if header.endswith(("]", ")")) else None
     name = header if match is None else match["name"]
     unit = "" if match is None else (match["square"] if match["square"] is not None else match["round"]).strip()
-    if match is None and (slash := re.fullmatch(r"(\S+)\s*/\s*(Hz|rad/s|s|ms)", header.strip())):
+    if match is None and (slash := re.fullmatch(r"(\S+) ?/ ?(Hz|rad/s|s|ms)", header)):
         name, unit = slash[1], slash[2]
     quantity: Quantity | None = None
     for known, words in _QUANTITY_WORDS:
@@ -124,17 +127,20 @@ def column_records(
 def _pair_up(columns: Sequence[Column]) -> list[tuple[str, dict[Role, int]]]:
     """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next."""
     frfs: list[tuple[str, dict[Role, int]]] = []
+    of_name: dict[str, list[dict[Role, int]]] = {}
+    times: dict[tuple[str, Role], int] = {}
     for i, column in enumerate(columns[1:], start=1):
         if column.role not in ("real", "imaginary", "magnitude", "phase", "coherence"):
             raise MeasurementError(
                 f"column {i + 1}: found {column.name!r}; expected real, imaginary, magnitude, phase or coherence in "
                 "the name; name the column"
             )
-        open_ = [parts for name, parts in frfs if name == column.name and column.role not in parts]
-        if not open_:
-            open_ = [{}]
-            frfs.append((column.name, open_[0]))
-        open_[0][column.role] = i
+        nth = times[column.name, column.role] = times.get((column.name, column.role), -1) + 1
+        alike = of_name.setdefault(column.name, [])
+        if nth == len(alike):
+            alike.append({})
+            frfs.append((column.name, alike[nth]))
+        alike[nth][column.role] = i
     for name, parts in frfs:
         roles = set(parts) - {"coherence"}
         if roles not in ({"real", "imaginary"}, {"magnitude", "phase"}):
@@ -231,9 +237,9 @@ def _time_records(
     if scale is None:
         raise MeasurementError(f"column 1: found the unit {columns[0].unit!r}; expected s or ms; correct the header")
     rate = even_rate(values[:, 0] * scale, "column 1")
-    told = comments.get("sample_rate_hz", "")
-    if re.fullmatch(r"[\d.]+(?:e[+-]?\d+)?", told) and abs(float(told) / rate - 1) < 1e-3:
-        rate = float(told)  # exact, where the instants are rounded
+    told = float_of(comments.get("sample_rate_hz", ""))
+    if told is not None and abs(told / rate - 1) < 1e-3:
+        rate = told  # exact, where the instants are rounded
     for i, column in enumerate(columns[1:], start=1):
         factor, quantity, converted = read_sensor_unit(column.unit)
         hit = re.search(r"\bhit (\d{1,6})$", column.name)

@@ -1,10 +1,12 @@
 """Which format a file has, by what is in it."""
 
 import re
+import stat
 import zipfile
 from pathlib import Path
 
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.limits import MOST_BYTES
 
 __all__ = ["detect_format"]
 
@@ -39,23 +41,33 @@ def detect_format(path: str | Path) -> str:
     Raises
     ------
     MeasurementError
-        If the file cannot be opened, is empty or is none of these.
+        If the file cannot be opened, is empty, is larger than any measurement or is none of these.
     """
     path = Path(path)
-    if path.exists() and not path.is_file():
-        raise MeasurementError(f"{path}: found a directory or a device; expected a measurement file; correct the path")
-    try:
-        with path.open("rb") as file:
-            head = file.read(4096)
-    except FileNotFoundError:
-        raise MeasurementError(f"{path}: found no such file; expected a measurement file; correct the path") from None
-    except OSError as error:
-        raise MeasurementError(
-            f"{path}: found that it cannot be read ({error.strerror}); expected a measurement file; correct the path"
-        ) from None
+    head = _head(path)
     if not head.strip():
         raise MeasurementError(f"{path}: found nothing but {len(head)} blank bytes in the file; {_EXPECTED}")
     return _binary_format(path, head) or _text_format(path, head)
+
+
+def _head(path: Path) -> bytes:
+    """Beginning of a file, once it is known to be one: a pipe would be waited for."""
+    expected = "expected a measurement file; correct the path"
+    try:
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise MeasurementError(f"{path}: found a directory, a device or a pipe; {expected}")
+        if about.st_size > MOST_BYTES:
+            raise MeasurementError(
+                f"{path}: found {about.st_size / 2**30:.3g} GiB; expected at most {MOST_BYTES >> 30}; split the file"
+            )
+        with path.open("rb") as file:
+            return file.read(4096)
+    except FileNotFoundError:
+        raise MeasurementError(f"{path}: found no such file; {expected}") from None
+    except (OSError, ValueError) as error:  # of other kinds, and a NUL in the path
+        reason = getattr(error, "strerror", None) or error
+        raise MeasurementError(f"{str(path)[:300]}: found that it cannot be read ({reason}); {expected}") from None
 
 
 def _binary_format(path: Path, head: bytes) -> str | None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.records import FrfRecord
+from jointbayes.measurement.records import HIGHEST_HZ, LARGEST, FrfRecord, measurable
 
 __all__ = ["in_band", "join_frfs"]
 
@@ -103,7 +103,15 @@ def _checked(record: FrfRecord, where: str) -> FrfRecord:
             f"{place}: found {lines[line + 1]:g} Hz after {lines[line]:g} Hz (line {line + 2}); expected strictly "
             "increasing frequencies; sort the lines and drop doubled ones"
         )
-    for missing, name in ((~np.isfinite(values), "NaN or infinity"), (values == 0, "exactly 0")):
+    if lines[-1] > HIGHEST_HZ or lines[0] < 1 / HIGHEST_HZ:
+        raise MeasurementError(
+            f"{place}: found lines from {lines[0]:g} to {lines[-1]:g} Hz; expected them within {1 / HIGHEST_HZ:g} to "
+            f"{HIGHEST_HZ:g} Hz; look at the unit of the axis"
+        )
+    with np.errstate(invalid="ignore"):  # of NaN that signal
+        zero = values == 0
+    absurd = (~measurable(values), f"a number beyond {LARGEST:g} or its inverse")
+    for missing, name in ((~np.isfinite(values), "NaN or infinity"), (zero, "exactly 0"), absurd):
         if missing.any():
             line = int(np.argmax(missing))
             raise MeasurementError(
@@ -151,6 +159,7 @@ def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
 
 def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) -> FrfSet:
     outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in frfs)) for side in (0, 1))
+    rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
     for output in outputs:
         for input_ in inputs:
             if (output, input_) not in frfs:
@@ -165,7 +174,7 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) 
     values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
     while frfs:  # each record is let go once it is in place, so that no file is in memory three times
         (output, input_), record = frfs.popitem()
-        cell = (slice(None), outputs.index(output), inputs.index(input_))
+        cell = (slice(None), rows[output], columns[input_])
         values[cell] = record.values
         if coherence is not None:
             coherence[cell] = record.coherence

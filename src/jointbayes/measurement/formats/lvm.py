@@ -3,7 +3,7 @@
 import itertools
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import Column, column_of, column_records
+from jointbayes.measurement.formats.limits import MOST_COLUMNS, require_short
 from jointbayes.measurement.formats.table import table_columns
 from jointbayes.measurement.formats.table_text import bad_number, text_lines
 from jointbayes.measurement.records import Record, TimeRecord
@@ -44,7 +45,7 @@ class _Segment:
         return [*found, *[""] * count][:count]
 
 
-def read_lvm(path: Path) -> Iterator[Record]:
+def read_lvm(path: Path) -> Generator[Record, None, None]:
     """Records of a LabVIEW measurement file; a segment that comes again counts as the next hit.
 
     Raises
@@ -117,9 +118,12 @@ def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment
         raise MeasurementError(f"line {number}: found {line[:30]!r}; expected the names of columns, X_Value first")
     while names and (not names[-1] or names[-1].lower() == "comment"):
         names.pop()
+    if len(names) > MOST_COLUMNS:
+        raise MeasurementError(f"line {number}: found {len(names)} columns; expected at most {MOST_COLUMNS}; split it")
+    require_short(f"line {number}", *names)
     values, following = _rows(len(names), number, lines, layout)
     units = segment.each("y_unit_label", len(names))
-    samples = segment.each("samples", 1)[0]
+    samples = segment.each("samples", 1)[0][:18]
     if samples.isdecimal() and int(samples) != len(values):
         raise MeasurementError(
             f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples; the file is "
@@ -142,7 +146,8 @@ def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment
 def _axis(segment: _Segment, count: int) -> NDArray[np.float64]:
     start, step = (segment.each(key, 1)[0].replace(",", ".") for key in ("x0", "delta_x"))
     try:
-        return np.asarray(float(start or "0") + np.arange(count) * float(step), dtype=np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(float(start or "0") + np.arange(count) * float(step), dtype=np.float64)
     except ValueError:
         raise MeasurementError(
             f"line {segment.line}: found X0 {start[:20]!r} and Delta_X {step[:20]!r}; expected numbers; export it again"
@@ -156,7 +161,7 @@ def _one_axis(names: list[str], values: NDArray[np.float64], line: int) -> tuple
         raise MeasurementError(
             f"line {line}: found channels with different axes; expected one for all; export with one X column"
         )
-    keep = [0, *(i for i in range(len(names)) if i not in axes)]
+    keep = [0, *(i for i, name in enumerate(names) if name.lower() != "x_value")]
     return [names[i] for i in keep], values[:, keep]
 
 

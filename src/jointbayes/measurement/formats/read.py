@@ -1,6 +1,7 @@
 """Records of a measurement file, whatever its format."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from jointbayes.measurement.formats.arrays.layout import Arrays, records_of
 from jointbayes.measurement.formats.arrays.read import read_isolated, read_npz
 from jointbayes.measurement.formats.detect import detect_format
 from jointbayes.measurement.formats.grid import in_band, join_frfs
+from jointbayes.measurement.formats.limits import MOST_RECORDS, require_short
 from jointbayes.measurement.formats.lvm import read_lvm
 from jointbayes.measurement.formats.table import read_table
 from jointbayes.measurement.formats.uff.read import read_uff
@@ -38,12 +40,18 @@ def iter_records(path: str | Path) -> Iterator[Record]:
         One line that names the file, the place in it, and what is expected.
     """
     path = Path(path)
-    found = False
+    found = 0
     kind = detect_format(path)
     try:
-        for record in _READERS[kind](path):
-            found = True
-            yield record
+        with closing(_READERS[kind](path)) as records:  # a reading process ends here, whatever happens
+            for record in records:
+                found += 1
+                if found > MOST_RECORDS:
+                    raise MeasurementError(
+                        f"content: found more than {MOST_RECORDS} FRFs and time histories; expected fewer; split it"
+                    )
+                require_short(record.where[:60], *_names(record))
+                yield record
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except OSError as error:
@@ -55,6 +63,12 @@ def iter_records(path: str | Path) -> Iterator[Record]:
             f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "
             "see the layout in the documentation of measurement files"
         )
+
+
+def _names(record: Record) -> tuple[str, ...]:
+    if isinstance(record, FrfRecord):
+        return record.response, record.reference, record.unit
+    return record.channel, record.unit
 
 
 def read_frf(
@@ -85,15 +99,18 @@ def read_frf(
     return join_frfs((replace(r, quantity=quantity) if quantity else r for r in cut), str(path))
 
 
-def _blocks(read: Callable[[Path], Iterator[tuple[str, Arrays]]]) -> Callable[[Path], Iterator[Record]]:
-    def records(path: Path) -> Iterator[Record]:
-        for place, arrays in read(path):
-            yield from records_of(arrays, place)
+def _blocks(
+    read: Callable[[Path], Generator[tuple[str, Arrays], None, None]],
+) -> Callable[[Path], Generator[Record, None, None]]:
+    def records(path: Path) -> Generator[Record, None, None]:
+        with closing(read(path)) as blocks:
+            for place, arrays in blocks:
+                yield from records_of(arrays, place)
 
     return records
 
 
-_READERS: dict[str, Callable[[Path], Iterator[Record]]] = {
+_READERS: dict[str, Callable[[Path], Generator[Record, None, None]]] = {
     "uff": read_uff,
     "table": read_table,
     "npz": _blocks(read_npz),

@@ -1,7 +1,7 @@
 """CSV and TSV tables: FRFs or time histories in columns."""
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 __all__ = ["read_table", "table_columns", "write_table"]
 
 
-def read_table(path: Path) -> Iterator[Record]:
+def read_table(path: Path) -> Generator[Record, None, None]:
     """FRFs or time histories of a CSV or TSV file.
 
     Raises

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.limits import MOST_COLUMNS, require_short
 
-__all__ = ["TextTable", "bad_number", "read_text_table", "text_lines"]
+__all__ = ["TextTable", "bad_number", "float_of", "read_text_table", "text_lines"]
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _LONGEST_LINE = 8 * 2**20
@@ -39,6 +40,15 @@ class TextTable:
     comments: dict[str, str]
     values: NDArray[np.float64]
     first_line: int
+
+
+@dataclass(frozen=True, slots=True)
+class _HeadLine:
+    """A line above the numbers, without the sign of a comment."""
+
+    number: int
+    text: str
+    is_comment: bool = False
 
 
 def text_lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -84,6 +94,11 @@ def bad_number(field: str, where: str) -> MeasurementError:
     return MeasurementError(f"{where}: found {shown!r}; expected a number; correct the file or export it again")
 
 
+def float_of(text: str) -> float | None:
+    """Number of a text with a decimal point; None where it is none."""
+    return float(text) if _NUMBER.fullmatch(text) and "," not in text else None
+
+
 def read_text_table(path: Path) -> TextTable:
     """Read a CSV or TSV file; delimiter (tab, semicolon, comma, blanks) and decimal sign from its first row of numbers.
 
@@ -93,7 +108,7 @@ def read_text_table(path: Path) -> TextTable:
         If there is no row of numbers, a row has another number of fields, or a field is not a number.
     """
     lines = text_lines(path)
-    head: list[tuple[int, str]] = []
+    head: list[_HeadLine] = []
     comments: dict[str, str] = {}
     for number, line in lines:
         if line.lstrip()[:1] in ("#", "%"):
@@ -101,22 +116,24 @@ def read_text_table(path: Path) -> TextTable:
             if colon:
                 comments[key.strip().lower()] = value.strip()
             else:
-                head.append((number, line.lstrip("#% \t")))
+                head.append(_HeadLine(number, line.lstrip("#% \t"), is_comment=True))
             continue
         if not line.strip():
             continue
         delimiter = _delimiter(line)
         if delimiter is not None:
             break
-        head.append((number, line))
+        head.append(_HeadLine(number, line))
         if len(head) > _LONGEST_HEADER:
             raise MeasurementError(f"line {number}: found no row of numbers so far; expected a table; correct the file")
     else:
         raise MeasurementError(
-            f"line {head[-1][0] if head else 1}: found no row of two numbers or more in the file; expected a table of "
-            "frequency, real and imaginary part; export the FRF as text"
+            f"line {head[-1].number if head else 1}: found no row of two numbers or more in the file; expected a table "
+            "of frequency, real and imaginary part; export the FRF as text"
         )
     count = len(_fields(line, delimiter))
+    if count > MOST_COLUMNS:
+        raise MeasurementError(f"line {number}: found {count} columns; expected at most {MOST_COLUMNS}; split the file")
     header = _header(head, delimiter, count)
     return TextTable(header, comments, _rows(number, line, lines, delimiter, count), number)
 
@@ -137,22 +154,36 @@ def _fields(line: str, delimiter: str) -> list[str]:
     return fields[:-1] if len(fields) > 1 and not fields[-1].strip() else fields
 
 
-def _header(head: list[tuple[int, str]], delimiter: str, count: int) -> tuple[str, ...]:
-    for number, line in head:
-        fields = _fields(line, delimiter)
-        if len(fields) == count and _NUMBER.fullmatch(fields[0].strip()):
-            raise bad_number(next(f for f in fields if not _NUMBER.fullmatch(f.strip())), f"line {number}")
-    if not head:
-        return ("",) * count
-    number, line = head[-1]
-    names = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
+def _header(head: list[_HeadLine], delimiter: str, count: int) -> tuple[str, ...]:
+    names: _HeadLine | None = None
+    for entry in head:
+        fields = _fields(entry.text, delimiter)
+        broken = next((f for f in fields if not _NUMBER.fullmatch(f.strip())), None)
+        if broken is None and entry.is_comment:
+            continue  # a row that somebody has taken out
+        if broken is not None and len(fields) == count and _NUMBER.fullmatch(fields[0].strip()):
+            raise bad_number(broken, f"line {entry.number}")
+        names = entry
+    return ("",) * count if names is None else _names(names, delimiter, count)
+
+
+def _names(line: _HeadLine, delimiter: str, count: int) -> tuple[str, ...]:
+    where = f"line {line.number}"
+    try:
+        names = line.text.split() if delimiter == " " else next(csv.reader([line.text], delimiter=delimiter))
+    except csv.Error as error:
+        raise MeasurementError(
+            f"{where}: found a header that cannot be read ({error}); expected a name for each column, and lines that "
+            "end in LF or CR LF; correct the header or save the file again"
+        ) from None
     if len(names) == count + 1 and not names[-1].strip():
         names = names[:-1]
     if len(names) != count:
         raise MeasurementError(
-            f"line {number}: found {len(names)} names above {count} columns of numbers; expected one for each column; "
+            f"{where}: found {len(names)} names above {count} columns of numbers; expected one for each column; "
             "correct the header"
         )
+    require_short(where, *names)
     return tuple(name.strip() for name in names)
 
 
@@ -161,7 +192,7 @@ def _rows(number: int, line: str, lines: Iterator[tuple[int, str]], delimiter: s
     comma = delimiter != ","
     numbers = array("d")
     while True:
-        if line.strip():
+        if line.strip() and line.lstrip()[0] not in "#%":
             fields = _fields(line.replace(",", ".") if comma else line, delimiter)
             if len(fields) != count:
                 raise MeasurementError(

@@ -89,12 +89,23 @@ def fit_modes(
     max_order: int = 40,
 ) -> ModalFit:
     """As `identify_modes`, with the fitted FRFs (in the band) and the misfit as well."""
-    low, high = f_min_hz or 0.0, f_max_hz or np.inf
+    try:
+        with np.errstate(all="ignore"):
+            return _fit(frf, variance, (f_min_hz, f_max_hz), max_order)
+    except (ValueError, ArithmeticError) as error:  # of linear algebra, once numbers are beyond what floats hold
+        raise MeasurementError(
+            f"modal fit: found FRFs that no modes can be fitted to ({' '.join(str(error).split())}); expected those of "
+            "a structure; look at the values, or choose another band"
+        ) from None
+
+
+def _fit(frf: FrfSet, variance: Array | None, band_hz: tuple[float | None, float | None], max_order: int) -> ModalFit:
+    low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
     inside = (frf.frequency_hz >= low) & (frf.frequency_hz <= high)
     n_lines = int(inside.sum())
     if n_lines < _FEWEST_LINES:
         raise MeasurementError(
-            f"modal fit: found {n_lines} lines between {low:g} and {high:g} Hz; expected {_FEWEST_LINES} or more; "
+            f"modal fit: found {n_lines} lines{_band_words(*band_hz)}; expected {_FEWEST_LINES} or more; "
             "widen the band or measure finer lines"
         )
     if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
@@ -129,6 +140,12 @@ def fit_modes(
         if frequency[0] <= m.frequency_hz <= frequency[-1] and m.damping_ratio < 0.5
     ]
     return ModalFit(tuple(inside_band), problem.model(poles).reshape(shape), misfit)
+
+
+def _band_words(low: float | None, high: float | None) -> str:
+    if low is None or high is None:
+        return "" if low is high else f" above {low:g} Hz" if high is None else f" below {high:g} Hz"
+    return f" between {low:g} and {high:g} Hz"
 
 
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.

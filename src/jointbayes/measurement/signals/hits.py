@@ -8,7 +8,7 @@ import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.records import TimeRecord
+from jointbayes.measurement.records import TimeRecord, measurable
 
 __all__ = ["Hit", "HitSettings", "find_hits", "hits_of", "is_clipped", "is_cut_off", "reject_overloads"]
 
@@ -140,7 +140,7 @@ def _hits_of_record(index: int, record: TimeRecord, x: Array, threshold: float, 
         if not above.size:
             return [Hit(0, index, 0, 0, 0.0, 0.0, "no force above the trigger")]
         return [_judged(index, record, x, 0, int(above[0]), x.size, settings)]
-    samples, before = round(settings.block_s * rate), round(settings.pretrigger_s * rate)
+    samples, before = max(round(settings.block_s * rate), 1), round(settings.pretrigger_s * rate)
     hits = []
     position = 0
     while (later := above[above >= position]).size:
@@ -246,7 +246,7 @@ def hits_of(record: TimeRecord) -> tuple[Hit, ...]:
 
     A record of more than a second may hold several hits; each is looked at for 0.15 s.
     """
-    if record.quantity != "force" or record.values.size < 16 or not np.isfinite(record.values).all():
+    if record.quantity != "force" or record.values.size < 16 or not measurable(record.values).all():
         return ()
     x = np.abs(record.values - np.median(record.values))
     largest = float(x.max())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import MOTION_OF, si_frf_unit
-from jointbayes.measurement.records import FrfRecord, TimeRecord
+from jointbayes.measurement.records import LARGEST, FrfRecord, TimeRecord, measurable
 from jointbayes.measurement.signals.line_thinning import effective_averages, independent_step, line_correlation
 
 __all__ = [
@@ -295,9 +295,10 @@ def paired(
                 f"{y.sample_rate_hz:g} per second; expected the same of both and of all records ({rate:g} per second); "
                 "export the channels together"
             )
-        if not (np.isfinite(x.values).all() and np.isfinite(y.values).all()):
+        if not (measurable(x.values).all() and measurable(y.values).all()):
             raise MeasurementError(
-                f"{where}: found NaN or infinity; expected finite samples; drop or repair the record"
+                f"{where}: found NaN, infinity or a number beyond {LARGEST:g} or its inverse; expected measured "
+                "samples; drop or repair the record"
             )
     return pairs, _QUANTITY[responses[0].quantity]
 

@@ -13,7 +13,7 @@ from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.modal.peaks import prominent_peaks
 from jointbayes.measurement.provenance import MeasurementWarning
-from jointbayes.measurement.records import FrfRecord, parse_dof
+from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
 
 __all__ = ["ClearFrf", "Resonance", "pair_of", "usable", "warnings_of_frf", "warnings_of_notes"]
 
@@ -55,9 +55,9 @@ def pair_of(record: FrfRecord) -> tuple[str, str, int]:
 
 
 def usable(record: FrfRecord) -> FrfRecord:
-    """Return the record without lines at or below 0 Hz, NaN, zeros and lines out of order."""
+    """Return the record without lines at or below 0 Hz, NaN, zeros, absurd numbers and lines out of order."""
     f = record.frequency_hz
-    good = np.isfinite(f) & (f > 0) & np.isfinite(record.values) & (record.values != 0)
+    good = (f >= 1 / HIGHEST_HZ) & (f <= HIGHEST_HZ) & measurable(record.values) & (record.values != 0)
     good[good] = np.diff(np.maximum.accumulate(f[good]), prepend=0.0) > 0
     if good.all():
         return record
@@ -145,10 +145,12 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
 
 def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
     f = record.frequency_hz
-    broken = ~(np.isfinite(f) & np.isfinite(record.values))
+    broken = ~(np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ) & measurable(record.values))
     if broken.any():
         yield MeasurementWarning(
-            "not_finite", f"{int(broken.sum())} of {f.size} lines are NaN or infinite", "cut or repair these lines"
+            "not_finite",
+            f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers",
+            "cut or repair these lines",
         )
     zero = record.values == 0
     if zero.any():
@@ -158,7 +160,7 @@ def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
             f"the FRF is exactly 0 on {int(zero.sum())} of {f.size} lines, first at {at:g} Hz: nothing was measured",
             "cut these lines away with f_min_hz and f_max_hz",
         )
-    f = f[np.isfinite(f)]
+    f = f[np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ)]
     if f.size and f[0] == 0:
         yield MeasurementWarning(
             "zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing", "cut it with f_min_hz"
@@ -203,6 +205,8 @@ def _of_step(f: Array) -> Iterator[MeasurementWarning]:
 
 def _is_round(value: float, tolerance: float) -> bool:
     """Whether a number has at most four digits, or is a whole number over 2¹⁴ as in sample rate over block length."""
+    if not 1 / HIGHEST_HZ <= value <= HIGHEST_HZ:
+        return False
     decade = 10.0 ** (np.floor(np.log10(value)) - 3)
     return any(abs(value / unit - round(value / unit)) * unit < tolerance * value for unit in (decade, 2.0**-14))
 
@@ -224,7 +228,13 @@ def _of_coherence(record: FrfRecord) -> Iterator[MeasurementWarning]:
             f"coherence is 1 on all lines{once}: it says nothing about the noise",
             "export it again, or state the noise, or give repeated measurements",
         )
-    if known.size and ((known < -1e-6) | (known > 1 + 1e-6)).any():
+    if known.size < coherence.size:
+        yield MeasurementWarning(
+            "coherence_range",
+            f"coherence is NaN or infinite on {coherence.size - known.size} of {coherence.size} lines, not 0 to 1",
+            "export again",
+        )
+    elif ((known < -1e-6) | (known > 1 + 1e-6)).any():
         yield MeasurementWarning(
             "coherence_range",
             f"coherence runs from {known.min():.4g} to {known.max():.4g}, not 0 to 1",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.measurement.provenance import MeasurementWarning
-from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
+from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, measurable
 from jointbayes.measurement.signals.hits import hits_of, is_cut_off
 from jointbayes.measurement.warnings.of_frfs import ClearFrf, warnings_of_frf, warnings_of_notes
 from jointbayes.measurement.warnings.of_pairs import Sketch, disagreement, sketch_of
@@ -138,9 +138,12 @@ def _named(channel: str, where: str) -> str:
 def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
     """What one time history contradicts."""
     x = record.values
-    if not np.isfinite(x).all():
+    broken = ~measurable(x)
+    if broken.any():
         yield MeasurementWarning(
-            "not_finite", f"{int((~np.isfinite(x)).sum())} of {x.size} samples are NaN or infinite", "drop the record"
+            "not_finite",
+            f"{int(broken.sum())} of {x.size} samples are NaN, infinite or no measurement's numbers",
+            "drop the record",
         )
         return
     if x.size < 16:

@@ -1,5 +1,6 @@
 """Named arrays as npz, MAT and HDF5 files hold them, and the records they stand for."""
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, cast, get_args
 
@@ -8,8 +9,9 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
+from jointbayes.measurement.formats.limits import MOST_RECORDS
 from jointbayes.measurement.formats.units import read_frf_unit, read_sensor_unit, scaled, si_frf_unit, si_sensor_unit
-from jointbayes.measurement.records import FrfRecord, Record, SensorQuantity, TimeRecord
+from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, Record, SensorQuantity, TimeRecord
 
 __all__ = ["Arrays", "arrays_of", "records_of"]
 
@@ -111,6 +113,8 @@ def strings(found: Any, where: str) -> list[str]:  # noqa: ANN401
     """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
     if isinstance(found, (str, bytes)):
         found = [found]
+    if isinstance(found, np.ndarray) and found.dtype.kind == "U":
+        _require_unicode(found, where)
     out = []
     for item in np.asarray(found, dtype=object).ravel():
         while isinstance(item, np.ndarray) and item.size == 1:
@@ -121,6 +125,16 @@ def strings(found: Any, where: str) -> list[str]:  # noqa: ANN401
             raise MeasurementError(f"{where}: found {type(item).__name__}; expected text; store labels as strings")
         out.append(item.rstrip())
     return out
+
+
+def _require_unicode(found: NDArray[Any], where: str) -> None:
+    """Refuse code points that no text has, which NumPy takes from a file as they are."""
+    codes = np.ascontiguousarray(found).reshape(-1).view(np.dtype(np.uint32).newbyteorder(found.dtype.byteorder))
+    bad = (codes > sys.maxunicode) | ((codes >= 0xD800) & (codes < 0xE000))
+    if bad.any():
+        raise MeasurementError(
+            f"{where}: found the code {int(codes[np.argmax(bad)]):#x}, no character; expected text; save it again"
+        )
 
 
 def _frf_records(block: _Block) -> Iterator[FrfRecord]:
@@ -231,14 +245,14 @@ def _time_records(block: _Block) -> Iterator[TimeRecord]:
         count = samples.shape[1]
         channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
         units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
-        hits = block.numbers("hits").ravel().tolist() if block.has("hits") else [0] * count
+        hits = _hit_numbers(block) if block.has("hits") else [0] * count
         if not len(channels) == len(units) == len(words) == len(hits) == count:
             raise MeasurementError(
                 f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
                 f"({len(units)}), quantities ({len(words)}) and hits ({len(hits)}); correct them"
             )
         for i, channel in enumerate(channels):
-            yield _time_record(block, channel, rate, samples[:, i], (units[i], words[i]), int(hits[i]) or None)
+            yield _time_record(block, channel, rate, samples[:, i], (units[i], words[i]), hits[i] or None)
         return
     for name in _SENSORS:
         if block.raw(name) is None:
@@ -250,6 +264,15 @@ def _time_records(block: _Block) -> Iterator[TimeRecord]:
             yield _time_record(block, name, rate, samples[:, i], ("", word), i + 1 if samples.shape[1] > 1 else None)
 
 
+def _hit_numbers(block: _Block) -> list[int]:
+    hits = block.numbers("hits").ravel()
+    if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
+        raise MeasurementError(
+            f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
+        )
+    return [int(hit) for hit in hits]
+
+
 def _columns(values: NDArray[Any], where: str) -> NDArray[Any]:
     if values.ndim > 2 or values.size == 0:
         raise MeasurementError(f"{where}: found shape {values.shape}; expected (samples, channels); correct the array")
@@ -259,10 +282,11 @@ def _columns(values: NDArray[Any], where: str) -> NDArray[Any]:
 def _rate(block: _Block, samples: int) -> float:
     if block.has("sample_rate_hz"):
         rate = block.numbers("sample_rate_hz").ravel()
-        if rate.size == 1 and np.isfinite(rate[0]) and rate[0] > 0:
+        if rate.size == 1 and 1 / HIGHEST_HZ <= rate[0] <= HIGHEST_HZ:
             return float(rate[0])
         raise MeasurementError(
-            f"{block.where('sample_rate_hz')}: found {rate[:3].tolist()}; expected one number above 0 Hz; correct it"
+            f"{block.where('sample_rate_hz')}: found {rate[:3].tolist()}; expected one number above 0 and up to "
+            f"{HIGHEST_HZ:g} Hz; correct it"
         )
     if not block.has("time"):
         raise MeasurementError(
@@ -288,7 +312,7 @@ def even_rate(time: NDArray[np.float64], where: str) -> float:
         with np.errstate(all="ignore"):
             step = (time[-1] - time[0]) / (time.size - 1)
             uneven = np.abs(np.diff(time) / step - 1).max()
-        if 1e-15 < step < 1e15 and uneven < 0.01:
+        if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ and uneven < 0.01:
             return float(1 / step)
     raise MeasurementError(
         f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"

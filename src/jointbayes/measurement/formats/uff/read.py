@@ -5,7 +5,7 @@ The tests read its files and have it read ours.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.arrays.layout import even_rate
+from jointbayes.measurement.formats.limits import MOST_RECORDS
+from jointbayes.measurement.formats.table_text import float_of
 from jointbayes.measurement.formats.uff.header import FunctionHeader
 from jointbayes.measurement.formats.uff.scan import DataSet, line_of, scan
 from jointbayes.measurement.formats.uff.units import FileUnits, frf_meaning, sensor_meaning, units_of
@@ -27,10 +29,12 @@ __all__ = ["CORRECTIONS", "read_uff"]
 #: Type of the data set of ours that restores the digits which columns 20 wide cannot hold; other programs pass over it.
 CORRECTIONS = 58017
 _TIME, _FRF, _COHERENCE = 1, 4, 6
+#: An FRF has up to four: values, coherence, and corrections of both.
+_MOST_SETS = 4 * MOST_RECORDS + 100
 Pair = tuple[str, str]
 
 
-def read_uff(path: Path) -> Iterator[Record]:
+def read_uff(path: Path) -> Generator[Record, None, None]:
     """FRFs and time histories of a universal file, in its order, one in memory at a time.
 
     A first pass finds the data sets, so that a file cut off is refused before anything is read from it, and so that the
@@ -78,6 +82,11 @@ def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits
     sets, corrections, units = [], {}, FileUnits()
     for one in scan(file):
         behind = file.tell()
+        if one.number > _MOST_SETS:
+            raise MeasurementError(
+                f"data sets: found more than {_MOST_SETS}; expected at most {MOST_RECORDS} FRFs and time histories "
+                "with what belongs to them; split the file"
+            )
         if one.kind == CORRECTIONS:
             corrections[one.number - 1] = one
         elif one.kind == 164:
@@ -85,7 +94,11 @@ def _index(file: BinaryIO) -> tuple[list[DataSet], dict[int, DataSet], FileUnits
                 raise MeasurementError(
                     f"data set {one.number}: found {one.stop - one.start} bytes of units; expected 3 lines"
                 )
-            units = units_of(_body(file, one), f"data set {one.number}, line {line_of(file, one.start)}")
+            try:
+                units = units_of(_body(file, one))
+            except LineError as error:
+                line = line_of(file, one.start) + error.line
+                raise MeasurementError(f"data set {one.number}, line {line}: {error}") from None
         else:
             sets.append(one)
         file.seek(behind)
@@ -221,9 +234,9 @@ def _time_record(
     scale = 1e-3 if header.abscissa.unit.lower() in ("ms", "msec") else 1.0
     told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
     rate = even_rate(found.abscissa * scale, f"data set {one.number}")
-    exact = re.fullmatch(r"sample_rate_hz=(\d[\d.]*(?:e[+-]?\d+)?)", told)
-    if exact and abs(float(exact[1]) / rate - 1) < 1e-3:
-        rate = float(exact[1])  # its inverse, the step, is rounded
+    exact = float_of(told.removeprefix("sample_rate_hz="))
+    if exact is not None and abs(exact / rate - 1) < 1e-3:
+        rate = exact  # its inverse, the step, is rounded
     quantity, factor, unit, notes = sensor_meaning(header, units)
     hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
     values = scaled(found.ordinate.real, factor)

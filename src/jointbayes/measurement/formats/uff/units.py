@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.uff.header import FunctionHeader
+from jointbayes.measurement.formats.uff.values import LineError
 from jointbayes.measurement.formats.units import MOTION_OF, frf_unit, sensor_unit, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import SensorQuantity
 
@@ -39,12 +39,12 @@ class FileUnits:
     name: str = ""
 
 
-def units_of(body: bytes, place: str) -> FileUnits:
+def units_of(body: bytes) -> FileUnits:
     """Units from the content of a data set 164, whose factors turn SI into the file's units.
 
     Raises
     ------
-    MeasurementError
+    LineError
         If a factor is missing or not positive.
     """
     lines = body.decode("utf-8", errors="replace").splitlines()
@@ -55,9 +55,10 @@ def units_of(body: bytes, place: str) -> FileUnits:
         if not (0 < length < math.inf and 0 < force < math.inf):
             raise ValueError
     except (IndexError, ValueError):
-        raise MeasurementError(
-            f"{place}: found units {' '.join(factors[:2])[:60]!r}; expected factors of length and force above 0; "
-            "correct the data set 164 or take it out"
+        raise LineError(
+            0,
+            f"found units {' '.join(factors[:2])[:60]!r}; expected factors of length and force above 0; correct the "
+            "data set 164 or take it out",
         ) from None
     return FileUnits(1 / length, 1 / force, lines[0][10:30].strip())
 

@@ -1,0 +1,324 @@
+"""What is no measurement file, or too large a one, is one line: soon, whatever it is, and it leaves nothing behind."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from jointbayes.errors import MeasurementError
+from jointbayes.frf import FrfSet
+from jointbayes.measurement.formats import (
+    FORMATS,
+    detect_format,
+    iter_records,
+    join_frfs,
+    read_frf,
+    write_frf,
+)
+from jointbayes.measurement.formats import limits as stated
+from jointbayes.measurement.formats import read as reading
+from jointbayes.measurement.formats.arrays import read as arrays
+from jointbayes.measurement.formats.columns import Column, column_of, column_records
+from jointbayes.measurement.formats.uff import read as uff
+from jointbayes.measurement.inspection.inspection import inspect_file
+from jointbayes.measurement.records import FrfRecord
+from tests.measurement.broken_files import FRF, npz_bytes
+from tests.measurement.uff_text import function_58
+
+LINES = np.arange(1.0, 13.0)
+
+
+def refusal(path):
+    with pytest.raises(MeasurementError) as caught:
+        list(iter_records(path))
+    message = str(caught.value)
+    assert message.isprintable()
+    assert "expected" in message
+    return message
+
+
+# ---- paths
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("a\0b", "cannot be read (embedded null byte)"),
+        ("a" * 5000, "cannot be read (File name too long)"),
+        ("loop", "cannot be read (Too many levels of symbolic links)"),
+        ("pipe", "found a directory, a device or a pipe"),
+        ("/dev/zero", "found a directory, a device or a pipe"),
+        ("/dev/stdin", "found a directory, a device or a pipe"),
+        (".", "found a directory, a device or a pipe"),
+        ("file/below", "cannot be read (Not a directory)"),
+    ],
+    ids=ascii,
+)
+@pytest.mark.skipif(os.name != "posix", reason="of pipes, devices and links")
+def test_what_is_no_file_is_refused_without_waiting(tmp_path, monkeypatch, name, found):
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    Path("file").write_text("1,2,3\n")
+    os.mkfifo("pipe")
+    if name == "/dev/stdin" and sys.stdin.isatty():
+        pytest.skip("a terminal is a device as well, but not the one meant")
+    for attempt in (
+        detect_format,
+        lambda path: list(iter_records(path)),
+        read_frf,
+        lambda path: inspect_file(Path(path)),
+    ):
+        with pytest.raises(MeasurementError) as caught:
+            attempt(name)
+        assert found in str(caught.value)
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 600
+
+
+# ---- sizes
+
+
+def test_a_file_larger_than_any_measurement_is_not_begun(tmp_path):
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(stated.MOST_BYTES + 1)
+    assert f"expected at most {stated.MOST_BYTES >> 30}" in refusal(tmp_path / "huge")
+
+
+@pytest.mark.parametrize("form", ["uff58", "csv", "npz", "lvm"])
+def test_more_records_than_any_measurement_are_refused(tmp_path, monkeypatch, form):
+    write_frf(FRF, tmp_path / "a", form)
+    monkeypatch.setattr(reading, "MOST_RECORDS", 1)
+    assert "found more than 1 FRFs and time histories" in refusal(tmp_path / "a")
+
+
+def test_more_data_sets_than_belong_to_so_many_are_refused(tmp_path, monkeypatch):
+    (tmp_path / "a").write_text("    -1\n   151\nmodel\n    -1\n" * 30)
+    monkeypatch.setattr(uff, "_MOST_SETS", 20)
+    assert "data sets: found more than 20" in refusal(tmp_path / "a")
+
+
+@pytest.mark.parametrize("long", ["x" * 301, "x" * 100_000])
+def test_labels_and_units_longer_than_any_are_refused(tmp_path, long):
+    csv = f"frequency [Hz],real {long},imaginary {long}\n1,2,3\n2,3,4\n"
+    lvm = (
+        "LabVIEW Measurement\n***End_of_Header***\n\nChannels\t1\n***End_of_Header***\nX_Value\t"
+        + long
+        + "\n0\t1\n1\t2\n"
+    )
+    label = npz_bytes(frf=LINES + 1j, frequency_hz=LINES, outputs=np.array([long]))
+    unit = npz_bytes(frf=LINES + 1j, frequency_hz=LINES, unit=np.array(long))
+    for content in (csv.encode(), lvm.encode(), label, unit):
+        (tmp_path / "a").write_bytes(content)
+        message = refusal(tmp_path / "a")
+        assert f"expected at most {stated.LONGEST_LABEL}" in message
+        assert len(message) < 600
+
+
+def test_more_columns_than_any_table_has_are_refused(tmp_path):
+    (tmp_path / "a").write_text("1," * stated.MOST_COLUMNS + "1\n")
+    assert f"expected at most {stated.MOST_COLUMNS}" in refusal(tmp_path / "a")
+
+
+def test_a_number_that_no_measurement_gives_is_no_frf(tmp_path):
+    for values, lines, found in (
+        (np.full(12, 1e60 + 0j), LINES, "a number beyond 1e+40"),
+        (np.full(12, 1e-60 + 0j), LINES, "a number beyond 1e+40 or its inverse"),
+        (LINES + 1j, LINES * 1e200, "expected them within 1e-09 to 1e+09 Hz"),
+    ):
+        with pytest.raises(MeasurementError, match=r"found.*") as caught:
+            join_frfs([FrfRecord("a", "b", lines, values, "mobility")], "file")
+        assert found in str(caught.value)
+
+
+# ---- time
+
+
+def seconds(work, n):
+    begun = time.process_time()
+    work(n)
+    return time.process_time() - begun
+
+
+def join(n):
+    lines = np.array([1.0, 2.0])
+    join_frfs((FrfRecord(f"a{i}", "b", lines, np.ones(2) + 1j, "mobility") for i in range(n)), "file")
+
+
+def same_names(n):
+    columns = [
+        Column("frequency", "", "Hz"),
+        *[Column(role, "a", "") for _ in range(n) for role in ("real", "imaginary")],
+    ]
+    sum(1 for _ in column_records(columns, np.ones((1, len(columns))), {}))
+
+
+def units_again(n):
+    text = "    -1\n   164\n         1SI                           2\n" + f"{1.0:25.17E}" * 3 + "\n    -1\n"
+    Path("units").write_text(text * n + function_58(LINES + 1j))
+    list(iter_records("units"))
+
+
+@pytest.mark.parametrize("work", [join, same_names, units_again])
+def test_time_does_not_grow_with_the_square_of_the_number(tmp_path, monkeypatch, work):
+    monkeypatch.chdir(tmp_path)
+    n = 2000
+    work(n // 10)  # what is loaded at first use
+    ratio = min(seconds(work, 5 * n) / seconds(work, n) for _ in range(2))
+    assert ratio < 12, f"{ratio:.0f} times the time for five times the number"
+
+
+@pytest.mark.parametrize("header", ["a" + " " * 290 + "b", "(" * 300, "[" * 300, "real " + "_" * 290])
+def test_a_header_made_to_be_searched_long_is_a_name(header):
+    assert seconds(lambda n: [column_of(header) for _ in range(n)], 50) < 0.5
+
+
+# ---- groups within groups
+
+
+def nested(path, depth):
+    with h5py.File(path, "w") as file:
+        group = file
+        for _ in range(depth):
+            group = group.create_group("g")
+        group["frequency_hz"], group["frf"] = LINES, LINES + 1j
+    return path
+
+
+def test_groups_within_groups_are_read_as_deep_as_any_export_goes_and_no_further(tmp_path):
+    assert len(list(iter_records(nested(tmp_path / "a", 30)))) == 1
+    message = refusal(nested(tmp_path / "b", 2000))
+    assert "found groups 33 deep" in message
+
+
+def test_a_group_that_holds_itself_is_read_once(tmp_path):
+    path = nested(tmp_path / "a", 2)
+    with h5py.File(path, "a") as file:
+        file["g"]["again"] = file
+        file["soft"], file["other"] = h5py.SoftLink("/g"), h5py.ExternalLink("/etc/passwd", "/")
+    assert len(list(iter_records(path))) == 1
+
+
+# ---- the process that reads HDF5 and MATLAB files
+
+
+def replaced(monkeypatch, tmp_path, code):
+    """Put another program in the place of the reading one."""
+    script = tmp_path / "program.py"
+    script.write_text(code)
+    monkeypatch.setattr(arrays, "reader_process", SimpleNamespace(__file__=str(script)))
+    write_frf(FRF, tmp_path / "a", "hdf5")
+    return tmp_path / "a"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="as the system bounds it")
+def test_patience_is_of_computing_so_that_a_busy_machine_refuses_nothing(tmp_path, monkeypatch):
+    home = Path(arrays.reader_process.__file__).parent
+    bound = f"import sys, time\nsys.path.insert(0, {str(home)!r})\nfrom reader_process import _Limits\n"
+    bound += "_Limits(10**6, 0.1).bound()\n"
+    path = replaced(monkeypatch, tmp_path, f"{bound}while True:\n    pass\n")
+    assert "s of computing" in refusal(path)
+    path = replaced(
+        monkeypatch, tmp_path, f'{bound}import time\ntime.sleep(1.5)\nprint(\'{{"refused": "expected"}}\')\n'
+    )
+    assert refusal(path) == f"{path}: expected"
+
+
+def test_a_program_that_neither_computes_nor_ends_is_ended(tmp_path, monkeypatch):
+    path = replaced(monkeypatch, tmp_path, "import time\ntime.sleep(60)\n")
+    monkeypatch.setattr(arrays, "_BUSY", 0.1)
+    assert "found nothing readable in 0 s" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    "sends", ["", "'{'", '\'{"blocks": [["", ["frf"]]]}\\n\'', '\'{"blocks": [["", ["frf"]]]}\\nnothing\'']
+)
+def test_a_program_that_dies_while_it_sends_is_damage(tmp_path, monkeypatch, sends):
+    path = replaced(monkeypatch, tmp_path, f"import sys\nsys.stdout.write({sends or repr('')})\nsys.exit(7)\n")
+    assert "damage that ends the reader (code 7)" in refusal(path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="as the system bounds it")
+@pytest.mark.parametrize("form", ["mat", "mat73", "hdf5"])
+def test_sound_files_are_read_under_a_hard_limit_of_memory(tmp_path, form):
+    write_frf(FRF, tmp_path / "a", form)
+    code = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (8_000_000 * 1024, 8_000_000 * 1024))
+from jointbayes.measurement.formats import iter_records
+print(len(list(iter_records(sys.argv[1]))))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "a")], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr) == ("2\n", "")
+
+
+def test_reading_leaves_no_file_behind_and_needs_no_room(tmp_path, monkeypatch):
+    rng = np.random.default_rng(5)
+    shape = (4000, 3, 2)
+    values = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    frf = FrfSet(np.arange(1.0, 4001.0), values, ("a", "b", "c"), ("d", "e"), "mobility")
+    for form in ("mat", "mat73", "hdf5"):
+        write_frf(frf, tmp_path / form, form)
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
+    for form in ("mat", "mat73", "hdf5"):
+        np.testing.assert_array_equal(read_frf(tmp_path / form).values, values)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+# ---- faults that were tracebacks
+
+
+def test_a_row_that_was_taken_out_by_a_sign_of_comment_is_no_header(tmp_path):
+    (tmp_path / "a").write_text("# 10,1,2\n20,1,2\n# 25,3,4\n30,1,2\n")
+    (record,) = iter_records(tmp_path / "a")
+    np.testing.assert_array_equal(record.frequency_hz, [20.0, 30.0])
+    (tmp_path / "b").write_text("frequency [Hz],real a [m/N],imaginary a [m/N]\n# 10,1,2\n20,1,2\n30,1,2\n")
+    (named,) = iter_records(tmp_path / "b")
+    assert (named.unit, named.frequency_hz.tolist()) == ("m/N", [20.0, 30.0])
+
+
+@pytest.mark.parametrize("start", ["", "# "])
+def test_a_bare_carriage_return_in_a_header_is_named(tmp_path, start):
+    text = f"{start}frequency [Hz],real a / a [m/N],imaginary\rx\n20,1,2\n30,1,2\n"
+    (tmp_path / "a").write_bytes(text.encode())
+    assert "line 1: found a header that cannot be read" in refusal(tmp_path / "a")
+
+
+@pytest.mark.parametrize("code", [0x110000, 0xFFFFFFFF, 0xD800])
+@pytest.mark.parametrize("order", "<>")
+def test_text_beyond_unicode_is_no_text(tmp_path, code, order):
+    word = np.array([code], f"{order}u4").view(f"{order}U1")
+    for key in ("unit", "outputs", "quantity"):
+        np.savez(tmp_path / "a.npz", **{"frequency_hz": LINES, "frf": LINES + 1j, key: word})
+        assert f"variable '{key}': found the code {code:#x}" in refusal(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("rate", ["200..0", "1.2.3", "1e", "", "1_0", "0x10", "nan", "inf", "-5", "1e400"])
+def test_a_sample_rate_that_is_no_number_is_that_of_the_axis(tmp_path, rate):
+    even = function_58(np.arange(12.0), function=1, kinds=("time", "force", "none"), first=0.0)
+    (tmp_path / "a").write_text(even.replace("\nNONE\n", f"\nsample_rate_hz={rate}\n", 1))
+    (of_axis,) = iter_records(tmp_path / "a")
+    (tmp_path / "b").write_text(f"# sample_rate_hz: {rate}\ntime [s],hammer [N]\n0,1\n0.5,2\n1.0,3\n")
+    (of_table,) = iter_records(tmp_path / "b")
+    assert of_axis.sample_rate_hz > 0
+    assert of_table.sample_rate_hz == 2.0
+
+
+def test_hits_are_numbered_by_whole_numbers(tmp_path):
+    for hits in ([np.nan], [np.inf], [-1.0], [1.5], [1e300]):
+        np.savez(tmp_path / "a.npz", sample_rate_hz=100.0, samples=np.arange(12.0), hits=np.array(hits))
+        assert "variable 'hits': found" in refusal(tmp_path / "a.npz")
+
+
+def test_every_format_has_a_fuzz_target():
+    from tests.fuzz.targets.files import TARGETS
+
+    assert {target.name for target in TARGETS} == set(FORMATS)
