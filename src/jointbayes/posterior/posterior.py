@@ -9,7 +9,7 @@ import xarray as xr
 from jointbayes.inference import Problem
 from jointbayes.posterior.brief import Cell, brief
 from jointbayes.posterior.information.knowledge import Knowledge
-from jointbayes.posterior.storage import estimate_record, values_tree, write_tree
+from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, values_tree, write_tree
 from jointbayes.posterior.stored_problem import with_problem
 from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import JudgedPosterior
@@ -70,7 +70,7 @@ class Posterior(JudgedPosterior):
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
 
         Of a problem that a case file states its text is kept, with data from measurement files; of any other problem
-        its matrices, data and priors, to the last bit.
+        its matrices, data and priors, to the last bit. The prior's density at each draw is kept as well.
 
         Parameters
         ----------
@@ -92,6 +92,10 @@ class Posterior(JudgedPosterior):
             "knowledge": self.kept_knowledge if knowledge is None else knowledge.kept(),
         }
         tree = self.tree
+        if self.problem.prior.marginals:
+            before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
+            groups = {name: node.to_dataset() for name, node in tree.children.items()}
+            tree = xr.DataTree.from_dict({**groups, "log_prior": before})
         if not self.of_case_text:
             tree, record["problem"] = with_problem(tree, self.problem)
         write_tree(tree, record, path)

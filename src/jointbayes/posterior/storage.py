@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
-from jointbayes.inference import Problem
+from jointbayes.inference import JointPrior, Problem
 from jointbayes.measurement import FrfMeasurement, Measurement
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
@@ -22,6 +22,7 @@ __all__ = [
     "RECORD",
     "draws_tree",
     "estimate_record",
+    "log_prior_of_joint",
     "value_units",
     "values_tree",
     "write_tree",
@@ -115,6 +116,25 @@ def _frf_dataset(frf: FrfSet) -> xr.Dataset:
         coords={"frequency": frf.frequency_hz, "output": list(frf.outputs), "input": list(frf.inputs)},
         attrs={"quantity": frf.quantity},
     )
+
+
+def log_prior_of_joint(prior: JointPrior, theta: Array) -> xr.Dataset:
+    """ln of the prior's density over the joint's coordinates alone, up to a constant, at θ of shape (chains, draws, d).
+
+    With it draws can be reweighted to another prior by whoever knows the coordinates, which are named beside it with
+    the prior's mean, standard deviation and ends in each.
+    """
+    density = sum(marginal.log_density(theta[..., i]) for i, marginal in enumerate(prior.marginals))
+    count = len(prior.marginals)
+    low, high = prior.support
+    attrs = {
+        "coordinates": prior.parametrisation.key,
+        "mean": prior.mean[:count],
+        "sd": prior.sd[:count],
+        "low": low[:count],
+        "high": high[:count],
+    }
+    return xr.Dataset({"joint": (("chain", "draw"), density)}, attrs=attrs)
 
 
 def estimate_record(estimate: MapEstimate) -> dict[str, Any]:

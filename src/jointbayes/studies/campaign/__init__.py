@@ -1,0 +1,1 @@
+"""Campaigns: many cases, one file each, and what they say together."""

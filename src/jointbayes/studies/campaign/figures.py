@@ -1,0 +1,242 @@
+"""Figures of a campaign's report: control charts, ranking and population; small and legible for ten joints and 5000."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+from numpy.typing import NDArray
+
+from jointbayes.report.figures import legend_above, panels, room_for, svg
+from jointbayes.report.format import number
+from jointbayes.report.markup import format_numbers
+from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
+from jointbayes.studies.campaign.findings import ChartedQuantity
+
+__all__ = ["MOST_INTERVALS", "control_figure", "control_plot", "population_figure", "ranking_figure"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Curve = tuple[Array, Array, Array, Array]
+
+#: Joints up to which a chart shows each one's interval.
+MOST_INTERVALS = 250
+_MOST_NAMED = 40  # joints that a figure names
+_STRETCHES = 300  # of limits and ranks, where there are more joints
+_LABELS = 8  # along an axis of joints
+_BINS = 40
+_BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
+_GREY = "0.45"
+
+
+def control_figure(quantity: ChartedQuantity, labels: Sequence[str], order: str) -> str:
+    """A control chart: every joint with its 95 % interval, centre line, and limits that know each joint's own error.
+
+    Of more than `MOST_INTERVALS` joints only those beyond their limits have intervals.
+    """
+
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas, left=0.85, bottom=0.95, top=0.3)[0, 0]
+        chart, place = quantity.chart, np.arange(1.0, len(labels) + 1)
+        beyond = chart.beyond | quantity.outlier
+        _limits(axes, quantity, place)
+        axes.axhline(float(quantity.on_scale(np.array(chart.centre))), color=_GREEN, lw=1.0, label="centre line")
+        few = len(place) <= MOST_INTERVALS
+        _points(axes, place[~beyond], quantity.own[~beyond], _BLUE, intervals=few, label="joint")
+        if beyond.any():
+            _points(axes, place[beyond], quantity.own[beyond], _ORANGE, intervals=True, label="beyond its limits")
+        axes.set_xlim(0.3, len(place) + 0.7)
+        _scale(axes, quantity, beyond, few)
+        _joint_labels(axes, labels, order)
+        axes.set_ylabel(_axis_label(quantity))
+        legend_above(axes)
+
+    return svg(draw, 7.2, 3.3)
+
+
+def _points(axes: Axes, place: Array, ends: Array, colour: str, *, intervals: bool, label: str) -> None:
+    """Medians as dots, on request with their intervals as strokes; one path for all, since there may be thousands."""
+    size = 4.0 if len(place) <= 60 else 2.4 if len(place) <= MOST_INTERVALS else 1.2
+    axes.plot([], [], "o", ms=3, color=colour, label=label)
+    if intervals:
+        _strokes(axes, place, ends[:, 0], ends[:, 2], ec=colour, lw=size / 4, alpha=0.7)
+    _strokes(axes, place, ends[:, 1], ends[:, 1], ec=colour, lw=size)
+
+
+def _strokes(axes: Axes, place: Array, low: Array, high: Array, **style: float | str) -> None:
+    corners = np.stack([np.repeat(place, 2), np.ravel([low, high], "F")], axis=1)
+    path = Path(corners, np.tile([Path.MOVETO, Path.LINETO], len(place)))
+    path.should_simplify = False  # or strokes of no length, the dots, are left out
+    axes.add_artist(PathPatch(path, fc="none", capstyle="round", **style))
+
+
+def _limits(axes: Axes, quantity: ChartedQuantity, place: Array) -> None:
+    """Control limits of each joint as steps; of many joints their median over stretches."""
+    centre, half = quantity.chart.centre, quantity.chart.half_width
+    if len(place) > MOST_INTERVALS:
+        groups = np.array_split(np.arange(len(place)), _STRETCHES)
+        place = np.array([place[group].mean() for group in groups])
+        half = np.array([np.median(half[group]) for group in groups])
+    for side, label in ((1, "control limits"), (-1, None)):
+        limit = quantity.on_scale(centre + side * half)
+        style = {"lw": 0.9, "ls": "--"} if len(place) <= _MOST_NAMED else {"lw": 0.6}
+        axes.step(place, limit, where="mid", color=_GREY, label=label, **style)
+
+
+def _scale(axes: Axes, quantity: ChartedQuantity, beyond: Flags, few: bool) -> None:
+    """Reach of the axis of values: all medians, limits, and what intervals are shown, but no more than is legible."""
+    chart = quantity.chart
+    ends = np.log(quantity.own) if quantity.logarithmic else quantity.own
+    shown = ends if few else ends[beyond]
+    far = np.concatenate([chart.value, [chart.centre - chart.half_width.min(), chart.centre + chart.half_width.min()]])
+    low, high = float(far.min()), float(far.max())
+    if len(shown):
+        room = high - low
+        low, high = max(low - room, min(low, shown.min())), min(high + room, max(high, shown.max()))
+    margin = 0.05 * (high - low)
+    _value_axis(axes.yaxis, axes.set_yscale, quantity)
+    axes.set_ylim(*quantity.on_scale(np.array([low - margin, high + margin])))
+
+
+def _value_axis(axis: Axis, set_scale: Callable[[str], None], quantity: ChartedQuantity) -> None:
+    """An axis of values: logarithmic with plain labels at 1, 2 and 5 where the quantity is."""
+    if not quantity.logarithmic:
+        axis.set_major_locator(MaxNLocator(6))
+        return
+    set_scale("log")
+    axis.set_major_locator(_OneTwoFive())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: format_numbers(number(value, 3))))
+    axis.set_minor_formatter(NullFormatter())
+
+
+class _OneTwoFive(MaxNLocator):
+    """Round values on a logarithmic axis: 1, 2, 5 of each decade over decades, evenly spaced ones within less."""
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        low, high = sorted((vmin, vmax))
+        if high / low < 5:
+            return list(MaxNLocator(5).tick_values(low, high))
+        decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+        steps = [1.0, 2.0, 5.0] if len(decades) < 5 else [1.0]
+        return [float(10.0**decade * step) for decade in decades for step in steps]
+
+
+def _axis_label(quantity: ChartedQuantity) -> str:
+    return quantity.label if quantity.unit == "1" else f"{quantity.label} ({quantity.unit})"
+
+
+def _joint_labels(axes: Axes, labels: Sequence[str], order: str) -> None:
+    """Names of a few joints along the axis, all of them where they have room."""
+    count = len(labels)
+    at = np.arange(count) if count <= _MOST_NAMED else np.linspace(0, count - 1, _LABELS).round().astype(int)
+    short = [labels[i] if len(labels[i]) <= 16 else f"{labels[i][:15]}…" for i in at]
+    axes.set_xticks(at + 1, short, rotation=30 if count > _MOST_NAMED else 60, ha="right", fontsize=7)
+    axes.set_xlabel(f"Joint, by {order}")
+
+
+def control_plot(quantity: ChartedQuantity, order: str) -> LinePlot:
+    """The interactive twin of a control chart."""
+    chart = quantity.chart
+    place = np.arange(1.0, len(chart.value) + 1)
+    low, high = (quantity.on_scale(chart.centre + side * chart.half_width) for side in (-1, 1))
+    centre = quantity.on_scale(np.full(len(place), chart.centre))
+    beyond = chart.beyond | quantity.outlier
+    series = [
+        Series("within control limits", place, kind="band", y_low=low, y_high=high),
+        Series("centre line", place, centre),
+        Series("median of the joint", place, quantity.own[:, 1], kind="points"),
+    ]
+    if beyond.any():
+        series.append(Series("beyond its limits", place[beyond], quantity.own[beyond, 1], kind="points"))
+    return LinePlot(f"Joint, by {order}", _axis_label(quantity), tuple(series), log_y=quantity.logarithmic)
+
+
+def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
+    """All joints from the softest up, each given all the others, with its 95 % interval; named where they have room."""
+    order = np.argsort(quantity.shrunken[:, 1])
+    ends = quantity.shrunken[order]
+    if len(order) > _MOST_NAMED:
+        return _ranked_curve(quantity, ends)
+
+    def draw(canvas: Canvas) -> None:
+        named = [labels[i] if len(labels[i]) <= 24 else f"{labels[i][:23]}…" for i in order]
+        axes = panels(canvas, left=room_for(named))[0, 0]
+        place = np.arange(len(order))
+        axes.hlines(place, ends[:, 0], ends[:, 2], color=_BLUE, lw=1.2)
+        axes.plot(ends[:, 1], place, "o", ms=4, color=_BLUE)
+        axes.set_yticks(place, named, fontsize=7)
+        axes.set_ylim(-0.6, len(order) - 0.4)
+        _value_axis(axes.xaxis, axes.set_xscale, quantity)
+        axes.set_xlabel(_axis_label(quantity))
+
+    return svg(draw, 7.2, 0.8 + 0.16 * len(order))
+
+
+def _ranked_curve(quantity: ChartedQuantity, ends: Array) -> str:
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas, left=0.85, top=0.3)[0, 0]
+        groups = np.array_split(np.arange(len(ends)), min(_STRETCHES, len(ends)))
+        place = [group.mean() + 1 for group in groups]
+        low, middle, high = np.array([ends[group].mean(axis=0) for group in groups]).T
+        axes.fill_between(place, low, high, color=_BLUE, alpha=0.25, lw=0, label="95 % interval")
+        axes.plot(place, middle, color=_BLUE, lw=1.2, label="median given all joints")
+        axes.set_xlim(1, len(ends))
+        axes.set_xlabel("Rank of the median")
+        _value_axis(axes.yaxis, axes.set_yscale, quantity)
+        axes.set_ylabel(_axis_label(quantity))
+        legend_above(axes)
+
+    return svg(draw, 7.2, 2.4)
+
+
+def population_figure(
+    quantities: Sequence[ChartedQuantity], curves: Sequence[tuple[Array, Array, Array, Array]]
+) -> str:
+    """Estimates of the joints by themselves, and the population's density with its 95 % band, side by side.
+
+    Each curve is abscissa on the chart's scale and lower, middle and upper density there.
+    """
+
+    def draw(canvas: Canvas) -> None:
+        row = panels(canvas, columns=len(quantities), left=0.35, top=0.3, apart=(0.1, 0.25))[0]
+        for axes, quantity, (x, low, middle, high) in zip(row, quantities, curves, strict=True):
+            value = quantity.chart.value
+            edges = np.linspace(x[0], x[-1], min(_BINS, max(8, int(2 * np.sqrt(len(value)))) + 1))
+            count, _ = np.histogram(np.clip(value, x[0], x[-1]), edges)
+            height = count / (len(value) * (edges[1] - edges[0]))
+            for (left, right), top in zip(pairwise(quantity.on_scale(edges)), height, strict=True):
+                axes.fill([left, left, right, right], [0, top, top, 0], color="0.8", lw=0)
+            at = quantity.on_scale(x)
+            axes.fill_between(at, low, high, color=_BLUE, alpha=0.3, lw=0)
+            axes.plot(at, middle, color=_BLUE, lw=1.2)
+            _value_axis(axes.xaxis, axes.set_xscale, quantity)
+            axes.xaxis.set_major_locator(_Few(quantity.logarithmic))
+            axes.set_xlim(at[0], at[-1])
+            axes.set_ylim(0, 1.4 * max(float(height.max()), float(middle.max())))
+            axes.set_yticks([])
+            axes.set_xlabel(_axis_label(quantity))
+        row[0].fill([], [], color="0.8", label="joints by themselves")
+        row[0].plot([], [], color=_BLUE, label="population")
+        row[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+
+    return svg(draw, 7.4, 2.4)
+
+
+class _Few(MaxNLocator):
+    """At most four round values on an axis, logarithmic or not."""
+
+    def __init__(self, logarithmic: bool) -> None:
+        super().__init__(3)
+        self._logarithmic = logarithmic
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        if not self._logarithmic or min(vmin, vmax) <= 0 or max(vmin, vmax) / min(vmin, vmax) < 5:
+            return list(super().tick_values(vmin, vmax))
+        ticks = _OneTwoFive().tick_values(vmin, vmax)
+        inside = [tick for tick in ticks if min(vmin, vmax) <= tick <= max(vmin, vmax)]
+        return inside[:: max(1, -(-len(inside) // 4))]

@@ -1,0 +1,292 @@
+"""What a campaign found, in numbers: population, every joint with and without it, control charts, what needs a look."""
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.studies.campaign.cases import DONE, CampaignDraws, CaseRow, in_order, read_draws, read_index
+from jointbayes.studies.campaign.control import FEWEST, ControlChart, control_chart, outlier_limit
+from jointbayes.studies.campaign.hierarchical import (
+    Population,
+    PopulationPrior,
+    PopulationStiffness,
+    hierarchical_posterior,
+    population_stiffness,
+    weighted_quantiles,
+)
+
+__all__ = ["FEWEST_JOINTS", "CampaignFindings", "ChartedQuantity", "Look", "PopulationFindings", "examine_campaign"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Joints below which nothing is said of a population.
+FEWEST_JOINTS = 3
+_RANKINGS = 200  # drawn from the joints' shrunken posteriors
+_USUAL = 0.75  # share of cases with one verdict, from which on another one is unusual
+_CENTRAL = (0.15865525393145707, 0.8413447460685429)  # one standard deviation of a normal to either side
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChartedQuantity:
+    """One stiffness of every joint, or the coordinate that stands for one of either sign; joints in their order.
+
+    Intervals have rows of 2.5, 50 and 97.5 %, shape (joints, 3), in `unit`.
+
+    Parameters
+    ----------
+    name, label, unit
+        Of the stiffness or coordinate; the label is that of an axis.
+    logarithmic
+        Whether chart and scores are those of the logarithm.
+    own
+        Median and interval of each joint by itself.
+    shrunken
+        Median and interval of each joint given all the others.
+    rank
+        Rank of each joint among all, 1 the lowest: median and 95 % interval, shape (joints, 3).
+    chart
+        Control chart, of the logarithm where `logarithmic`.
+    outlier_limit
+        Score beyond which a joint is an outlier; infinite where there are too few joints.
+    """
+
+    name: str
+    label: str
+    unit: str
+    logarithmic: bool
+    own: Array
+    shrunken: Array
+    rank: Array
+    chart: ControlChart
+    outlier_limit: float
+
+    @property
+    def outlier(self) -> Flags:
+        """Whether a joint is an outlier, shape (joints,)."""
+        return np.asarray(np.abs(self.chart.score) > self.outlier_limit)
+
+    def on_scale(self, value: Array) -> Array:
+        """What the chart calls a value, in `unit`."""
+        return np.asarray(np.exp(value)) if self.logarithmic else value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PopulationFindings:
+    """The population, and every joint of it in its order.
+
+    Parameters
+    ----------
+    draws
+        Of all joints, in their order.
+    order
+        What the order is: ``"date"``, ``"serial number"`` or ``"order in the table"``.
+    prior, population, stiffness
+        What was assumed, and what was found, in coordinates and in stiffness.
+    quantities
+        Every joint, by quantity.
+    """
+
+    draws: CampaignDraws
+    order: str
+    prior: PopulationPrior
+    population: Population
+    stiffness: tuple[PopulationStiffness, ...]
+    quantities: tuple[ChartedQuantity, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A case that somebody should look at, the gravest reason first."""
+
+    row: CaseRow
+    gravity: int
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CampaignFindings:
+    """Everything that the report of a campaign says.
+
+    Parameters
+    ----------
+    rows
+        All cases, in the order of the table.
+    counts
+        Cases by what became of them.
+    found
+        The population; None where there are too few joints.
+    left_out
+        By key, why a case that is done has no part in the population.
+    look
+        Cases that need a look, the gravest first.
+    """
+
+    rows: tuple[CaseRow, ...]
+    counts: Mapping[str, int]
+    found: PopulationFindings | None
+    left_out: Mapping[str, str]
+    look: tuple[Look, ...]
+
+
+def examine_campaign(directory: str | os.PathLike[str], seed: int = 1) -> CampaignFindings:
+    """Examine the cases of a campaign together.
+
+    Parameters
+    ----------
+    directory
+        Of the campaign: its index and the posteriors of its cases.
+    seed
+        Of all random numbers.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no index of a campaign.
+    """
+    rows = read_index(directory)
+    draws = read_draws(directory, rows)
+    found = None if draws is None or len(draws.rows) < FEWEST_JOINTS else _examined(draws, seed)
+    left_out = {} if draws is None else dict(draws.left_out)
+    done = [row for row in rows if row.status == DONE]
+    counts = {
+        "cases": len(rows),
+        **Counter(row.status for row in rows),
+        DONE: len(done),
+        "not converged": sum(not row.converged for row in done),
+        "do not explain their data": sum(row.explains is False for row in done),
+        "in the population": 0 if found is None else len(found.draws.rows),
+    }
+    return CampaignFindings(rows, counts, found, left_out, _needing_a_look(rows, draws, found, left_out))
+
+
+def _examined(draws: CampaignDraws, seed: int) -> PopulationFindings:
+    ordered, order = in_order(draws.rows)
+    place = {row.key: i for i, row in enumerate(draws.rows)}
+    draws = draws.taken([place[row.key] for row in ordered])
+    prior = PopulationPrior.of_joints(draws.prior_mean, draws.prior_sd)
+    population = hierarchical_posterior(draws.draws, prior, draws.parametrisation, seed)
+    stiffness = population_stiffness(population, draws.parametrisation, seed)
+    rng = np.random.default_rng([seed, 9])
+    quantities = _quantities(draws, population, rng)
+    return PopulationFindings(draws, order, prior, population, stiffness, quantities)
+
+
+def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Generator) -> tuple[ChartedQuantity, ...]:
+    """Every stiffness that is positive, by its logarithm; for one of either sign the coordinate that stands for it."""
+    parametrisation, theta = draws.parametrisation, draws.draws.theta
+    names, out = parametrisation.names, []
+    free = [q for q in parametrisation.quantities if any(axis.quantity == q.name for axis in parametrisation.axes)]
+    limit = outlier_limit(len(theta), len(free)) if len(theta) >= FEWEST else np.inf
+    for quantity in free:
+        if quantity.name in names or quantity.may_be_negative:
+            axis = parametrisation.axes[names.index(parametrisation.standing_for(quantity.name))]
+            values, logarithmic = theta[..., names.index(axis.name)], axis.logarithmic
+            name, unit = axis.name, axis.unit
+        else:
+            place = parametrisation.quantities.index(quantity)
+            values, logarithmic = np.log(parametrisation.stiffness(theta)[..., place]), True
+            name, unit = quantity.name, quantity.unit
+        label = name if name == quantity.name else f"{name}, for {quantity.name}"
+        out.append(_quantity((name, label, unit), values, logarithmic, draws, population, limit, rng))
+    return tuple(out)
+
+
+def _quantity(
+    words: tuple[str, str, str],
+    values: Array,
+    logarithmic: bool,
+    draws: CampaignDraws,
+    population: Population,
+    limit: float,
+    rng: np.random.Generator,
+) -> ChartedQuantity:
+    there = draws.draws.log_prior < np.inf
+    own = weighted_quantiles(values, there / there.sum(axis=1, keepdims=True), (0.025, 0.5, 0.975, *_CENTRAL))
+    sd = np.maximum((own[:, 4] - own[:, 3]) / 2, np.finfo(float).eps * np.maximum(np.abs(own[:, 1]), 1.0))
+    chart = control_chart(own[:, 1], sd)
+    shrunken = population.shrunken(values)
+    scale = np.exp if logarithmic else np.asarray
+    rank = _ranks(values, population.weight, rng)
+    return ChartedQuantity(*words, logarithmic, scale(own[:, :3]), scale(shrunken), rank, chart, limit)
+
+
+def _ranks(values: Array, weight: Array, rng: np.random.Generator) -> Array:
+    """Rank of each joint over joint draws from all: lower end, median and upper end, shape (joints, 3)."""
+    steps = np.cumsum(weight, axis=1)
+    rows = np.arange(len(values))
+    ranks = np.empty((_RANKINGS, len(values)))
+    for i in range(_RANKINGS):
+        picked = (steps < (rng.random(len(values)) * steps[:, -1])[:, None]).sum(axis=1)
+        order = np.argsort(values[rows, picked])
+        ranks[i, order] = np.arange(1, len(values) + 1)
+    return np.quantile(ranks, [0.025, 0.5, 0.975], axis=0).T
+
+
+def _needing_a_look(
+    rows: Sequence[CaseRow],
+    draws: CampaignDraws | None,
+    found: PopulationFindings | None,
+    left_out: Mapping[str, str],
+) -> tuple[Look, ...]:
+    """Cases with whatever is unusual about them; what holds for most cases is no reason to look at one."""
+    reasons: dict[str, list[tuple[int, str]]] = {row.key: [] for row in rows}
+    done = [row for row in rows if row.status == DONE]
+    for row in rows:
+        if row.status != DONE:
+            told = f": {row.error}" if row.error else ""
+            reasons[row.key].append((0 if "kill" in row.status else 1, f"{row.status}{told}"))
+        elif not row.converged:
+            reasons[row.key].append((3, f"not converged: {row.reason}" if row.reason else "not converged"))
+    for key, reason in left_out.items():
+        reasons[key].append((2, reason))
+    if found is not None:
+        for key, gravity, why in _unlike_the_others(found):
+            reasons[key].append((gravity, why))
+    if 2 * sum(row.explains is False for row in done) < len(done):
+        for row in done:
+            if row.explains is False:
+                reasons[row.key].append((5, "the model does not explain its data"))
+    edges = {} if draws is None else draws.at_edge
+    if 2 * len(edges) < len(done):
+        for key, ends in edges.items():
+            reasons[key].append((6, f"its draws accumulate at the {ends}"))
+    for key, why in _unusual_verdicts(done):
+        reasons[key].append((7, why))
+    flagged = [(row, sorted(reasons[row.key])) for row in rows if reasons[row.key]]
+    looks = [Look(row, found_in[0][0], tuple(why for _, why in found_in)) for row, found_in in flagged]
+    return tuple(sorted(looks, key=lambda look: (look.gravity, -len(look.reasons), look.row.order)))
+
+
+def _unlike_the_others(found: PopulationFindings) -> list[tuple[str, int, str]]:
+    """Key, gravity and words for joints that are outliers or beyond control limits."""
+    told = []
+    rows = found.draws.rows
+    for quantity in found.quantities:
+        score = quantity.chart.score
+        for i in np.flatnonzero(quantity.outlier):
+            side = "high" if score[i] > 0 else "low"
+            told.append((rows[i].key, 4, f"{quantity.name} is an outlier, {side} by {abs(score[i]):.1f} sd"))
+        for i in np.flatnonzero(quantity.chart.beyond & ~quantity.outlier):
+            side = "above" if quantity.chart.value[i] > quantity.chart.centre else "below"
+            told.append((rows[i].key, 8, f"{quantity.name} lies {side} its control limits"))
+    return told
+
+
+def _unusual_verdicts(done: Sequence[CaseRow]) -> list[tuple[str, str]]:
+    told = []
+    for name in dict.fromkeys(name for row in done for name in row.verdicts):
+        count = Counter(row.verdicts[name] for row in done if name in row.verdicts)
+        usual, often = count.most_common(1)[0]
+        if often < _USUAL * count.total():
+            continue
+        told += [
+            (row.key, f"{name} is {row.verdicts[name]}, of most joints {usual}")
+            for row in done
+            if row.verdicts.get(name, usual) != usual
+        ]
+    return told

@@ -1,0 +1,377 @@
+"""What a campaign says of the population its joints come from: mean and scatter of each coordinate, and of stiffness.
+
+Each joint was inferred by itself, under its own prior. Its draws are reweighted to the population, whose mean μ and
+scatter σ are inferred at the same time; so each joint's estimate is drawn towards the population, the more the less its
+own data tell. This knows nothing of beams, files or reports.
+
+References
+----------
+D. W. Hogg, A. D. Myers, J. Bovy (2010). Inferring the eccentricity distribution. The Astrophysical Journal 725,
+2166-2175. DOI 10.1088/0004-637X/725/2/2166
+D. Lunn, J. Barrett, M. Sweeting, S. Thompson (2013). Fully Bayesian hierarchical modelling in two stages, with
+application to meta-analysis. Journal of the Royal Statistical Society C 62(4), 551-572. DOI 10.1111/rssc.12007
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from jointbayes.errors import ModelError
+from jointbayes.joint import Parametrisation
+from jointbayes.sampling import LogDensity, Proposal, SamplerSettings, StudentT, fit_proposal, run_ensembles
+from jointbayes.sampling.density import newton_climb
+from jointbayes.sampling.proposal.weights import resampled
+from jointbayes.studies.campaign.reweighting import JointDraws, Reweighting
+
+__all__ = [
+    "LEAST_EFFECTIVE",
+    "RESOLVED",
+    "Population",
+    "PopulationPrior",
+    "PopulationStiffness",
+    "hierarchical_posterior",
+    "population_stiffness",
+    "weighted_quantiles",
+]
+
+Array = NDArray[np.float64]
+
+#: Effective draws below which a joint's reweighted draws are not to be trusted: its median is then uncertain by more
+#: than a quarter of its standard deviation.
+LEAST_EFFECTIVE = 20.0
+#: Least scatter of a population, in typical standard deviations of a single joint: draws of joints tell no smaller one.
+RESOLVED = 0.15
+_DRAWS = 1000  # of the population
+_ENOUGH = 300.0  # effective, of these
+_AVERAGED = 60  # populations over which the weights of a joint's draws are averaged
+_EM_STEPS = 25
+_DOF = 5.0
+_INSIDE = 1.5  # times the least scatter: where the search for the mode begins at the least
+_LARGEST = 30.0  # ln of a scatter beyond which squares leave the range of numbers
+_FITTED, _WALKED = 300_000, 30_000  # draws of all joints up to which a density as dear as this is fitted, and walked
+_RUN = SamplerSettings(
+    walkers=24, check_every=25, max_steps=1000, tau_factor=10.0, tau_tolerance=0.1, end_tolerance=0.1
+)
+_POPULATIONS, _JOINTS = 300, 2000  # drawn to say what a population means in stiffness
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PopulationPrior:
+    """What is assumed of a population before its joints: μ normal, σ half-normal, in each coordinate.
+
+    Parameters
+    ----------
+    mean, sd
+        Of the prior of μ, each shape (d,).
+    scale
+        Of the half-normal prior of σ, shape (d,).
+
+    Raises
+    ------
+    ModelError
+        If shapes differ or a number is impossible.
+    """
+
+    mean: Array
+    sd: Array
+    scale: Array
+
+    def __post_init__(self) -> None:
+        parts = [np.asarray(part, dtype=float) for part in (self.mean, self.sd, self.scale)]
+        widths = np.concatenate([part.ravel() for part in parts[1:]])
+        if len({part.shape for part in parts}) > 1 or parts[0].ndim != 1 or not np.isfinite(parts).all():
+            raise ModelError("population prior: expected finite mean, sd and scale of the same length; correct them")
+        if not (widths > 0).all():
+            raise ModelError(f"population prior: found widths {widths.tolist()}; expected numbers above 0")
+        for name, part in zip(("mean", "sd", "scale"), parts, strict=True):
+            object.__setattr__(self, name, part)
+
+    @classmethod
+    def of_joints(cls, mean: ArrayLike, sd: ArrayLike) -> "PopulationPrior":
+        """From the priors of the single joints, mean and standard deviation of each, shape (joints, d).
+
+        μ has the mean and the variance of their mixture, and σ is half-normal with its standard deviation: a
+        population is somewhere where a joint was thought possible, and is no wider than that.
+        """
+        middle, spread = np.atleast_2d(np.asarray(mean, float)), np.atleast_2d(np.asarray(sd, float))
+        width = np.sqrt((spread**2).mean(axis=0) + middle.var(axis=0))
+        return cls(middle.mean(axis=0), width, width)
+
+    def log_density(self, mean: Array, log_scatter: Array) -> Array:
+        """ln of the density over (μ, ln σ), up to a constant, shape (p,), at arrays of shape (p, d)."""
+        square = ((mean - self.mean) / self.sd) ** 2 + np.exp(2 * log_scatter) / self.scale**2
+        return np.asarray((log_scatter - square / 2).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Population:
+    """Posterior of a population's mean and scatter, and what it makes of each joint.
+
+    Parameters
+    ----------
+    mean, scatter
+        Equally weighted draws of μ and σ in each coordinate, shape (p, d).
+    weight
+        Weight of each draw of each joint, averaged over the population's posterior, shape (joints, n).
+    effective
+        Each joint's effective number of draws, shape (joints,).
+    monte_carlo
+        Monte Carlo standard error of the posterior means of μ and of ln σ, which comes from the joints' few draws, as a
+        share of their posterior standard deviations, shape (2, d).
+    effective_populations
+        Independent draws that `mean` and `scatter` are worth.
+    how
+        How they were drawn, in words.
+    """
+
+    mean: Array
+    scatter: Array
+    weight: Array
+    effective: Array
+    monte_carlo: Array
+    effective_populations: float
+    how: str
+
+    def unresolved(self, draws: JointDraws) -> NDArray[np.bool_]:
+        """Whether joints do not tell a coordinate's scatter from none, shape (d,): then only its upper end counts."""
+        least = RESOLVED * np.sqrt(np.median(draws.variance, axis=0))
+        return np.asarray(np.quantile(self.scatter, 0.025, axis=0) < 1.5 * least)
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Whether a joint's reweighted draws may be trusted, shape (joints,)."""
+        return np.asarray(self.effective >= LEAST_EFFECTIVE)
+
+    def shrunken(self, values: Array) -> Array:
+        """Median and 95 % interval of each joint given all the others, shape (joints, 3): 2.5, 50 and 97.5 %.
+
+        Parameters
+        ----------
+        values
+            A quantity at each draw of each joint, shape (joints, n).
+        """
+        return weighted_quantiles(values, self.weight, (0.025, 0.5, 0.975))
+
+
+def hierarchical_posterior(
+    draws: JointDraws,
+    prior: PopulationPrior,
+    parametrisation: Parametrisation | None = None,
+    seed: int = 1,
+) -> Population:
+    """Infer mean and scatter of the population that joints come from, and each joint given the others.
+
+    The posterior over (μ, ln σ) is drawn by importance sampling from a Student-t distribution about its mode, or from a
+    fitted mixture of these where that is not good enough; of few joints, by ensembles of walkers where neither is. A
+    scatter below `RESOLVED` times the joints' own standard deviation is not looked at.
+
+    Parameters
+    ----------
+    draws
+        Posterior draws of each joint with the log density of the prior they were drawn under.
+    prior
+        Of μ and σ.
+    parametrisation
+        Whose coordinates these are: where joints are positive definite; None where every θ is possible.
+    seed
+        Of all random numbers.
+
+    Raises
+    ------
+    ModelError
+        If the prior is of other coordinates than the draws.
+    """
+    d = draws.theta.shape[2]
+    if prior.mean.size != d:
+        raise ModelError(f"population: found a prior of {prior.mean.size} coordinates for {d}; expected as many")
+    target = Reweighting(draws, parametrisation)
+
+    least = np.log(RESOLVED * np.sqrt(np.median(draws.variance, axis=0)))
+
+    def log_density(phi: Array) -> Array:
+        mu, log_scatter = phi[:, :d], phi[:, d:]
+        out = np.full(len(phi), -np.inf)
+        inside = (log_scatter >= least).all(axis=1) & (log_scatter < _LARGEST).all(axis=1) & np.isfinite(mu).all(axis=1)
+        if inside.any():
+            here = target.log_likelihood(mu[inside], np.exp(log_scatter[inside]))
+            out[inside] = here + prior.log_density(mu[inside], log_scatter[inside])
+        return out
+
+    rng = np.random.default_rng([seed, 7])
+    phi, effective, how = _drawn(target, log_density, prior, least, rng)
+    mean, scatter = phi[:, :d], np.exp(phi[:, d:])
+    rows = np.linspace(0, len(phi) - 1, min(_AVERAGED, len(phi))).round().astype(int)
+    weight, of_joints = target.weights(mean[rows], scatter[rows])
+    middle = phi.mean(axis=0)
+    noise = target.score_covariance(middle[:d], np.exp(middle[d:]))
+    spread = np.atleast_2d(np.cov(phi.T))
+    error = np.sqrt(np.diag(spread @ noise @ spread) / np.diag(spread))
+    return Population(mean, scatter, weight, of_joints, error.reshape(2, d), effective, how)
+
+
+def _drawn(
+    target: Reweighting, log_density: LogDensity, prior: PopulationPrior, least: Array, rng: np.random.Generator
+) -> tuple[Array, float, str]:
+    """Equally weighted draws, shape (p, 2d), how many independent ones they are worth, and how they came about.
+
+    The first proposal that is good enough, the cheap ones first; of many joints a fit to the density itself would take
+    minutes, and the best so far is taken.
+    """
+    mode, covariance = _mode(target, log_density, least)
+    numbers = target.draws.log_prior.size
+    best: tuple[Array, float, str] | None = None
+    proposal = Proposal(StudentT(mode, covariance, _DOF), 0.0, 0)
+    for how in ("a Student-t distribution about the mode", "a fit to joints taken as Gaussian", "a fitted mixture"):
+        if how == "a fit to joints taken as Gaussian":
+            proposal = fit_proposal(_gaussian_joints(target.draws, prior, least), [None], [(mode, covariance)], rng)
+        elif how == "a fitted mixture":
+            if numbers > _FITTED:
+                break
+            proposal = fit_proposal(log_density, [None], [(mode, covariance)], rng, enough=_ENOUGH / _DRAWS)
+        theta, effective = _importance(log_density, proposal, rng)
+        if best is None or effective > best[1]:
+            best = theta, effective, f"importance sampling from {how}"
+        if effective >= _ENOUGH:
+            break
+    assert best is not None
+    if best[1] >= _ENOUGH or numbers > _WALKED:
+        return best
+    rows = rng.choice(len(best[0]), (_RUN.ensembles, _RUN.walkers))
+    start = best[0][rows] + 1e-3 * np.sqrt(np.diag(covariance)) * np.abs(rng.normal(size=(*rows.shape, mode.size)))
+    chains = run_ensembles(log_density, start, rng, _RUN, proposal=proposal)
+    theta = chains.draws().theta.reshape(-1, mode.size)
+    chosen = np.linspace(0, len(theta) - 1, min(4 * _DRAWS, len(theta))).round().astype(int)
+    return theta[chosen], float(chains.ess.min()), f"ensembles of walkers: {chains.reason}"
+
+
+def _mode(target: Reweighting, log_density: LogDensity, least: Array) -> tuple[Array, Array]:
+    """Mode of the density over (μ, ln σ) and the covariance there: steps of EM, then a climb."""
+    middle = target.draws.mean
+    floor = _INSIDE * np.exp(least)
+    mean, scatter = np.median(middle, axis=0), np.maximum(middle.std(axis=0), floor)
+    for _ in range(_EM_STEPS):
+        mean, scatter = target.moments(mean, scatter)
+        scatter = np.maximum(scatter, floor)
+    joints = len(middle)
+    width = np.concatenate([scatter / np.sqrt(joints), np.full(mean.size, 1 / np.sqrt(2 * joints))])
+    start = np.concatenate([mean, np.log(scatter)])
+    mode, _, covariance = newton_climb(
+        log_density, start, np.diag(width**2), step=0.2, gain=1e-3, least=1e-3, settled=4.0
+    )
+    return mode, covariance
+
+
+def _gaussian_joints(draws: JointDraws, prior: PopulationPrior, least: Array) -> LogDensity:
+    """The density over (μ, ln σ) if joints were Gaussian and their own priors flat: nearly the true one, and cheap."""
+    middle, variance, d = draws.mean, draws.variance, draws.theta.shape[2]
+
+    def log_density(phi: Array) -> Array:
+        mu, log_scatter = phi[:, :d], np.clip(phi[:, d:], least, _LARGEST)
+        total = np.exp(2 * log_scatter)[:, None] + variance
+        value = -0.5 * ((middle - mu[:, None]) ** 2 / total + np.log(total)).sum(axis=(1, 2))
+        inside = (phi[:, d:] == log_scatter).all(axis=1)
+        return np.where(inside, value + prior.log_density(mu, log_scatter), -np.inf)
+
+    return log_density
+
+
+def _importance(log_density: LogDensity, proposal: Proposal, rng: np.random.Generator) -> tuple[Array, float]:
+    """Equally weighted draws by their importance weights, and how many independent ones they are worth."""
+    theta, log_weight = proposal.weighted_draws(log_density, rng, _DRAWS)
+    if not len(theta):
+        return theta, 0.0
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    return theta[rng.permutation(resampled(weight, _DRAWS, rng))], float(1 / (weight**2).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PopulationStiffness:
+    """One stiffness over a population; each row is median, lower and upper end of the 95 % credible interval.
+
+    Parameters
+    ----------
+    name, unit
+        Of the stiffness.
+    median, low95, high95
+        Median of the population, and the ends of the range that holds 95 % of its joints, in `unit`, shape (3,) each.
+    scatter
+        Standard deviation of the population: of ln k, shape (3,); in `unit` where a joint may have either sign.
+    logarithmic
+        Whether the scatter is that of ln k.
+    """
+
+    name: str
+    unit: str
+    median: Array
+    low95: Array
+    high95: Array
+    scatter: Array
+    logarithmic: bool
+
+
+def population_stiffness(
+    population: Population, parametrisation: Parametrisation, seed: int = 1
+) -> tuple[PopulationStiffness, ...]:
+    """What a population means in stiffness: from joints drawn from it, for each of several hundred draws of it.
+
+    Parameters
+    ----------
+    population
+        Over the coordinates of the parametrisation.
+    parametrisation
+        Turns them into stiffness, and says which joints are positive definite.
+    seed
+        Of the random numbers.
+    """
+    rng = np.random.default_rng([seed, 8])
+    d = population.mean.shape[1]
+    strata = ndtri((np.arange(_JOINTS) + 0.5) / _JOINTS)  # evenly spread: quantiles of one coordinate are all but exact
+    z = np.stack([rng.permutation(strata) for _ in range(d)], axis=1)
+    rows = np.linspace(0, len(population.mean) - 1, min(_POPULATIONS, len(population.mean))).round().astype(int)
+    found = []
+    for mu, sigma in zip(population.mean[rows], population.scatter[rows], strict=True):
+        theta = mu + sigma * z
+        k = parametrisation.stiffness(theta[parametrisation.feasible(theta)])
+        if len(k) > 1:
+            log = np.log(np.where(k > 0, k, 1.0))
+            found.append((*np.quantile(k, [0.5, 0.025, 0.975], axis=0), log.std(axis=0), k.std(axis=0)))
+    # (populations, 5, quantities)
+    ends = np.quantile(np.array(found), [0.5, 0.025, 0.975], axis=0)
+    logarithmic = {axis.name for axis in parametrisation.axes if axis.logarithmic}
+    out = []
+    for i, quantity in enumerate(parametrisation.quantities):
+        positive = quantity.name in logarithmic or not quantity.may_be_negative
+        parts = ends[:, :, i].T
+        scatter = parts[3] if positive else parts[4]
+        out.append(PopulationStiffness(quantity.name, quantity.unit, parts[0], parts[1], parts[2], scatter, positive))
+    return tuple(out)
+
+
+def weighted_quantiles(values: Array, weight: Array, probabilities: tuple[float, ...]) -> Array:
+    """Quantiles of weighted draws, row by row: shape (rows, len(probabilities)).
+
+    Parameters
+    ----------
+    values, weight
+        Shape (rows, n); the weights of a row sum to one.
+    probabilities
+        Of the quantiles.
+    """
+    order = np.argsort(values, axis=1)
+    ranked = np.take_along_axis(values, order, axis=1)
+    share = np.take_along_axis(weight, order, axis=1)
+    middle = np.cumsum(share, axis=1) - share / 2
+    rows = np.arange(len(values))
+    out = []
+    for p in probabilities:
+        after = np.clip((middle < p).sum(axis=1), 1, values.shape[1] - 1) if values.shape[1] > 1 else 0
+        if values.shape[1] == 1:
+            out.append(ranked[:, 0])
+            continue
+        low, high = middle[rows, after - 1], middle[rows, after]
+        part = np.clip((p - low) / np.maximum(high - low, np.finfo(float).tiny), 0.0, 1.0)
+        out.append(ranked[rows, after - 1] * (1 - part) + ranked[rows, after] * part)
+    return np.stack(out, axis=1)

@@ -1,0 +1,371 @@
+"""Sections of a campaign's report: what became of the cases, the population, charts, ranking, what needs a look."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.joint import Coordinate
+from jointbayes.report.format import interval, number
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Block, Callout, Figure, Paragraph, Section, Table
+from jointbayes.studies.campaign.cases import DONE
+from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
+from jointbayes.studies.campaign.figures import (
+    MOST_INTERVALS,
+    control_figure,
+    control_plot,
+    population_figure,
+    ranking_figure,
+)
+from jointbayes.studies.campaign.findings import (
+    FEWEST_JOINTS,
+    CampaignFindings,
+    ChartedQuantity,
+    Look,
+    PopulationFindings,
+)
+from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
+
+__all__ = ["campaign_lead", "campaign_sections"]
+
+Array = NDArray[np.float64]
+
+_MOST_LOOKS = 40
+_RANKED = 6  # from either end of a ranking
+_MOST_JOINTS = 30  # in the table of joints
+_MOVED = 15  # joints in it where there are more
+_LONGEST = 160  # characters of a reason
+_NOISY = 0.3  # Monte Carlo error in posterior sd that is said aloud
+_BEYOND = 0.0027  # of normal values lie beyond three standard deviations
+_MOST_NAMED = 12
+_FEWEST_POPULATIONS = 100.0  # independent draws of a population, below which its intervals are rough
+
+
+def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
+    """Verdict first: what became of the cases, what the population is, what to look at."""
+    counts, found = findings.counts, findings.found
+    whole = counts[DONE] == counts["cases"] and not counts["not converged"]
+    parts = [f"{counts[DONE]} of {counts['cases']} cases are done"]
+    parts += [f"{count} {foreign(status)}" for status, count in _not_done(findings).items()]
+    if counts["not converged"]:
+        parts.append(f"{counts['not converged']} of those done did not converge")
+    blocks: list[Block] = [Callout("good" if whole else "caution", f"**{_sentence(parts)}**")]
+    if counts["do not explain their data"]:
+        few = 2 * counts["do not explain their data"] < counts[DONE]
+        blocks.append(
+            Callout(
+                "caution" if few else "bad",
+                f"**In {counts['do not explain their data']} of {counts[DONE]} cases the model does not explain the "
+                "data.** They are part of the population; their intervals hold only if the model were right.",
+            )
+        )
+    if found is None:
+        text = (
+            f"**Too few joints for a population.** Expected {FEWEST_JOINTS} or more cases that are done and converged."
+        )
+        return (*blocks, Callout("caution", text))
+    blocks.append(_population_table(found))
+    odd = sum(int(q.outlier.any()) for q in found.quantities)
+    named = [f"{q.name}: {_named(found, q.outlier)}" for q in found.quantities if q.outlier.any()]
+    if odd:
+        blocks.append(Callout("caution", f"**Outliers.** {'; '.join(named)}. They are part of the population."))
+    worth = found.population.effective_populations
+    if worth < _FEWEST_POPULATIONS:
+        text = f"**The population is drawn poorly:** by {found.population.how}, worth {worth:.0f} independent draws."
+        blocks.append(Callout("caution", text))
+    noisy = float(found.population.monte_carlo.max())
+    if noisy > _NOISY:
+        blocks.append(
+            Callout(
+                "caution",
+                f"**The population is known less well than its intervals say:** so few draws of each joint make it "
+                f"uncertain by {number(noisy, 2)} of its posterior standard deviation. More draws of each case help.",
+            )
+        )
+    return tuple(blocks)
+
+
+def campaign_sections(findings: CampaignFindings) -> tuple[Section, ...]:
+    """The body of the report."""
+    found = findings.found
+    sections = [_look_section(findings)]
+    if found is not None:
+        sections += [
+            _population_section(found),
+            _control_section(found),
+            _ranking_section(found),
+            _joint_section(found),
+        ]
+        sections.append(_method_section(found))
+    return tuple(section for section in sections if section is not None)
+
+
+def _not_done(findings: CampaignFindings) -> Counter[str]:
+    return Counter(row.status for row in findings.rows if row.status != DONE)
+
+
+def _sentence(parts: Sequence[str]) -> str:
+    return f"{', '.join(parts)}."
+
+
+def _named(found: PopulationFindings, chosen: NDArray[np.bool_]) -> str:
+    labels = [foreign(_cut(found.draws.rows[i].label)) for i in np.flatnonzero(chosen)]
+    more = f" and {len(labels) - _MOST_NAMED} more" if len(labels) > _MOST_NAMED else ""
+    return f"{', '.join(labels[:_MOST_NAMED])}{more}"
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _look_section(findings: CampaignFindings) -> Section:
+    looks = findings.look
+    if not looks:
+        return Section("look", "Cases that need a look", (Paragraph("None."),))
+    rows = tuple(
+        (foreign(look.row.label), foreign(look.row.key), foreign(_cut("; ".join(look.reasons))))
+        for look in looks[:_MOST_LOOKS]
+    )
+    kinds = tuple(_kind(look) for look in looks[:_MOST_LOOKS])
+    more = len(looks) - len(rows)
+    note = "The gravest first. What holds for most cases is no reason here."
+    if more > 0:
+        note += f" {more} more, down to a joint just beyond a control limit, stand in `joints.csv`."
+    table = Table("Cases that need a look", ("Joint", "Case", "Why"), rows, align="lll", note=note, row_kinds=kinds)
+    return Section("look", "Cases that need a look", (table,))
+
+
+def _kind(look: Look) -> str:
+    return "bad" if look.gravity <= 3 else "caution" if look.gravity <= 6 else ""
+
+
+def _population_table(found: PopulationFindings) -> Table:
+    unresolved = _unresolved(found)
+    head = ("Stiffness", "Unit", "Median of the population", "95 % of joints lie within", "Scatter")
+    rows = tuple(
+        (
+            k.name,
+            k.unit,
+            f"{number(k.median[0])} ({interval(k.median[1:].tolist())})",
+            f"{number(k.low95[0])} … {number(k.high95[0])}",
+            _scatter_text(k, resolved=k.name not in unresolved),
+        )
+        for k in found.stiffness
+    )
+    note = (
+        f"Of {len(found.draws.rows)} joints, freed of what their own errors add. In brackets: 95 % credible intervals. "
+        "Scatter is the standard deviation from joint to joint, in percent that of ln k."
+    )
+    if unresolved:
+        note += " A scatter that the joints' own errors hide has only an upper end, with 97.5 % probability."
+    return Table("The population of joints", head, rows, align="lllll", note=note)
+
+
+def _unresolved(found: PopulationFindings) -> set[str]:
+    """Stiffnesses whose coordinate has a scatter that the joints do not tell from none."""
+    hidden = found.population.unresolved(found.draws.draws)
+    return {axis.quantity for axis, one in zip(found.draws.parametrisation.axes, hidden, strict=True) if one}
+
+
+def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:
+    if not resolved:
+        return (
+            f"below {number(100 * k.scatter[2], 2)} %" if k.logarithmic else f"below {number(k.scatter[2], 2)} {k.unit}"
+        )
+    if not k.logarithmic:
+        return f"{number(k.scatter[0], 2)} {k.unit} ({interval(k.scatter[1:].tolist(), 2)})"
+    low, high = (number(100 * end, 2) for end in k.scatter[1:])
+    return f"{number(100 * k.scatter[0], 2)} % ({low} … {high} %)"
+
+
+def _population_section(found: PopulationFindings) -> Section:
+    names = found.draws.parametrisation.names
+    shown = [q for q in found.quantities if q.name in names]
+    figure = Figure(
+        "population",
+        "Estimates of the joints, each by itself (grey), and the population (line with its 95 % band). Grey is wider "
+        "than the line by what the estimates' own errors add.",
+        f"Distribution of {len(found.draws.rows)} joints over {', '.join(q.label for q in shown)}.",
+        population_figure(shown, [_density(found, q) for q in shown]),
+    )
+    head = ("Coordinate", "Mean", "Scatter", "Prior of the mean", "Prior of the scatter", "Monte Carlo error")
+    rows = tuple(_coordinate_row(found, i, axis) for i, axis in enumerate(found.draws.parametrisation.axes))
+    note = (
+        "Posterior median and 95 % credible interval. The prior of the mean is normal, that of the scatter "
+        "half-normal; both are as wide as the priors that the joints were sampled under. Monte Carlo error of mean and "
+        "scatter, from the limited number of draws of each joint, in posterior standard deviations."
+    )
+    return Section("population-section", "The population", (figure, Table("Coordinates", head, rows, note=note)))
+
+
+def _coordinate_row(found: PopulationFindings, i: int, axis: Coordinate) -> tuple[str, ...]:
+    population, prior = found.population, found.prior
+    mean, scatter = (np.quantile(part[:, i], [0.5, 0.025, 0.975]) for part in (population.mean, population.scatter))
+    return (
+        axis.label,
+        f"{number(mean[0], 5)} ({interval(mean[1:].tolist(), 5)})",
+        f"{number(scatter[0])} ({interval(scatter[1:].tolist())})",
+        f"{number(prior.mean[i])} ± {number(prior.sd[i])}",
+        f"0 ± {number(prior.scale[i])}",
+        f"{number(population.monte_carlo[0, i], 2)}, {number(population.monte_carlo[1, i], 2)}",
+    )
+
+
+def _density(found: PopulationFindings, quantity: ChartedQuantity) -> tuple[Array, Array, Array, Array]:
+    """Abscissa on the chart's scale and the population's density there: 2.5, 50 and 97.5 %."""
+    i = found.draws.parametrisation.names.index(quantity.name)
+    mean, scatter = found.population.mean[:, i], found.population.scatter[:, i]
+    value = quantity.chart.value
+    middle, reach = float(np.median(mean)), 4 * float(np.median(scatter))
+    low, high = np.quantile(value, [0.005, 0.995])
+    low, high = min(low, middle - reach), max(high, middle + reach)
+    x = np.linspace(low, high, 121)
+    z = (x - mean[:, None]) / scatter[:, None]
+    density = np.exp(-0.5 * z**2) / (scatter[:, None] * np.sqrt(2 * np.pi))
+    return (x, *np.quantile(density, [0.025, 0.5, 0.975], axis=0))
+
+
+def _control_section(found: PopulationFindings) -> Section:
+    rows, count = found.draws.rows, len(found.draws.rows)
+    dated = found.order == "date" and count > _MOST_JOINTS
+    labels = [row.date.date().isoformat() if dated and row.date else row.label for row in rows]
+    text = (
+        f"Individuals charts by {found.order}. The centre line is the median of all joints. The limits of a joint lie "
+        f"{SIGMAS:g} standard deviations to either side, made up of the scatter from one joint to the next (median "
+        "moving range, freed of the estimates' errors) and of the joint's own error. So a single odd joint or a slow "
+        "drift does not widen them, and a joint that is hardly known raises no alarm. Of joints that are all alike "
+        f"{100 * _BEYOND:.2g} % lie beyond them by chance: about {number(_BEYOND * count, 2)} of {count} in each chart."
+    )
+    blocks: list[Block] = [Paragraph(text), _chart_table(found)]
+    for q in found.quantities:
+        beyond = int((q.chart.beyond | q.outlier).sum())
+        shown = "each joint with its 95 % credible interval" if count <= MOST_INTERVALS else (
+            "medians; joints beyond their limits with their 95 % credible intervals, the limits as medians over "
+            "stretches of joints"
+        )  # fmt: skip
+        blocks.append(
+            Figure(
+                f"control-{q.name}",
+                f"Control chart of {q.label} by {found.order}: {shown}.",
+                f"Control chart of {q.label} of {count} joints by {found.order}; {beyond} lie beyond their limits.",
+                control_figure(q, labels, found.order),
+                control_plot(q, found.order),
+            )
+        )
+    return Section("control", "Control charts and outliers", tuple(blocks))
+
+
+def _chart_table(found: PopulationFindings) -> Table:
+    head = ("Quantity", "Centre line", "Scatter, joint to joint", "Scatter of all", "Beyond limits", "Outliers")
+    rows = []
+    for q in found.quantities:
+        centre = f"{number(float(q.on_scale(np.array(q.chart.centre))))}{'' if q.unit == '1' else f' {q.unit}'}"
+        scatter = [
+            f"{number(100 * s, 2)} %" if q.logarithmic else number(s, 2)
+            for s in (q.chart.short_term, q.chart.long_term)
+        ]
+        rows.append((q.label, centre, *scatter, str(int(q.chart.beyond.sum())), str(int(q.outlier.sum()))))
+    limit = found.quantities[0].outlier_limit
+    note = "Scatter by medians, in percent that of ln k; a scatter of all above that from joint to joint is a drift. "
+    if np.isfinite(limit):
+        note += (
+            f"An outlier lies more than {limit:.1f} standard deviations, of scatter of all and own error together, "
+            f"from the centre line. Of campaigns of {len(found.draws.rows)} joints all of one normal population, "
+            f"{100 * FALSE_ALARM:g} % have one or more, all stiffnesses together."
+        )
+    else:
+        note += "There are too few joints to call one of them an outlier."
+    return Table("Control charts", head, tuple(rows), note=note)
+
+
+def _ranking_section(found: PopulationFindings) -> Section:
+    labels = [row.label for row in found.draws.rows]
+    count = len(labels)
+    blocks: list[Block] = [
+        Paragraph(
+            "Every joint given all the others, from the softest up. Where intervals of neighbours overlap their order "
+            "is not known: the rank has a 95 % credible interval of its own."
+        )
+    ]
+    for q in found.quantities:
+        order = np.argsort(q.shrunken[:, 1])
+        chosen = order if count <= 2 * _RANKED + 1 else np.concatenate([order[:_RANKED], order[-_RANKED:]])
+        rows = tuple(_rank_row(q, labels[i], i, int(np.flatnonzero(order == i)[0]) + 1) for i in chosen)
+        unit = "" if q.unit == "1" else f" ({q.unit})"
+        head = ("Place", "Joint", f"{q.name}{unit}", "95 % credible interval", "Rank, 95 %")
+        shown = "" if len(chosen) == count else f": the {_RANKED} lowest and the {_RANKED} highest of {count}"
+        ends = [foreign(_cut(labels[order[i]])) for i in (0, -1)]
+        figure = Figure(
+            f"ranking-{q.name}",
+            f"Joints by {q.label}, each given all the others, with 95 % credible intervals.",
+            f"{count} joints by {q.label}, from {ends[0]} to {ends[1]}.",
+            ranking_figure(q, labels),
+        )
+        blocks += [figure, Table(f"Ranking by {q.label}{shown}", head, rows, align="rlrrr")]
+    return Section("ranking", "Ranking", tuple(blocks))
+
+
+def _rank_row(q: ChartedQuantity, label: str, i: int, place: int) -> tuple[str, ...]:
+    low, median, high = q.shrunken[i]
+    return (
+        str(place),
+        foreign(_cut(label)),
+        number(median),
+        interval((low, high)),
+        f"{q.rank[i, 0]:.0f} … {q.rank[i, 2]:.0f}",
+    )
+
+
+def _joint_section(found: PopulationFindings) -> Section:
+    """Estimates with and without the others: of all joints, or of those that the others move the most."""
+    count, rows = len(found.draws.rows), found.draws.rows
+    moved = np.max([np.abs(_moved(q)) for q in found.quantities], axis=0)
+    whole = count <= _MOST_JOINTS
+    chosen = np.arange(count) if whole else np.argsort(-moved)[:_MOVED]
+    head, cells = ["Joint"], [[foreign(_cut(rows[i].label)) for i in chosen]]
+    for q in found.quantities:
+        unit = "" if q.unit == "1" else f" ({q.unit})"
+        head += [f"{q.name}{unit} by itself", "given all"]
+        for ends in (q.own, q.shrunken):
+            cells.append([f"{number(ends[i, 1])} ({interval((ends[i, 0], ends[i, 2]))})" for i in chosen])
+    head.append("Effective draws")
+    cells.append([f"{found.population.effective[i]:.0f}" for i in chosen])
+    shown = "" if whole else f" that the others move the most, {_MOVED} of {count}"
+    note = (
+        "Median and 95 % credible interval of a joint by its own measurement, and given all the others. Effective "
+        f"draws: below {LEAST_EFFECTIVE:g} the figures given all joints are not to be trusted. "
+    )
+    note += "" if whole else "Every joint stands in `joints.csv`."
+    kinds = tuple("" if found.population.trusted[i] else "caution" for i in chosen)
+    table = Table(f"Joints{shown}", tuple(head), tuple(zip(*cells, strict=True)), note=note, row_kinds=kinds)
+    blocks: list[Block] = [table]
+    untrusted = ~found.population.trusted
+    if untrusted.any():
+        text = (
+            f"**Reweighting is not to be trusted for {int(untrusted.sum())} of {count} joints**: too few of their "
+            f"draws lie where the population is. {_named(found, untrusted)}. More draws of these cases help."
+        )
+        blocks.insert(0, Callout("caution", text))
+    return Section("joints", "Joints with and without the others", tuple(blocks))
+
+
+def _moved(q: ChartedQuantity) -> Array:
+    """How far the others move a joint's median, in its own standard deviations."""
+    scale = np.log if q.logarithmic else np.asarray
+    return np.asarray((scale(q.shrunken[:, 1]) - q.chart.value) / q.chart.sd)
+
+
+def _method_section(found: PopulationFindings) -> Section:
+    axes = ", ".join(axis.label for axis in found.draws.parametrisation.axes)
+    text = (
+        f"The population is normal in {axes}, each by itself, and cut off where a joint is not positive definite. Its "
+        "mean μ and scatter σ have the posterior p(μ, σ) ∏ ⟨p(θ | μ, σ)/π(θ)⟩, where the mean is over the draws θ of a "
+        "joint and π is the prior they were drawn under (Hogg, Myers and Bovy 2010, DOI 10.1088/0004-637X/725/2/2166; "
+        "Lunn et al. 2013, DOI 10.1111/rssc.12007). A joint given all the others has the same draws with these "
+        f"weights, averaged over the posterior of μ and σ. Drawn by {found.population.how}, worth "
+        f"{found.population.effective_populations:.0f} independent draws. Cases that failed or did not converge "
+        "have no part in it."
+    )
+    return Section("method", "How this was computed", (Paragraph(text),))

@@ -1,0 +1,146 @@
+"""The numbers of a campaign: ``summary.json`` with what is said of all joints, ``joints.csv`` with every joint."""
+
+import csv
+import io
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.posterior import package_versions
+from jointbayes.studies.campaign.cases import DONE
+from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
+from jointbayes.studies.campaign.findings import CampaignFindings, ChartedQuantity, PopulationFindings
+from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
+
+__all__ = ["SCHEMA_VERSION", "campaign_summary", "joints_csv"]
+
+Array = NDArray[np.float64]
+
+#: Raised when a reader of the older form would misread the newer one.
+SCHEMA_VERSION = 1
+_INTERVAL = ("median", "low95", "high95")
+
+
+def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
+    """What ``summary.json`` of a campaign holds: no NaN or infinity, None where a number does not exist."""
+    found = findings.found
+    return _ready(
+        {
+            "schema_version": SCHEMA_VERSION,
+            "campaign": name,
+            "counts": dict(findings.counts),
+            "order": None if found is None else found.order,
+            "population": None if found is None else _population(found),
+            "control_charts": {} if found is None else {q.name: _chart(found, q) for q in found.quantities},
+            "left_out": dict(findings.left_out),
+            "need_a_look": [
+                {"key": look.row.key, "serial": look.row.serial, "status": look.row.status, "reasons": look.reasons}
+                for look in findings.look
+            ],
+            "versions": package_versions(),
+        }
+    )
+
+
+def _population(found: PopulationFindings) -> dict[str, Any]:
+    population, prior, names = found.population, found.prior, found.draws.parametrisation.names
+    mean, scatter = (np.quantile(part, [0.5, 0.025, 0.975], axis=0).T for part in (population.mean, population.scatter))
+    trusted = population.trusted
+    return {
+        "joints": len(found.draws.rows),
+        "parametrisation": found.draws.parametrisation.key,
+        "how": population.how,
+        "effective_draws": population.effective_populations,
+        "stiffness": {k.name: _stiffness(k) for k in found.stiffness},
+        "coordinates": {
+            name: {
+                "mean": dict(zip(_INTERVAL, mean[i], strict=True)),
+                "scatter": dict(zip(_INTERVAL, scatter[i], strict=True)),
+                "monte_carlo_error_of_mean_sd": population.monte_carlo[0, i],
+                "monte_carlo_error_of_log_scatter_sd": population.monte_carlo[1, i],
+                "prior_of_mean": {"mean": prior.mean[i], "sd": prior.sd[i]},
+                "prior_of_scatter_half_normal": prior.scale[i],
+            }
+            for i, name in enumerate(names)
+        },
+        "scatter_not_resolved": [
+            name for name, hidden in zip(names, population.unresolved(found.draws.draws), strict=True) if hidden
+        ],
+        "least_effective_draws": LEAST_EFFECTIVE,
+        "not_trusted": [row.key for row, good in zip(found.draws.rows, trusted, strict=True) if not good],
+    }
+
+
+def _stiffness(k: PopulationStiffness) -> dict[str, Any]:
+    return {
+        "unit": k.unit,
+        "median": dict(zip(_INTERVAL, k.median, strict=True)),
+        "low_end_of_95_percent_of_joints": dict(zip(_INTERVAL, k.low95, strict=True)),
+        "high_end_of_95_percent_of_joints": dict(zip(_INTERVAL, k.high95, strict=True)),
+        "scatter_of": "ln k" if k.logarithmic else k.unit,
+        "scatter": dict(zip(_INTERVAL, k.scatter, strict=True)),
+    }
+
+
+def _chart(found: PopulationFindings, quantity: ChartedQuantity) -> dict[str, Any]:
+    chart, keys = quantity.chart, [row.key for row in found.draws.rows]
+    scale = f"ln {quantity.name}" if quantity.logarithmic else quantity.name
+    return {
+        "scale": scale,
+        "unit": quantity.unit,
+        "centre": float(quantity.on_scale(np.array(chart.centre))),
+        "short_term_scatter": chart.short_term,
+        "long_term_scatter": chart.long_term,
+        "limits_in_sd": SIGMAS,
+        "beyond_limits": [key for key, beyond in zip(keys, chart.beyond, strict=True) if beyond],
+        "outlier_limit": quantity.outlier_limit,
+        "probability_of_a_false_outlier_in_the_campaign": FALSE_ALARM,
+        "outliers": [
+            {"key": keys[i], "score": float(chart.score[i])}
+            for i in np.flatnonzero(quantity.outlier)[np.argsort(-np.abs(chart.score[quantity.outlier]))]
+        ],
+    }
+
+
+def joints_csv(findings: CampaignFindings) -> str:
+    """One line for each case, in the order of the table; numbers that do not exist are empty."""
+    found = findings.found
+    place = {} if found is None else {row.key: i for i, row in enumerate(found.draws.rows)}
+    quantities = () if found is None else found.quantities
+    head = ["key", "serial", "date", "status", "converged", "explains", "need_a_look", "effective_draws"]
+    for q in quantities:
+        unit = "" if q.unit == "1" else f" ({q.unit})"
+        head += [f"{q.name}.{part}{unit}" for part in ("median", "low95", "high95")]
+        head += [f"{q.name}.given_all.{part}{unit}" for part in ("median", "low95", "high95")]
+        head += [f"{q.name}.{part}" for part in ("score", "rank", "rank_low95", "rank_high95")]
+    looks = {look.row.key: "; ".join(look.reasons) for look in findings.look}
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(head)
+    for row in findings.rows:
+        date = "" if row.date is None else row.date.isoformat(sep=" ")
+        explains = "" if row.explains is None else str(row.explains).lower()
+        converged = str(row.converged).lower() if row.status == DONE else ""
+        line = [row.key, row.serial or "", date, row.status, converged, explains, looks.get(row.key, "")]
+        if found is None or row.key not in place:
+            writer.writerow([*line, *[""] * (1 + 10 * len(quantities))])
+            continue
+        i = place[row.key]
+        line.append(f"{found.population.effective[i]:.1f}")
+        for q in quantities:
+            ends = [values[i, k] for values in (q.own, q.shrunken) for k in (1, 0, 2)]
+            line += [f"{value:.6g}" for value in (*ends, q.chart.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
+        writer.writerow(line)
+    return out.getvalue()
+
+
+def _ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
+    if isinstance(value, dict):
+        return {str(key): _ready(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_ready(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,310 @@
+"""The report of a campaign: what is counted, named and written, from directories whose truth is known."""
+
+import csv
+import datetime
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from jointbayes.errors import MeasurementError, WriteError
+from jointbayes.joint import parametrisation_named
+from jointbayes.studies.campaign import report as report_module
+from jointbayes.studies.campaign.cases import in_order, read_draws, read_index
+from jointbayes.studies.campaign.findings import examine_campaign
+from jointbayes.studies.campaign.report import write_campaign_report
+from jointbayes.workflow import load_posterior
+from tests.studies.campaign_directory import (
+    HIGH,
+    LOW,
+    MEAN,
+    SCATTER,
+    campaign_directory,
+    campaign_rows,
+    write_case,
+    write_index,
+)
+
+JOINTS = 40
+FILES = {"report.html", "report.pdf", "summary.json", "joints.csv", "index.parquet", "cases", "figures"}
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("reports") / "line-7"
+    rows = campaign_directory(directory, JOINTS)
+    return write_campaign_report(directory), rows
+
+
+@pytest.fixture(scope="module")
+def summary(campaign):
+    return json.loads((campaign[0] / "summary.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def copy(campaign, tmp_path):
+    return shutil.copytree(campaign[0], tmp_path / campaign[0].name)
+
+
+def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(campaign):
+    directory, _ = campaign
+    assert {file.name for file in directory.iterdir()} == FILES
+    assert {file.name for file in (directory / "figures").iterdir()} == {
+        "population.svg",
+        *(f"{kind}-{name}.svg" for kind in ("control", "ranking") for name in ("k11", "k12", "k22")),
+    }
+    assert (directory / "report.pdf").read_bytes().startswith(b"%PDF-")
+    assert (directory / "report.html").stat().st_size < 5_000_000
+
+
+def test_cases_are_counted_by_what_became_of_them(summary):
+    assert summary["counts"] == {
+        "cases": JOINTS,
+        "done": JOINTS - 2,
+        "failed": 1,
+        "killed its worker": 1,
+        "not converged": 1,
+        "do not explain their data": 1,
+        "in the population": JOINTS - 3,
+    }
+    assert summary["schema_version"] == 1
+    assert summary["campaign"] == "line-7"
+    assert summary["order"] == "date"
+
+
+def test_the_population_holds_the_truth_of_the_joints_it_was_made_of(summary):
+    found = summary["population"]
+    assert found["joints"] == JOINTS - 3
+    assert found["parametrisation"] == "log"
+    for i, name in enumerate(("k11", "k12")):  # k22 has outliers
+        one = found["coordinates"][name]
+        assert abs(one["mean"]["median"] - MEAN[i]) < 3 * SCATTER[i] / np.sqrt(JOINTS) * 1.5
+        assert one["scatter"]["low95"] < 1.2 * SCATTER[i]
+        assert one["scatter"]["high95"] > 0.6 * SCATTER[i]
+        k = found["stiffness"][name]
+        assert k["median"]["low95"] < k["median"]["median"] < k["median"]["high95"]
+        assert k["median"]["median"] == pytest.approx(np.exp(one["mean"]["median"]), rel=0.02)
+        assert k["scatter"]["median"] == pytest.approx(one["scatter"]["median"], rel=0.05)
+    prior = found["coordinates"]["k11"]["prior_of_mean"]
+    assert prior["mean"] == pytest.approx((LOW[0] + HIGH[0]) / 2)
+    assert prior["sd"] == pytest.approx((HIGH[0] - LOW[0]) / np.sqrt(12))
+
+
+def test_what_is_odd_is_named_the_gravest_first(summary, campaign):
+    _, rows = campaign
+    looks = summary["need_a_look"]
+    why = {one["key"]: "; ".join(one["reasons"]) for one in looks}
+    keys = [one["key"] for one in looks]
+    assert looks[0]["status"] == "killed its worker"
+    assert looks[1]["status"] == "failed"
+    assert "found no record of 11:y" in why[keys[1]]
+    assert "R̂ 1.08" in why[rows[JOINTS // 5]["key"]]
+    assert "k22 is an outlier, low" in why[rows[JOINTS // 2]["key"]]
+    assert "k22 is an outlier, high" in why[rows[JOINTS // 3]["key"]]
+    assert "does not explain" in why[rows[JOINTS - 2]["key"]]
+    assert "k11 is not identified, of most joints weakly identified" in why[rows[JOINTS - 1]["key"]]
+    outliers = [one["key"] for one in summary["control_charts"]["k22"]["outliers"]]
+    assert outliers == [rows[JOINTS // 2]["key"], rows[JOINTS // 3]["key"]]
+    assert not summary["control_charts"]["k11"]["outliers"]
+
+
+def test_every_case_has_a_line_with_its_numbers(campaign):
+    directory, rows = campaign
+    with (directory / "joints.csv").open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["key"] for line in lines] == [row["key"] for row in rows]
+    for line, row in zip(lines, rows, strict=True):
+        if row["status"] != "done" or not row["converged"]:
+            assert line["k11.median (N/m)"] == ""
+            continue
+        assert float(line["k12.median (N)"]) == pytest.approx(row["k12.median"], rel=0.02)
+        assert float(line["k12.low95 (N)"]) == pytest.approx(row["k12.low95"], rel=0.1)
+        low, median, high = (float(line[f"k11.given_all.{end} (N/m)"]) for end in ("low95", "median", "high95"))
+        assert low < median < high
+        assert 1 <= float(line["k11.rank_low95"]) <= float(line["k11.rank"]) <= float(line["k11.rank_high95"]) <= JOINTS
+
+
+def test_estimates_are_drawn_together_and_narrower_given_the_others(campaign):
+    found = examine_campaign(campaign[0]).found
+    for q in found.quantities[:2]:
+        own, shrunken = np.log(q.own), np.log(q.shrunken)
+        assert shrunken[:, 1].std() < own[:, 1].std()
+        assert np.median((shrunken[:, 2] - shrunken[:, 0]) / (own[:, 2] - own[:, 0])) < 0.9
+
+
+def test_a_second_report_is_the_same_and_replaces_the_first(copy):
+    before = {name: (copy / name).read_bytes() for name in ("report.html", "report.pdf", "summary.json", "joints.csv")}
+    (copy / "figures" / "old.svg").write_text("<svg/>")
+    (copy / "report.html").write_text("old")
+    write_campaign_report(copy)
+    assert {name: (copy / name).read_bytes() for name in before} == before
+    assert not (copy / "figures" / "old.svg").exists()
+    assert {file.name for file in copy.iterdir()} == FILES
+
+
+def test_a_report_that_fails_leaves_the_last_one(copy, monkeypatch):
+    before = (copy / "report.html").read_bytes()
+
+    def fails(_report):
+        raise RuntimeError("no PDF")
+
+    monkeypatch.setattr(report_module, "render_pdf", fails)
+    with pytest.raises(RuntimeError):
+        write_campaign_report(copy)
+    assert (copy / "report.html").read_bytes() == before
+    assert {file.name for file in copy.iterdir()} == FILES
+
+
+@pytest.mark.parametrize("joints", [0, 1, 2])
+def test_few_joints_give_a_report_without_a_population(tmp_path, joints):
+    rows, theta = campaign_rows(4, draws=60)
+    for j, row in enumerate(rows):
+        if j < joints:
+            write_case(tmp_path / row["file"], theta[j])
+        else:
+            row |= {"status": "failed", "error": "no data", "converged": False}
+    write_index(tmp_path, rows)
+    write_campaign_report(tmp_path)
+    found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert found["population"] is None
+    assert len(found["need_a_look"]) == 4 - joints
+    assert "Too few joints" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_posteriors_that_cannot_be_read_are_named(tmp_path):
+    rows, theta = campaign_rows(8, draws=60)
+    for row, draws in zip(rows, theta, strict=True):
+        write_case(tmp_path / row["file"], draws)
+    (tmp_path / rows[0]["file"]).unlink()
+    (tmp_path / rows[1]["file"]).write_bytes(b"\x89HDF\r\n\x1a\nno more")
+    write_case(tmp_path / rows[2]["file"], theta[2], density=np.zeros((1, 3)))
+    write_case(tmp_path / rows[3]["file"], np.where(theta[3] > 0, np.nan, 0.0))
+    shutil.move(tmp_path / rows[4]["file"], tmp_path.parent / "outside.nc")
+    rows[4]["file"] = "../outside.nc"
+    write_index(tmp_path, rows)
+    findings = examine_campaign(tmp_path)
+    assert set(findings.left_out) == {row["key"] for row in rows[:5]}
+    assert findings.counts["in the population"] == 3
+    assert all("cannot be read" in look.reasons[0] for look in findings.look if look.gravity == 2)
+
+
+def test_cases_in_other_coordinates_are_carried_over(tmp_path):
+    # the same joints, some of them sampled in signed coordinates under a prior uniform there
+    rows, theta = campaign_rows(30, draws=300)
+    log, signed = parametrisation_named("log"), parametrisation_named("signed")
+    for j, (row, draws) in enumerate(zip(rows, theta, strict=True)):
+        if j % 3:
+            write_case(tmp_path / row["file"], draws)
+        else:
+            other = signed.coordinates(log.stiffness(draws))
+            ends = {"low": [LOW[0], LOW[2], -1.0], "high": [HIGH[0], HIGH[2], 1.0]}
+            write_case(tmp_path / row["file"], other, "signed", mean=[19.0, 12.0, 0.0], sd=[3.0, 3.0, 0.6], **ends)
+    write_index(tmp_path, rows)
+    found = read_draws(tmp_path, read_index(tmp_path))
+    assert found.parametrisation.key == "log"
+    np.testing.assert_allclose(found.draws.theta, theta, rtol=1e-9)
+    # π over θ of the log coordinates is |∂ρ/∂ln k12| = ρ times that over ρ, by hand
+    rho = signed.coordinates(log.stiffness(theta[0]))[:, 2]
+    given = found.draws.log_prior[0] - np.log(rho)
+    np.testing.assert_allclose(given, given[0], atol=1e-9)
+    assert not found.draws.log_prior[1].any()
+
+
+def test_a_coupling_of_either_sign_is_charted_by_its_coordinate(tmp_path):
+    rng = np.random.default_rng(1)
+    rows, _ = campaign_rows(20, draws=10, dates=False)
+    middle = np.array([22.3, 14.2, 0.0]) + [0.2, 0.1, 0.2] * rng.normal(size=(20, 3))
+    for row, at in zip(rows, middle, strict=True):
+        draws = at + [0.1, 0.05, 0.1] * rng.normal(size=(200, 3))
+        ends = {"low": [14.0, 7.0, -1.0], "high": [25.0, 18.0, 1.0], "mean": [20.0, 12.0, 0.0], "sd": [3.0, 3.0, 0.6]}
+        write_case(tmp_path / row["file"], draws, "signed", **ends)
+    write_index(tmp_path, rows)
+    write_campaign_report(tmp_path)
+    found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert list(found["control_charts"]) == ["k11", "rho", "k22"]
+    assert found["population"]["stiffness"]["k12"]["scatter_of"] == "N"
+    low, high = (
+        found["population"]["stiffness"]["k12"][f"{end}_end_of_95_percent_of_joints"] for end in ("low", "high")
+    )
+    assert low["median"] < 0 < high["median"]
+    assert found["order"] == "serial number"
+    assert (tmp_path / "figures" / "control-rho.svg").is_file()
+
+
+def test_draws_at_an_end_of_the_prior_are_told(tmp_path):
+    rows, theta = campaign_rows(6, draws=100)
+    theta[2, :, 0] = HIGH[0] - 0.02 * np.abs(np.random.default_rng(1).normal(size=100))
+    for row, draws in zip(rows, theta, strict=True):
+        write_case(tmp_path / row["file"], draws)
+    write_index(tmp_path, rows)
+    look = {one.row.key: one.reasons for one in examine_campaign(tmp_path).look}
+    assert "upper end of the prior of k11" in "; ".join(look[rows[2]["key"]])
+    assert sum("end of the prior" in "; ".join(told) for told in look.values()) == 1
+
+
+def test_joints_are_ordered_by_date_then_serial_number_then_table(tmp_path):
+    rows, _ = campaign_rows(3, draws=5)
+    rows[0]["serial"], rows[1]["serial"], rows[2]["serial"] = "A10", "A9", "B1"
+    for row, day in zip(rows, (3, 1, 2), strict=True):
+        row["date"] = datetime.datetime(2026, 1, day)
+    write_index(tmp_path, rows)
+    read = read_index(tmp_path)
+    assert [row.serial for row in in_order(read)[0]] == ["A9", "B1", "A10"]
+    rows[1]["date"] = None
+    write_index(tmp_path, rows)
+    ordered, what = in_order(read_index(tmp_path))
+    assert ([row.serial for row in ordered], what) == (["A9", "A10", "B1"], "serial number")
+    rows[1]["serial"] = None
+    write_index(tmp_path, rows)
+    ordered, what = in_order(read_index(tmp_path))
+    assert ([row.order for row in ordered], what) == ([0, 1, 2], "order in the table")
+
+
+def test_hostile_names_stay_text(tmp_path):
+    rows, theta = campaign_rows(9, draws=60)
+    evil = "<script>alert(1)</script>**`\"'\x1b[31m"
+    for j, (row, draws) in enumerate(zip(rows, theta, strict=True)):
+        write_case(tmp_path / row["file"], draws)
+        row["serial"] = f"{evil}{j}"
+    rows[0] |= {"status": "failed", "error": evil * 50, "converged": False}
+    write_index(tmp_path, rows)
+    write_campaign_report(tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in page
+    assert "\x1b" not in page
+
+
+@pytest.mark.parametrize("content", [None, b"", b"PAR1 no table", "table"])
+def test_what_is_no_campaign_is_refused_in_one_line(tmp_path, content):
+    if content == "table":
+        write_index(tmp_path, [{"name": "x"}])
+    elif content is not None:
+        (tmp_path / "index.parquet").write_bytes(content)
+    with pytest.raises(MeasurementError, match=r"index.parquet: .*expected the index") as caught:
+        write_campaign_report(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_directory_in_the_place_of_a_file_is_refused(copy):
+    (copy / "report.html").unlink()
+    (copy / "report.html").mkdir()
+    with pytest.raises(WriteError, match=r"report\.html"):
+        write_campaign_report(copy)
+
+
+def test_a_posterior_as_it_is_saved_has_what_the_report_reads(cheap_posterior, tmp_path):
+    rows, theta = campaign_rows(3, draws=50)
+    for row, draws in zip(rows[1:], theta[1:], strict=True):
+        write_case(tmp_path / row["file"], draws)
+    cheap_posterior.with_fewer_draws(500).save(tmp_path / rows[0]["file"])
+    write_index(tmp_path, rows)
+    found = read_draws(tmp_path, read_index(tmp_path))
+    assert not found.left_out
+    loaded, count = load_posterior(tmp_path / rows[0]["file"]), found.draws.counts[0]
+    np.testing.assert_allclose(found.draws.theta[0, :count], loaded.thinned(count), rtol=1e-9)
+    prior = loaded.problem.prior
+    whole = prior.log_density(loaded.thinned(count)) + prior.log_normalisation
+    np.testing.assert_allclose(found.draws.log_prior[0, :count], whole, atol=1e-9)
+    np.testing.assert_allclose(found.prior_mean[0], prior.mean[:3])
+    np.testing.assert_allclose(found.prior_sd[0], prior.sd[:3])
