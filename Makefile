@@ -58,6 +58,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.planning
 	$(BIN)/python -m benchmarks.coherence
+	$(BIN)/python -m benchmarks.population
 	$(BIN)/python -m benchmarks.files
 	$(BIN)/python -m tests.fuzz all --together 3600
 
