@@ -2,12 +2,14 @@
 
 __all__ = [
     "CaseError",
+    "CheckpointError",
     "JointBayesError",
     "MeasurementError",
     "ModelError",
     "ReportError",
     "ReportInterruptedError",
     "SamplingError",
+    "TerminatedError",
     "WorkerError",
     "WriteError",
     "printable",
@@ -78,6 +80,10 @@ class WorkerError(JointBayesError):
     """The processes that tasks are spread over cannot be had, or end one after the other."""
 
 
+class CheckpointError(JointBayesError):
+    """A run cannot go on from where it stopped, or must not be begun there."""
+
+
 class WriteError(JointBayesError):
     """A file cannot be written: no room, no permission, or something else is there."""
 
@@ -88,3 +94,7 @@ class ReportError(JointBayesError):
 
 class ReportInterruptedError(KeyboardInterrupt):
     """A report was interrupted after its draws were made; the message names the file that holds them."""
+
+
+class TerminatedError(KeyboardInterrupt):
+    """The program was asked to end by SIGTERM."""

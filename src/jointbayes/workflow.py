@@ -29,12 +29,15 @@ from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
-from jointbayes.posterior.storage import draws_tree
+from jointbayes.posterior.fingerprint import run_fingerprint
+from jointbayes.posterior.run_record import sampler_figures
+from jointbayes.posterior.storage import draws_tree, estimate_record
 from jointbayes.sampling import (
     Chains,
     Progress,
     Proposal,
     SamplerSettings,
+    UnfinishedRun,
     fit_proposal,
     replace_far_walkers,
     run_adapted,
@@ -182,6 +185,8 @@ def sample(
     settings: SamplerSettings | None = None,
     progress: Callable[[Progress], None] | None = None,
     tell: Callable[[str], None] | None = None,
+    checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
+    resume: bool = False,
 ) -> Posterior:
     """Draw from the posterior.
 
@@ -199,6 +204,11 @@ def sample(
     tell
         Called with the name of each phase as it begins, and with one line before each further round of the search for
         the mode.
+    checkpoint
+        Directory in which the run is kept while it is made, so that what a killed process has drawn is not lost; by
+        default none. It stays when the run is finished: remove it once the posterior is saved.
+    resume
+        Go on with what is in that directory; the draws are those of a run that was never interrupted, bit for bit.
 
     Returns
     -------
@@ -209,12 +219,20 @@ def sample(
     ------
     SamplingError
         If no starting ball with finite density is found.
+    CheckpointError
+        If another process is at work in the directory; if a run is there and `resume` is false; if it is a run of
+        another problem, seed or settings, or of other versions: which.
     """
+    if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
+        with UnfinishedRun(checkpoint, resume=resume, tell=tell or (lambda _line: None)) as unfinished:
+            return sample(case, seed, settings=settings, progress=progress, tell=tell, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     tell = tell or (lambda _line: None)
     settings = settings or (SamplerSettings() if whole is None else whole.sampler)
-    estimate = find_map(case, seed=seed, tell=tell)
+    if checkpoint is not None:
+        checkpoint.begin(run_fingerprint(problem, whole, seed, settings))
+    estimate = _found_mode(case, seed, tell, checkpoint)
     tell("fitting a proposal to the posterior")
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
@@ -232,8 +250,27 @@ def sample(
         systems=systems,
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
+        keeper=checkpoint,
     )
     return _posterior(problem, whole, seed, settings, estimate, proposal, chains)
+
+
+def _found_mode(
+    case: Case | Problem, seed: int, tell: Callable[[str], None], checkpoint: UnfinishedRun | None
+) -> MapEstimate:
+    """The MAP estimate, from the checkpoint if it is there."""
+    if checkpoint is None:
+        return find_map(case, seed=seed, tell=tell)
+    if checkpoint.estimate is None:
+        estimate = find_map(case, seed=seed, tell=tell)
+        checkpoint.keep_estimate(estimate_record(estimate))
+        return estimate
+    from jointbayes.posterior.file_record import estimate_from
+
+    tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
+    problem, _ = _problem_and_case(case)
+    iteration = identify(case) if problem.measurement.joint_frf is not None else None
+    return replace(estimate_from(checkpoint.estimate), iteration=iteration)
 
 
 def _generator(seed: int, purpose: int) -> np.random.Generator:
@@ -252,25 +289,6 @@ def _posterior(
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode_theta, mode_density = _refined(problem.log_posterior, chains.theta[best])
     names = problem.names
-    ess = chains.ess
-    sampler = {
-        "ensembles": settings.ensembles,
-        "walkers": settings.walkers,
-        "steps": chains.discarded + chains.steps,
-        "max_steps": settings.max_steps,
-        "burn_in": chains.discarded + chains.burn_in,
-        "thin": chains.thin,
-        "processes": settings.processes,
-        "acceptance": float(chains.acceptance.mean()),
-        "move_acceptance": dict(chains.move_acceptance),
-        "proposal_efficiency": proposal.efficiency,
-        "tau": dict(zip(names, chains.tau.tolist(), strict=True)),
-        "ess": dict(zip(names, ess.tolist(), strict=True)),
-        "evaluations": chains.evaluations,
-        "singular": chains.singular,
-        "seconds": chains.seconds,
-        "ess_per_second": float(ess.min() / chains.seconds),
-    }
     provenance = problem.measurement.provenance
     record = RunRecord(
         problem.name,
@@ -278,7 +296,7 @@ def _posterior(
         seed,
         chains.converged,
         chains.reason,
-        sampler,
+        sampler_figures(settings, chains, proposal, names),
         dict(zip(names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
         provenance.as_json() if provenance else None,

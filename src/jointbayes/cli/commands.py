@@ -3,20 +3,23 @@
 import atexit
 import gc
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 import click
 
-from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, WRITTEN
+from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED, UNFINISHED, WRITTEN
 from jointbayes.cli.files import init, inspect_command, simulate
 from jointbayes.cli.output import is_closed, let_go, say
 from jointbayes.cli.run import check, identify, report, run, sample
 from jointbayes.cli.studies import compare, plan
-from jointbayes.errors import JointBayesError, ReportInterruptedError, printable
+from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
 
 __all__ = ["main"]
 
@@ -36,6 +39,23 @@ def _well_behaved() -> Iterator[None]:
         raise
 
 
+@contextmanager
+def _answering_sigterm() -> Iterator[None]:
+    """Answer SIGTERM as Ctrl-C is answered: what has been made is kept, and nothing hidden stays behind."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        raise TerminatedError
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
 
@@ -44,7 +64,7 @@ class _Commands(click.Group):
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 (click's own signature)
-        with _well_behaved():
+        with _well_behaved(), _answering_sigterm():
             return self._invoke(ctx)
 
     def _invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401
@@ -57,12 +77,12 @@ class _Commands(click.Group):
                 say(line, err=True)
         except ReportInterruptedError as error:
             say(f"jointbayes: {error}", err=True)
-            sys.exit(INTERRUPTED)
-        except KeyboardInterrupt:
+            sys.exit(TERMINATED if isinstance(error.__cause__, TerminatedError) else INTERRUPTED)
+        except KeyboardInterrupt as error:
             written = ctx.meta.get(WRITTEN)
-            what = f"{written} is whole" if written else "nothing was written"
+            what = f"{written} is whole" if written else ctx.meta.get(UNFINISHED, "nothing was written")
             say(f"jointbayes: interrupted; {what}", err=True)
-            sys.exit(INTERRUPTED)
+            sys.exit(TERMINATED if isinstance(error, TerminatedError) else INTERRUPTED)
         except MemoryError:
             remedy = "lower sampling.walkers or sampling.ensembles, or use fewer lines"
             say(f"jointbayes: found too little memory; expected room for all walkers; {remedy}", err=True)
@@ -80,7 +100,7 @@ def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
     Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged, 130 interrupted,
-    141 nobody read the output.
+    141 nobody read the output, 143 terminated.
     """
     # Small linear algebra takes up to ten times as long on several threads. Read when NumPy is loaded, so not yet.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -1,6 +1,8 @@
 """What several commands share: reading a case, drawing, what is printed of a posterior, exit codes."""
 
+import shlex
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,20 +11,24 @@ import click
 from jointbayes.cli.output import say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from jointbayes.case.case import Case
     from jointbayes.case.plausibility import InputWarning
     from jointbayes.posterior import Posterior
+    from jointbayes.sampling import UnfinishedRun
 
 NOT_MATCHED = 1
 BAD_INPUT = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
+TERMINATED = 143  # the same with SIGTERM
 OUTPUT_CLOSED = 141  # the same with SIGPIPE
 WRITTEN = "jointbayes.written"  # in a command's context: what it has written
+UNFINISHED = "jointbayes.unfinished"  # what is kept of a run that was stopped, and how to go on
 
 seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
+resume_option = click.option("--resume", is_flag=True, help="Go on with a run that was interrupted or killed.")
 config_argument = click.argument("config", type=click.Path(path_type=Path))
 
 
@@ -52,13 +58,42 @@ def load(config: Path) -> "Case":
     return case
 
 
-def draw(case: "Case", seed: int | None) -> "Posterior":
+def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
     from jointbayes.cli.progress import show_phase, show_progress
     from jointbayes.workflow import sample as draw
 
     with show_progress() as progress:
-        return draw(case, seed, progress=progress, tell=show_phase)
+        return draw(case, seed, progress=progress, tell=show_phase, checkpoint=checkpoint)
+
+
+@contextmanager
+def unfinished(
+    command: str, config: Path, out: Path | None, target: Path, seed: int | None, *, resume: bool
+) -> "Iterator[UnfinishedRun]":
+    """Keep a run beside its target while it is made; the line that is printed where it is stopped says how to go on."""
+    from jointbayes.errors import WriteError
+    from jointbayes.sampling import UnfinishedRun
+
+    words = ["jointbayes", command, str(config)]
+    words += [] if out is None else ["--out", str(out)]
+    words += [] if seed is None else ["--seed", str(seed)]
+    again = shlex.join([*words, "--resume"])
+    place = target.with_name(f"{target.name}.unfinished")
+    with UnfinishedRun(
+        place, resume=resume, tell=lambda line: say(f"jointbayes: {line}", err=True), remedy=f"use: {again}"
+    ) as kept:
+        try:
+            yield kept
+        except WriteError as error:
+            if kept.holds_a_run:
+                raise WriteError(f"{error}; or make room and go on with: {again}") from error
+            raise
+        except KeyboardInterrupt:
+            if kept.holds_a_run:
+                what = f"the run is kept in {place} as it is after {kept.steps} steps; go on with: {again}"
+                click.get_current_context().meta[UNFINISHED] = what
+            raise
 
 
 def note_written(path: Path) -> None:

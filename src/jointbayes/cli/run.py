@@ -14,27 +14,40 @@ from jointbayes.cli.common import (
     load,
     note_written,
     print_summary,
+    resume_option,
     seed_option,
+    unfinished,
 )
 from jointbayes.cli.output import say
+
+_ROOM = 1_000_000  # bytes of the draws of the smallest case
 
 
 @click.command()
 @config_argument
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 @seed_option
-def run(config: Path, out: Path | None, seed: int | None) -> None:
+@resume_option
+def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
     """Identify, sample and write the report of a case file."""
     case = load(config)
     from jointbayes.cli.progress import show_phase
+    from jointbayes.errors import ReportError, ReportInterruptedError
     from jointbayes.report.kept_draws import draws_kept
     from jointbayes.report.run_directory import require_writable, write_run
 
     target = out or Path("reports") / case.name
     require_writable(target)
-    posterior = draw(case, seed)
-    with draws_kept(posterior, target):
-        note_written(write_run(posterior, target, show_phase))
+    with unfinished("run", config, out, target, seed, resume=resume) as kept:
+        posterior = draw(case, seed, kept)
+        try:
+            with draws_kept(posterior, target, kept.path) as draws:
+                note_written(write_run(posterior, target, show_phase))
+        except (ReportError, ReportInterruptedError):
+            if not draws.exists():  # they are whole beside the run directory
+                kept.discard()
+            raise
+        kept.discard()
     print_summary(posterior)
     say(posterior.check.sentence)
     if not posterior.check.explains:
@@ -83,11 +96,13 @@ def identify(config: Path) -> None:
 @config_argument
 @click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
 @seed_option
-def sample(config: Path, out: Path | None, seed: int | None) -> None:
+@resume_option
+def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> None:
     """Sample a case and write the draws, without a report."""
     case = load(config)
     from jointbayes.errors import CaseError
     from jointbayes.report.kept_draws import save_draws
+    from jointbayes.report.run_directory import require_room
 
     target = out or Path(f"{case.name}.nc")
     if not target.absolute().parent.is_dir():
@@ -95,9 +110,12 @@ def sample(config: Path, out: Path | None, seed: int | None) -> None:
     if target.exists() and not target.is_file():
         kind = "a directory" if target.is_dir() else "no regular file"
         raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
-    posterior = draw(case, seed)
-    save_draws(posterior, target)
-    note_written(target)
+    require_room(target, _ROOM)
+    with unfinished("sample", config, out, target, seed, resume=resume) as kept:
+        posterior = draw(case, seed, kept)
+        save_draws(posterior, target)
+        note_written(target)
+        kept.discard()
     print_summary(posterior)
     say(f"Draws: {target}")
     exit_by_convergence(posterior)

@@ -123,6 +123,22 @@ class _Estimate(_Part):
     modes: Annotated[tuple[_LocalMode, ...], Field(max_length=_MOST)] = ()  # files of version 0.1 know one mode
     effort: SearchEffort | None = None  # unknown to older files
 
+    @property
+    def estimate(self) -> MapEstimate:
+        """The estimate that it describes."""
+        starts = [(s.name, np.array(s.start), np.array(s.stiffness), s.log_posterior, s.reached_mode)
+                  for s in self.starts]  # fmt: skip
+        modes = [(np.array(m.theta), np.array(m.covariance), m.log_posterior) for m in self.modes]
+        return MapEstimate(
+            np.array(self.theta),
+            np.array(self.stiffness),
+            np.array(self.covariance),
+            self.log_posterior,
+            tuple(StartOutcome(*start) for start in starts),
+            tuple(LocalMode(*mode) for mode in modes),
+            self.effort,
+        )
+
 
 class _Profile(_Part):
     coordinate: Coordinate
@@ -194,19 +210,12 @@ class FileRecord(_Part):
     @property
     def estimate(self) -> MapEstimate:
         """MAP estimate, as it was saved."""
-        found = self.map
-        starts = [(s.name, np.array(s.start), np.array(s.stiffness), s.log_posterior, s.reached_mode)
-                  for s in found.starts]  # fmt: skip
-        modes = [(np.array(m.theta), np.array(m.covariance), m.log_posterior) for m in found.modes]
-        return MapEstimate(
-            np.array(found.theta),
-            np.array(found.stiffness),
-            np.array(found.covariance),
-            found.log_posterior,
-            tuple(StartOutcome(*start) for start in starts),
-            tuple(LocalMode(*mode) for mode in modes),
-            found.effort,
-        )
+        return self.map.estimate
+
+
+def estimate_from(plain: Mapping[str, Any]) -> MapEstimate:
+    """MAP estimate from what `estimate_record` made of it."""
+    return _Estimate.model_validate_json(json.dumps(plain)).estimate
 
 
 def parse_record(text: str, where: str) -> FileRecord:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrequencyMeasurement, Measurement
+from jointbayes.sampling import Chains, Proposal, SamplerSettings
 
-__all__ = ["RunRecord", "SampledCase", "data_sha256", "package_versions"]
+__all__ = ["RunRecord", "SampledCase", "data_sha256", "package_versions", "sampler_figures"]
 
 Array = NDArray[np.float64]
 
@@ -106,6 +107,31 @@ def data_sha256(measurement: Measurement) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
+
+
+def sampler_figures(
+    settings: SamplerSettings, chains: Chains, proposal: Proposal, names: Sequence[str]
+) -> dict[str, Any]:
+    """Settings and figures of a run of the ensembles, as the record has them; `names` are those of the coordinates."""
+    ess = chains.ess
+    return {
+        "ensembles": settings.ensembles,
+        "walkers": settings.walkers,
+        "steps": chains.discarded + chains.steps,
+        "max_steps": settings.max_steps,
+        "burn_in": chains.discarded + chains.burn_in,
+        "thin": chains.thin,
+        "processes": settings.processes,
+        "acceptance": float(chains.acceptance.mean()),
+        "move_acceptance": dict(chains.move_acceptance),
+        "proposal_efficiency": proposal.efficiency,
+        "tau": dict(zip(names, chains.tau.tolist(), strict=True)),
+        "ess": dict(zip(names, ess.tolist(), strict=True)),
+        "evaluations": chains.evaluations,
+        "singular": chains.singular,
+        "seconds": chains.seconds,
+        "ess_per_second": float(ess.min() / chains.seconds),
+    }
 
 
 def package_versions() -> dict[str, str]:

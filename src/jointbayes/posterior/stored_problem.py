@@ -17,7 +17,7 @@ from jointbayes.inference import Problem
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.file_record import REMEDY, provenance_from
 
-__all__ = ["PROBLEM_GROUP", "problem_from", "require_same_problem", "with_problem"]
+__all__ = ["PROBLEM_GROUP", "described", "problem_from", "require_same_problem", "with_problem"]
 
 #: Group of its arrays in a posterior file.
 PROBLEM_GROUP = "problem"
@@ -39,6 +39,17 @@ def with_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict
             variables[part] = (tuple(f"{name}_{axis}" for axis in range(array.ndim)), values)
     groups = {name: node.to_dataset() for name, node in tree.children.items()}
     return xr.DataTree.from_dict({**groups, PROBLEM_GROUP: xr.Dataset(variables)}), description.as_json()
+
+
+def described(problem: Problem) -> dict[str, Any]:
+    """Each part of a problem as plain values; of an array its digest, of what is one's own its name."""
+    parts: dict[str, Any] = {}
+    for one in fields(problem):
+        description = _Description()
+        plain = description._taken(getattr(problem, one.name), one.name)
+        digests = [hashlib.sha256(np.ascontiguousarray(a).tobytes()).hexdigest() for a in description.arrays.values()]
+        parts[one.name] = [plain, *digests]
+    return parts
 
 
 def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any], where: str) -> Problem:

@@ -5,7 +5,7 @@ import os
 import shlex
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jointbayes.errors import JointBayesError, ReportError, ReportInterruptedError, WriteError
@@ -15,8 +15,17 @@ __all__ = ["draws_explained", "draws_kept", "save_draws"]
 
 
 @contextmanager
-def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
+def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None) -> Iterator[Path]:
     """Keep draws in a file beside the run directory to be until the directory itself holds them.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    directory
+        The run directory.
+    within
+        Directory of the unfinished run, which holds the file while the body runs; by default it is where it stays.
 
     Yields
     ------
@@ -33,14 +42,19 @@ def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
     """
     # "." and ".." have no name of their own
     named = directory if directory.name.strip(".") else Path(os.path.abspath(directory))
-    kept = next(path for path in _places(named) if _reserved(path))
+    kept = _beside(named) if within is None else within / "posterior.nc"
     try:
         save_draws(posterior, kept, directory)
     except BaseException:
         kept.unlink(missing_ok=True)
         raise
-    with draws_explained(kept, directory):
+    try:
         yield kept
+    except (Exception, KeyboardInterrupt) as error:
+        if within is not None:
+            with suppress(OSError):
+                kept = kept.replace(_beside(named))
+        raise _explained(error, kept, directory) from error
     kept.unlink(missing_ok=True)
 
 
@@ -55,10 +69,8 @@ def draws_explained(draws: Path, directory: Path) -> Iterator[None]:
     """
     try:
         yield
-    except KeyboardInterrupt as error:
-        raise ReportInterruptedError(f"interrupted while the report was written; {_go_on(draws, directory)}") from error
-    except Exception as error:
-        raise ReportError(f"{directory}: no report: {_one_line(error)}; {_go_on(draws, directory)}") from error
+    except (Exception, KeyboardInterrupt) as error:
+        raise _explained(error, draws, directory) from error
 
 
 def save_draws(posterior: Posterior, path: Path, directory: Path | None = None) -> None:
@@ -91,6 +103,19 @@ def save_draws(posterior: Posterior, path: Path, directory: Path | None = None) 
             rescue.parent.rmdir()
             raise error from None
         raise WriteError(f"{error}; {_go_on(rescue, directory)}") from error
+
+
+def _explained(error: BaseException, draws: Path, directory: Path) -> ReportError | ReportInterruptedError:
+    """What failed, on one line with where the draws are."""
+    if isinstance(error, KeyboardInterrupt):
+        return ReportInterruptedError(f"interrupted while the report was written; {_go_on(draws, directory)}")
+    assert isinstance(error, Exception)
+    return ReportError(f"{directory}: no report: {_one_line(error)}; {_go_on(draws, directory)}")
+
+
+def _beside(named: Path) -> Path:
+    """A file for draws beside a run directory; its name is taken."""
+    return next(path for path in _places(named) if _reserved(path))
 
 
 def _places(named: Path) -> Iterator[Path]:

@@ -4,18 +4,19 @@ import datetime
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jointbayes.errors import CaseError
+from jointbayes.errors import CaseError, WriteError
 from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
+from jointbayes.whole_file import exchanged, scratch_directory, swept
 
 __all__ = [
     "json_text",
+    "require_room",
     "require_writable",
     "write_report",
     "write_run",
@@ -23,6 +24,7 @@ __all__ = [
 ]
 
 _MARK = "summary.json"  # by which a run directory is known
+_ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures of the smallest case
 
 
 def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
@@ -105,26 +107,34 @@ def write_whole(
 ) -> None:
     """Write report, figures, other files and draws beside the target, then put them in its place."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-    try:
-        (scratch / "report.html").write_text(render_html(report), encoding="utf-8", newline="\n")
-        (scratch / "report.pdf").write_bytes(render_pdf(report))
+    with scratch_directory(target) as scratch:
+        new = scratch / "new"
+        new.mkdir()
+        _write_synced(new / "report.html", render_html(report).encode())
+        _write_synced(new / "report.pdf", render_pdf(report))
         for block in report.blocks():
             if isinstance(block, Figure):
                 files = {**files, f"figures/{block.identifier}.svg": block.svg}
         for name, text in files.items():
-            (scratch / name).parent.mkdir(exist_ok=True)
-            (scratch / name).write_text(text, encoding="utf-8")
+            (new / name).parent.mkdir(exist_ok=True)
+            _write_synced(new / name, text.encode())
         if save_draws is not None:
-            save_draws(scratch / "posterior.nc")
-        scratch.chmod(0o755)  # mkdtemp makes it private
-        _swap(scratch, target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+            save_draws(new / "posterior.nc")
+        exchanged(new, target, scratch)
 
 
-def require_writable(target: Path, mark: str = _MARK) -> None:
+def _write_synced(path: Path, content: bytes) -> None:
+    """Write a file and force it to the disk: what stands beside the directory goes when this one is in place."""
+    with path.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def require_writable(target: Path, mark: str = _MARK, room: int = _ROOM) -> None:
     """Refuse a place where a run directory cannot or must not be written; before the work, not after it.
+
+    What processes that died there while they wrote have left is removed.
 
     Parameters
     ----------
@@ -132,37 +142,63 @@ def require_writable(target: Path, mark: str = _MARK) -> None:
         The directory to be.
     mark
         File by which an earlier one is known.
+    room
+        Bytes that will be written at least.
 
     Raises
     ------
     CaseError
-        If it is a file, or a directory that holds something else.
+        If it is a file, a directory that holds something else, or one that cannot be replaced.
+    WriteError
+        If nothing can be written there, or the disk has too little room.
     """
     remedy = "expected a new directory or an earlier run directory; choose another --out"
+    place = Path(os.path.abspath(target))
+    here = Path.cwd()
+    if os.path.realpath(place) in map(os.path.realpath, (here, *here.parents)):
+        raise CaseError(f"{target}: found the directory of this shell, or one above it; {remedy}")
+    if place.is_mount():
+        raise CaseError(f"{target}: found a disk's own directory, which cannot be replaced; {remedy}")
     if target.is_dir():
         if any(target.iterdir()) and not (target / mark).is_file():
             raise CaseError(f"{target}: found a directory that holds other files; {remedy}")
-    elif target.exists():
+    elif os.path.lexists(target):
         raise CaseError(f"{target}: found a file; {remedy}")
-    parent = next(p for p in target.absolute().parents if p.exists())
+    parent = next(p for p in place.parents if p.exists())
     if not parent.is_dir():
         raise CaseError(f"{target}: found that {parent} is a file; {remedy}")
-    if not os.access(parent, os.W_OK):
-        raise CaseError(f"{target}: found that {parent} cannot be written to; {remedy}")
+    swept(parent)
+    require_room(target, room)
 
 
-def _swap(scratch: Path, target: Path) -> None:
-    """Put `scratch` in the place of `target`; an older run directory goes only when the new one is there."""
-    if not target.exists():
-        scratch.replace(target)
-        return
-    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+def require_room(target: Path, room: int) -> None:
+    """Refuse a place where a file or directory cannot be made, or that has too little room.
+
+    Parameters
+    ----------
+    target
+        What is to be made; directories above it need not be there.
+    room
+        Bytes that will be written at least.
+
+    Raises
+    ------
+    WriteError
+        If that is so.
+    """
+    remedy = "choose another --out"
+    parent = next(p for p in Path(os.path.abspath(target)).parents if p.exists())
     try:
-        target.replace(old / "run")
-        try:
-            scratch.replace(target)
-        except BaseException:
-            (old / "run").replace(target)
-            raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
+        with scratch_directory(parent / target.name) as scratch:
+            (scratch / "trial").write_bytes(bytes(4096))
+            free = shutil.disk_usage(scratch).free
+    except OSError as error:
+        raise WriteError(
+            f"{target}: found that {parent} cannot be written to ({error.strerror or error}); expected a directory "
+            f"for it that can; {remedy}"
+        ) from error
+    if free < room:
+        raise WriteError(
+            f"{target}: found {free / 1e6:.1f} MB free on the disk; expected at least {room / 1e6:.1f} MB for what "
+            f"will be written; make room or {remedy}"
+        )

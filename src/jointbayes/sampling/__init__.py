@@ -2,6 +2,7 @@
 
 from jointbayes.sampling.adapted import run_adapted
 from jointbayes.sampling.chains import Chains, Draws, Progress
+from jointbayes.sampling.checkpoint import UnfinishedRun
 from jointbayes.sampling.coordinates import ComposedCoordinates, Coordinates, Identity, NormalScores, ProductCoordinates
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.diagnostics import (
@@ -24,6 +25,7 @@ __all__ = [
     "LogDensity",
     "Quantities",
     "SamplerSettings",
+    "UnfinishedRun",
     "run_adapted",
     "replace_far_walkers",
     "run_ensembles",

@@ -7,14 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.sampling.chains import Chains, Progress
+from jointbayes.sampling.checkpoint import UnfinishedRun
 from jointbayes.sampling.coordinates import Coordinates, straightened
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
 from jointbayes.sampling.proposal.student import StudentMixture
 from jointbayes.sampling.proposal.weights import importance_efficiency, truncated
-from jointbayes.sampling.run import Slow, run_stage
+from jointbayes.sampling.run import run_stage
 from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.stage import Slow
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.streams import Streams
 
@@ -47,6 +49,7 @@ def run_adapted(
     systems: Sequence[Coordinates],
     proposal: Proposal,
     quantities: Quantities | None = None,
+    keeper: UnfinishedRun | None = None,
 ) -> tuple[Chains, Proposal]:
     """Run ensembles as :func:`run_ensembles` does, and fit the proposal anew where they are slow to converge.
 
@@ -64,6 +67,9 @@ def run_adapted(
         Coordinates to choose from for the new proposal.
     proposal : Proposal
         The first.
+    keeper : UnfinishedRun, optional
+        Where the steps are kept while they are made. With what it holds of an earlier process the run goes on as if
+        never interrupted: earlier stages are read, and proposals fitted to them again.
 
     Returns
     -------
@@ -90,6 +96,7 @@ def run_adapted(
             quantities=quantities,
             # what is left must be enough for a stage of its own
             slow=Slow(stage, left - max(2 * settings.check_every, stage // 2), _SLOW_TAU) if stage else None,
+            keeper=keeper,
         )
         evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
         if chains.converged or chains.steps == left:

@@ -1,44 +1,25 @@
 """Run ensembles until they agree."""
 
 import time
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.sampling.chains import Chains, Progress
+from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
 from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import Block, EnsembleState, initial_states, mixture
+from jointbayes.sampling.ensemble import initial_states, mixture
+from jointbayes.sampling.interrupts import finished_first
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.settings import SamplerSettings
-from jointbayes.sampling.stopping import (
-    Check,
-    Quantities,
-    Verdict,
-    diagnose,
-    expected_steps,
-    judge,
-    next_check,
-    thinning,
-    with_end_error,
-)
+from jointbayes.sampling.stage import Slow, Stage
+from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.streams import Streams
-from jointbayes.sampling.workers import MoveOn, mover
+from jointbayes.sampling.workers import mover
 
-__all__ = ["Slow", "run_ensembles", "run_stage"]
-
-
-@dataclass(frozen=True, slots=True)
-class Slow:
-    """Between which steps, and above which τ, a run is ended because it mixes slowly."""
-
-    first: int
-    last: int
-    tau: float
+__all__ = ["run_ensembles", "run_stage"]
 
 
 def run_ensembles(
@@ -116,6 +97,7 @@ def run_stage(
     proposal: Proposal | None,
     quantities: Quantities | None,
     slow: Slow | None = None,
+    keeper: UnfinishedRun | None = None,
 ) -> Chains:
     """Run the ensembles as :func:`run_ensembles` does, as one stage of several.
 
@@ -127,104 +109,38 @@ def run_stage(
         Seeds of this stage.
     slow : Slow, optional
         When the stage ends before its limit because it mixes slowly; by default never.
+    keeper : UnfinishedRun, optional
+        Where the steps are kept while they are made, and from where the stage goes on.
     """
     import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
 
-    began = time.perf_counter()
     states = initial_states(log_density, start, settings)
-    run = _Run(blocks=[], checks=[], step=0)
-    verdict = Verdict(converged=False, reason="")
-    with mover(log_density, mixture(coordinates, proposal), min(settings.processes, settings.ensembles)) as move_on:
-        while not verdict.converged and run.step < settings.max_steps and not (slow and run.is_slow(slow)):
-            states = run.extend(move_on, states, streams, settings)
-            if run.step == run.due(settings):
-                run.check(settings, quantities)
-                verdict = judge(settings, run.checks)
-            if progress is not None:
-                progress(run.report(settings, verdict, time.perf_counter() - began))
-    return run.chains(settings, verdict, time.perf_counter() - began)
+    stage = (keeper and keeper.stage(streams.stage)) or Stage()
+    if stage.blocks:
+        states = stage.states()
+        require_same_density(log_density, states)
+        stage.check_if_due(settings, quantities)
+    verdict = stage.verdict(settings)
+    began = time.perf_counter() - stage.seconds
 
+    def is_done() -> bool:
+        return verdict.converged or stage.step >= settings.max_steps or bool(slow and stage.is_slow(slow))
 
-@dataclass(slots=True)
-class _Run:
-    """A run in progress: the blocks of all ensembles so far, and what the checks found.
+    def keep(*, now: bool) -> None:
+        if keeper is not None:
+            keeper.keep(streams.stage, stage, time.perf_counter() - began, now=now)
 
-    ``blocks`` has one row per block and one column per ensemble.
-    """
-
-    blocks: list[list[Block]]
-    checks: list[Check]
-    step: int
-
-    def due(self, settings: SamplerSettings) -> int:
-        """Step of the next check."""
-        return next_check(self.checks[-1].step if self.checks else 0, settings)
-
-    def is_slow(self, slow: Slow) -> bool:
-        """Whether the run stands at a check between these steps and mixes slowly."""
-        if not slow.first <= self.step <= slow.last or self.checks[-1].step != self.step:
-            return False
-        return self.checks[-1].tau_max > slow.tau
-
-    def extend(
-        self, move_on: MoveOn, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
-    ) -> list[EnsembleState]:
-        """Move every ensemble on by one block and return where they stand."""
-        size = min(settings.check_every, settings.max_steps - self.step)
-        seeds = [streams.block(ensemble, len(self.blocks)) for ensemble in range(len(states))]
-        self.blocks.append(move_on(states, size, seeds))
-        self.step += size
-        return [block.end for block in self.blocks[-1]]
-
-    def check(self, settings: SamplerSettings, quantities: Quantities | None) -> None:
-        """Look at all steps so far."""
-        theta = self.theta()
-        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None))
-        self.checks[-1] = with_end_error(settings, self.checks, theta, quantities)
-
-    def theta(self) -> NDArray[np.float64]:
-        """All positions, shape (ensembles, steps, walkers, d)."""
-        return np.stack([np.concatenate([block.theta for block in one]) for one in self.by_ensemble()])
-
-    def by_ensemble(self) -> list[tuple[Block, ...]]:
-        """Blocks with one row per ensemble."""
-        return list(zip(*self.blocks, strict=True))
-
-    def move_acceptance(self) -> dict[str, float]:
-        """Fraction of accepted proposals of each move that was made, over all ensembles."""
-        accepted, proposed = Counter[str](), Counter[str]()
-        for block in chain.from_iterable(self.blocks):
-            for name, count in block.moves.items():
-                accepted[name] += count.accepted
-                proposed[name] += count.proposed
-        return {name: accepted[name] / proposed[name] for name in proposed if proposed[name]}
-
-    def report(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Progress:
-        """Where the run stands, for the caller."""
-        last = self.checks[-1]
-        return Progress(
-            steps=self.step,
-            max_steps=settings.max_steps,
-            expected_steps=self.step if verdict.converged else expected_steps(settings, last),
-            tau=last.tau_max,
-            r_hat=last.r_hat_max,
-            elapsed_seconds=seconds,
-        )
-
-    def chains(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Chains:
-        """Close the run, whose last block always ends in a check."""
-        counts = [[count for block in one for count in block.moves.values()] for one in self.by_ensemble()]
-        accepted = np.array([sum(count.accepted for count in one) for one in counts])
-        return Chains(
-            theta=self.theta(),
-            log_density=np.stack([np.concatenate([b.log_density for b in one]) for one in self.by_ensemble()]),
-            acceptance=accepted / (self.step * settings.walkers),
-            move_acceptance=self.move_acceptance(),
-            thin=thinning(self.checks[-1].tau),
-            converged=verdict.converged,
-            reason=verdict.reason,
-            singular=sum(block.singular for block in chain.from_iterable(self.blocks)),
-            evaluations=settings.ensembles * settings.walkers * (self.step + 1),
-            seconds=seconds,
-            history=tuple(self.checks),
-        )
+    try:
+        with mover(log_density, mixture(coordinates, proposal), min(settings.processes, settings.ensembles)) as move_on:
+            while not is_done():
+                with finished_first(wait=keeper is not None) as asked_to_stop:
+                    states = stage.extend(move_on, states, streams, settings)
+                    stage.check_if_due(settings, quantities)
+                    verdict = stage.verdict(settings)
+                    keep(now=bool(asked_to_stop) or is_done())
+                if progress is not None:
+                    progress(stage.report(settings, verdict, time.perf_counter() - began))
+    except KeyboardInterrupt:
+        keep(now=True)
+        raise
+    return stage.chains(settings, verdict, time.perf_counter() - began)

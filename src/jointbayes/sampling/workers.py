@@ -1,13 +1,16 @@
 """Ensembles side by side in processes."""
 
+import os
 import pickle
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 
 import numpy as np
 
@@ -94,7 +97,16 @@ def _receive(work: bytes) -> None:
     global _work
     # Ctrl-C goes to every process of a terminal; the caller's answers it and ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_caller, daemon=True).start()
     _work = pickle.loads(work)
+
+
+def _end_with_caller() -> None:
+    """End this process when the one that started it does, however that ends: a killed one tells nobody."""
+    caller = parent_process()
+    assert caller is not None
+    wait([caller.sentinel])
+    os._exit(1)
 
 
 def _advance(state: EnsembleState, steps: int, seed: np.random.SeedSequence) -> Block:

@@ -1,0 +1,85 @@
+"""What a run is of, part by part, each as a short text: by it a run that goes on is known to be the same."""
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import fields
+from importlib.metadata import version
+from typing import Any, Protocol
+
+import numpy as np
+
+from jointbayes.inference import Problem
+from jointbayes.posterior.run_record import data_sha256
+from jointbayes.posterior.stored_problem import described
+from jointbayes.sampling import SamplerSettings
+
+__all__ = ["run_fingerprint"]
+
+#: Settings that change no draw, and tables of a case that are only shown or compared with the result.
+_NO_MATTER = frozenset({"processes"})
+_ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test"})
+_SHOWN = 60  # characters; of longer values a digest
+_PACKAGES = ("jointbayes", "numpy", "scipy", "numba", "emcee")
+
+
+class StatedCase(Protocol):
+    """What this asks of a case."""
+
+    @property
+    def stated(self) -> Problem | None:
+        """The problem that its text states."""
+        ...
+
+    @property
+    def spec(self) -> Any:  # noqa: ANN401 (a pydantic model, of a room that this one does not know)
+        """The case file, checked and typed."""
+        ...
+
+
+def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:
+    """Parts of a run by name: seed, settings, versions, data, and the keys of the case or the parts of the problem.
+
+    Parameters
+    ----------
+    problem
+        What is sampled.
+    case
+        The case that states it, if one does.
+    seed, settings
+        Of the run.
+    """
+    parts = {"seed": str(seed), "data": data_sha256(problem.measurement)[:16]}
+    if (joint_frf := getattr(problem.measurement, "joint_frf", None)) is not None:
+        values = np.ascontiguousarray(joint_frf.values)
+        parts["data at the joint"] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    parts |= {
+        f"sampling.{one.name}": str(getattr(settings, one.name))
+        for one in fields(settings)
+        if one.name not in _NO_MATTER
+    }
+    if case is not None and case.stated is problem:
+        tables = json.loads(case.spec.model_dump_json())
+        parts |= _flat({name: table for name, table in tables.items() if name not in _ONLY_SHOWN})
+    else:
+        parts |= {name: _short(part) for name, part in described(problem).items() if name != "name"}
+    versions = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+    return parts | {f"version of {name}": number for name, number in versions.items()}
+
+
+def _flat(table: Mapping[str, Any], above: str = "") -> dict[str, str]:
+    """Values by dotted key."""
+    flat: dict[str, str] = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{above}{key}.")
+        elif value is not None:
+            flat[f"{above}{key}"] = _short(value)
+    return flat
+
+
+def _short(value: object) -> str:
+    """A value as a message may show it; of a long one its digest."""
+    text = json.dumps(value, ensure_ascii=False, sort_keys=True)
+    return text if len(text) <= _SHOWN else hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,233 @@
+"""Runs that are stopped from outside: by a signal, by another run, by what stands in their way."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from benchmarks.killed import trials
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli.commands import main
+from jointbayes.sampling import UnfinishedRun
+from tests.conftest import cheap_frequencies_text
+
+EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
+#: The command line; it sends itself a signal when the sampler has come so far, as a user or a batch system does.
+STOPPED = EVERY_BLOCK + (
+    "import os, signal, sys\nfrom jointbayes.cli import progress\n"
+    "from jointbayes.cli.commands import main\n"
+    "def report(told):\n    if told.steps >= 100: os.kill(os.getpid(), {signal})\n"
+    "progress._plain = lambda: report\nmain()"
+)
+
+
+def program(folder, code, *arguments):
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+def cli(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+@pytest.fixture
+def config(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "clamp.toml"
+    path.write_text(cheap_frequencies_text(), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.science), (signal.SIGTERM, 143)]
+)
+def test_a_run_stopped_by_a_signal_says_how_to_go_on_and_goes_on_to_the_same_bits(config, tmp_path, number, status):
+    done = program(tmp_path, STOPPED.format(signal=int(number)), "sample", config.name, "--out", "x.nc", "--seed", "2")
+    assert done.returncode == status, done.stderr
+    *_, line = done.stderr.splitlines()
+    assert line == (
+        "jointbayes: interrupted; the run is kept in x.nc.unfinished as it is after 100 steps; go on with: "
+        "jointbayes sample clamp.toml --out x.nc --seed 2 --resume"
+    )
+    assert "Traceback" not in done.stderr
+    assert set(names(tmp_path)) == {"clamp.toml", "x.nc.unfinished"}
+    again = cli("sample", config, "--out", "x.nc", "--seed", "2")
+    assert again.exit_code == 2
+    assert "x.nc.unfinished: found an unfinished run; expected none; to go on with it use: jointbayes" in again.stderr
+    assert cli("sample", config, "--out", "x.nc", "--seed", "2", "--resume").exit_code in (0, 3)
+    assert names(tmp_path) == ["clamp.toml", "x.nc"]
+    undisturbed = jb.sample(jb.load_case(config), seed=2)
+    assert jb.load_posterior("x.nc").theta.tobytes() == undisturbed.theta.tobytes()
+
+
+def test_a_signal_before_the_first_step_leaves_nothing(config, tmp_path):
+    code = (
+        "import os\nfrom jointbayes import workflow\nfrom jointbayes.cli.commands import main\n"
+        "def search(*_a, **_o):\n    os.kill(os.getpid(), 15)\n    import time; time.sleep(9)\n"
+        "workflow.find_map = search\nmain()"
+    )
+    done = program(tmp_path, code, "run", config.name, "--out", "out")
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (143, "jointbayes: interrupted; nothing was written")
+    assert "Traceback" not in done.stderr
+    assert names(tmp_path) == ["clamp.toml"]
+
+
+def test_a_signal_while_the_report_is_written_leaves_the_draws_and_nothing_hidden(
+    config, tmp_path, frequency_posterior
+):
+    frequency_posterior.save("draws.nc")
+    code = (
+        "import os, sys\nimport jointbayes as jb\n"
+        "from jointbayes import workflow\nfrom jointbayes.report import run_directory\n"
+        "from jointbayes.cli.commands import main\n"
+        "workflow.sample = lambda *_a, **_o: jb.load_posterior('draws.nc')\n"
+        "run_directory.render_pdf = lambda _report: os.kill(os.getpid(), 15)\nmain()"
+    )
+    done = program(tmp_path, code, "run", config.name, "--out", "out")
+    assert done.returncode == 143, done.stderr
+    *_, line = done.stderr.splitlines()
+    assert line.startswith(
+        "jointbayes: interrupted while the report was written; the draws are whole in out.posterior.nc;"
+    )
+    assert names(tmp_path) == ["clamp.toml", "draws.nc", "out.posterior.nc"]
+
+
+def test_two_runs_on_one_directory_are_refused(config, tmp_path):
+    with UnfinishedRun(tmp_path / "out.unfinished"):
+        for command in ("run", "sample"):
+            result = cli(command, config, "--out", "out", "--resume")
+            assert result.exit_code == 2
+            assert f"out.unfinished: found another run at work on it (process {os.getpid()} on " in result.stderr
+    assert names(tmp_path) == ["clamp.toml"]
+
+
+def test_a_changed_case_is_refused_by_its_key(config, tmp_path):
+    program(tmp_path, STOPPED.format(signal=2), "sample", config.name, "--out", "x.nc")
+    text = config.read_text(encoding="utf-8")
+    config.write_text(text.replace("elements = 4", "elements = 5"), encoding="utf-8")
+    result = cli("sample", config, "--out", "x.nc", "--resume")
+    assert result.exit_code == 2
+    assert "structure.elements: found 5, expected 4 as in the checkpoint" in result.stderr
+    config.write_text(f"# only a comment\n{text}", encoding="utf-8")
+    assert cli("sample", config, "--out", "x.nc", "--resume").exit_code in (0, 3)
+
+
+def places(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "link").symlink_to("/dev/null")
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "mine").write_text("mine", encoding="utf-8")
+    return [".", "..", "/", "fifo", "link", "/dev/null", "/proc/x", "notes", "notes/mine", "clamp.toml/out"]
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="this system has no /proc")
+@pytest.mark.parametrize("command", ["run", "sample"])
+def test_a_place_that_cannot_be_written_is_found_before_any_work(config, tmp_path, monkeypatch, command):
+    def worked(*_arguments, **_options):
+        raise AssertionError
+
+    monkeypatch.setattr("jointbayes.workflow.find_map", worked)
+    for place in places(tmp_path):
+        if (command, place) == ("sample", "notes/mine"):
+            continue  # a file of draws may take the place of a file
+        before = names(tmp_path)
+        result = cli(command, config, "--out", place)
+        assert (result.exit_code, result.stdout) == (2, ""), (place, result.output)
+        assert isinstance(result.exception, SystemExit), place
+        line = result.stderr.splitlines()[-1]
+        assert line.startswith(f"jointbayes: {place}"), line
+        assert names(tmp_path) == before
+
+
+def test_too_little_room_is_found_before_any_work(config, tmp_path, monkeypatch):
+    usage = type("Usage", (), {"free": 5000})
+    monkeypatch.setattr("shutil.disk_usage", lambda _place: usage)
+    for command in ("run", "sample"):
+        result = cli(command, config, "--out", "out")
+        assert result.exit_code == 2
+        assert "out: found 0.0 MB free on the disk; expected at least " in result.stderr
+    assert names(tmp_path) == ["clamp.toml"]
+
+
+@pytest.mark.science
+def test_killed_runs_come_to_the_same_posterior_and_leave_nothing():
+    for command, kind, count in (("sample", "fork", 6), ("run", "fork", 3), ("sample", "program", 1)):
+        found = trials(count, command, kind, 3)
+        assert (found["identical"], found["unreadable"], found["with leftovers"]) == (count, 0, 0), found
+
+
+@pytest.mark.science
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="this system has no /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_no_worker_outlives_its_run(config, tmp_path, number):
+    text = config.read_text(encoding="utf-8")
+    config.write_text(text.replace("walkers = 8", "walkers = 8\nprocesses = 2\nend_tolerance = 1e-4"), encoding="utf-8")
+    code = EVERY_BLOCK + "from jointbayes.cli.commands import main; main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, "sample", config.name, "--out", "x.nc"],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    ) as process:  # fmt: skip
+        checkpoint = tmp_path / "x.nc.unfinished" / "checkpoint"
+        patience = time.monotonic() + 120
+        while not (checkpoint.exists() and json.loads(checkpoint.read_bytes().split(b"\n")[0])["stages"]):
+            assert process.poll() is None
+            assert time.monotonic() < patience
+            time.sleep(0.1)
+        # a terminal and a batch system tell all processes, the kernel that has no memory left only one
+        (os.kill if number == signal.SIGKILL else os.killpg)(process.pid, number)
+        said = process.stderr.read()
+        assert process.wait() == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number]
+    assert "Traceback" not in said
+    patience = time.monotonic() + 20
+    while any(_session(pid) == process.pid for pid in os.listdir("/proc") if pid.isdigit()):
+        assert time.monotonic() < patience
+        time.sleep(0.1)
+    with UnfinishedRun(tmp_path / "x.nc.unfinished", resume=True) as kept:
+        assert kept.holds_a_run
+
+
+def _session(pid):
+    try:
+        with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as stream:
+            state, _, _, session = stream.read().rsplit(")", 1)[1].split()[:4]
+    except OSError:
+        return None
+    return None if state == "Z" else int(session)
+
+
+@pytest.mark.science
+def test_a_full_disk_is_one_line_and_nothing_hidden_stays(config, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1200k", "tmpfs", disk], check=False).returncode:
+        pytest.skip("only root can mount a small disk: NOT TESTED")
+    try:
+        done = program(
+            tmp_path, EVERY_BLOCK.replace("0.0", "0.0") + FILLED, "sample", config.name, "--out", "disk/x.nc"
+        )
+        assert done.returncode == 2, done.stderr
+        *_, line = done.stderr.splitlines()
+        assert line.startswith("jointbayes: disk/x.nc: found that it cannot be written (No space left on device)")
+        assert "Traceback" not in done.stderr
+        assert not [name for name in names(disk) if name.startswith(".")]
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+#: Fill the disk when the sampler begins.
+FILLED = (
+    "from jointbayes import workflow\nfrom jointbayes.cli.commands import main\n"
+    "def filled(*a, **o):\n    f = open('disk/full', 'wb', 0)\n    try:\n        while True: f.write(bytes(4096))\n"
+    "    except OSError: pass\n    return run(*a, **o)\n"
+    "run, workflow.run_adapted = workflow.run_adapted, filled\nmain()"
+)
