@@ -110,8 +110,8 @@ def _draw_hits(grid: Any, hits: Sequence[HitCurve]) -> None:  # noqa: ANN401 (ar
 
 
 def _plain(label: str) -> str:
-    """A label that Matplotlib takes as it is: no formula, and not hidden for its first sign."""
-    text = printable(label).replace("$", r"\$")
+    """A label that Matplotlib draws, also where it begins with what hides it."""
+    text = printable(label)
     return f" {text}" if text.startswith("_") else text
 
 

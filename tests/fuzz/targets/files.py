@@ -1,5 +1,6 @@
 """Measurement files of all formats: what `inspect` and `read_frf` make of them."""
 
+import gc
 import os
 import random
 import sys
@@ -113,9 +114,11 @@ def _copied_process(command: list[str], seconds: float) -> Iterator[tuple[Any, C
             yield child
         return
     reading, writing = os.pipe()
+    gc.disable()  # what is found would be closed here and, once more, in the process that this one is a copy of
     pid = os.fork()
     if pid == 0:
         _read(command[3:], writing)
+    gc.enable()
     os.close(writing)
     copy = _Copy(pid, os.fdopen(reading, "rb"))
     try:
@@ -131,9 +134,7 @@ def _read(arguments: list[str], writing: int) -> None:
     code = 1
     try:
         import faulthandler
-        import gc
 
-        gc.freeze()  # what it found would be closed here and in the process that this one is a copy of
         from jointbayes.measurement.formats.arrays import reader_process
 
         faulthandler.disable()

@@ -1,9 +1,10 @@
 """Records written in any of the formats; a file is there completely or not at all."""
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from jointbayes.errors import MeasurementError
+from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats.arrays.layout import arrays_of
 from jointbayes.measurement.formats.arrays.write import write_hdf5, write_mat73, write_matlab, write_npz
@@ -81,8 +82,26 @@ def write_records(records: Iterable[Record], path: str | Path, format: str) -> N
         raise MeasurementError(f"{path}: found format {format!r}; expected one of {', '.join(FORMATS)}; correct it")
     if not records:
         raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
+    _require_possible(path)
     try:
         with whole_file(path) as part:
             _WRITERS[format](records, part)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
+    except UnicodeEncodeError as error:
+        raise MeasurementError(
+            f"{path}: found a label that is no text ({error.object[:30]!r}); expected characters; rename it"
+        ) from None
+
+
+def _require_possible(path: Path) -> None:
+    """Refuse a path that no file can have."""
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:  # too long, and a NUL in it
+        reason = getattr(error, "strerror", None) or error
+        raise WriteError(
+            f"{str(path)[:300]}: found that it cannot be written ({reason}); expected the path of a file; correct it"
+        ) from None

@@ -158,6 +158,7 @@ class _Seen:
     others: list[FrfRecord] = field(default_factory=list)
     hits: list[HitTrace] = field(default_factory=list)
     histories: list[TimeRecord] = field(default_factory=list)
+    samples: int = 0
     complete: bool = True
 
     def add(self, record: Record) -> None:
@@ -205,7 +206,8 @@ class _Seen:
         ] += 1
         for hit in hits_of(record):
             self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
-        if sum(r.values.size for r in self.histories) + record.values.size <= _SAMPLES_KEPT:
+        self.samples += record.values.size
+        if self.samples <= _SAMPLES_KEPT:
             self.histories.append(record)
         else:
             self.complete = False

@@ -266,7 +266,9 @@ def _time_records(block: _Block) -> Iterator[TimeRecord]:
 
 def _hit_numbers(block: _Block) -> list[int]:
     hits = block.numbers("hits").ravel()
-    if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
+    with np.errstate(invalid="ignore"):  # of NaN that signal
+        whole = (hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))
+    if not whole.all():
         raise MeasurementError(
             f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
         )
