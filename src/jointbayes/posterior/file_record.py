@@ -17,7 +17,6 @@ from pydantic import (
     ConfigDict,
     Field,
     PrivateAttr,
-    TypeAdapter,
     ValidationError,
     model_validator,
 )
@@ -175,6 +174,10 @@ class _Problem(_Part):
     sha256: Annotated[str, Field(max_length=64)]
 
 
+class _Measured(_Part):
+    provenance: Provenance
+
+
 class FileRecord(_Part):
     """Everything of a posterior file that is not an array."""
 
@@ -266,9 +269,9 @@ def provenance_from(record: Mapping[str, Any], where: str) -> Provenance:
     if isinstance(plain.get("doubts"), list):  # as files of version 0.1 call them, without their kind
         plain["warnings"] = [{"key": "", **entry} for entry in plain.pop("doubts") if isinstance(entry, dict)]
     try:
-        return TypeAdapter(Provenance, config=_STRICT).validate_json(json.dumps(plain))
+        return _Measured.model_validate_json(json.dumps({"provenance": plain})).provenance
     except ValidationError as error:
-        raise MeasurementError(f"{where}: provenance of the data: {_fault(error)}") from None
+        raise MeasurementError(f"{where}: {_fault(error)}") from None
 
 
 def _fault(error: ValidationError) -> str:

@@ -40,11 +40,13 @@ class PosteriorTarget(Target):
 
     def mutate(self, rng: random.Random, content: bytes) -> bytes:
         """Mostly one change of the record; else of an array, or of the bytes whatever they mean."""
-        for _ in range(rng.choice((1, 1, 1, 2))):
-            way = rng.choices((_with_other_record, _with_other_array, _with_other_bytes), (10, 5, 4))[0]
-            content = way(rng, content)
-            if way is _with_other_bytes:
-                break  # not to be opened in this process any more
+        ways = rng.choices((_with_other_record, _with_other_array, _with_other_bytes), (10, 5, 4), k=2)
+        ways.sort(key=lambda way: way is _with_other_bytes)  # what has these is not opened in this process any more
+        for way in ways[: rng.choice((1, 1, 1, 2))]:
+            try:
+                content = way(rng, content)
+            except (AttributeError, KeyError, LookupError, TypeError, ValueError):
+                break  # nothing there any more that could be damaged in this way
         return content
 
     def prepare(self, directory: Path) -> None:
