@@ -30,7 +30,7 @@ from jointbayes.posterior.information.uncertain_inputs import Source
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import FILE_VERSION
 
-__all__ = ["REMEDY", "FileRecord", "parse_record", "provenance_from"]
+__all__ = ["REMEDY", "FileRecord", "estimate_from", "parse_record", "provenance_from"]
 
 Array = NDArray[np.float64]
 
