@@ -13,8 +13,8 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.file_record import estimate_from
+from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.storage import estimate_record
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from tests.conftest import CONFIGS
