@@ -37,7 +37,7 @@ def write_hdf5(blocks: dict[str, dict[str, Any]], path: Path) -> None:
     """Write blocks of named arrays, one group for each where there are several."""
     import h5py  # type: ignore[import-untyped]
 
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", locking=False) as file:  # `whole_file` has locked it
         for name, block in blocks.items():
             group = file.create_group(name) if name else file
             for key, value in block.items():
@@ -48,7 +48,7 @@ def write_mat73(blocks: dict[str, dict[str, Any]], path: Path) -> None:
     """Write blocks of named arrays as MATLAB 7.3 does: a header of 512 bytes, then HDF5."""
     import h5py
 
-    with h5py.File(path, "w", userblock_size=512) as file:
+    with h5py.File(path, "w", userblock_size=512, locking=False) as file:
         for name, block in blocks.items():
             group: Any = file.create_group(name) if name else file
             if name:
