@@ -170,7 +170,7 @@ def kept_task(index: int, joints: int) -> dict[str, Any]:
     return asdict(repetition(index, joints))
 
 
-def summary(found: list[Repetition]) -> dict[str, Any]:
+def summary(found: list[Repetition], joints: int = JOINTS) -> dict[str, Any]:
     """JSON-ready figures: how often mean and scatter lie in their intervals, and how far off they are."""
     rows = {}
     for i, name in enumerate(NAMES):
@@ -190,7 +190,7 @@ def summary(found: list[Repetition]) -> dict[str, Any]:
             }
     return {
         "repetitions": len(found),
-        "joints": JOINTS,
+        "joints": joints,
         "draws": DRAWS,
         "rows": rows,
         "median_effective_draws": float(np.median([one.effective for one in found])),
@@ -282,7 +282,7 @@ def main() -> None:
             file.write(json.dumps(asdict(one)) + "\n")
         left = (time.monotonic() - began) / i * (len(tasks) - i) / 60
         print(f"repetition {one.index}: {one.seconds:.1f} s; {len(done)} done, {left:.1f} min left", flush=True)
-    data = summary([done[i] for i in range(options.repetitions)])
+    data = summary([done[i] for i in range(options.repetitions)], options.joints)
     print(section(data))
     if options.pilot:
         return

@@ -25,6 +25,14 @@ def possible(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     return theta[parametrisation_named("log").feasible(theta)]
 
 
+def _cut(middle: NDArray[np.float64], sd: NDArray[np.float64], draws: int, rng: np.random.Generator) -> Any:
+    """Normal draws (draws, 3), cut off as by a prior that knows which joints are possible."""
+    found = np.zeros((0, 3))
+    while len(found) < draws:
+        found = np.concatenate([found, possible(middle + sd * rng.normal(size=(2 * draws, 3)))])
+    return found[:draws]
+
+
 def campaign_rows(
     joints: int, seed: int = 1, draws: int = 300, *, dates: bool = True
 ) -> tuple[list[dict[str, Any]], Any]:
@@ -33,8 +41,7 @@ def campaign_rows(
     true = possible(MEAN + SCATTER * rng.normal(size=(2 * joints, 3)))[:joints]
     error = ERROR * np.exp(0.2 * rng.normal(size=(joints, 3)))
     middle = true + error * rng.normal(size=(joints, 3))
-    theta = middle[:, None] + error[:, None] * rng.normal(size=(joints, 2 * draws + 100, 3))
-    theta = np.stack([possible(of_joint)[:draws] for of_joint in theta])  # as a prior does that knows of the cone
+    theta = np.stack([_cut(at, sd, draws, rng) for at, sd in zip(middle, error, strict=True)])
     rows = []
     for j in range(joints):
         row: dict[str, Any] = {

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from jointbayes.errors import ModelError
 from jointbayes.joint import parametrisation_named
@@ -163,6 +164,23 @@ def test_a_population_is_cut_off_where_joints_are_impossible(key, toy):
     assert np.exp(found[0]) == pytest.approx(share, abs=0.005)
 
 
+def test_a_population_near_the_limit_of_possible_joints_keeps_its_mean():
+    # ρ known all but exactly, cut off at 1: the mean of what is left lies below that of the population
+    signed, rng = parametrisation_named("signed"), np.random.default_rng(6)
+    theta = rng.normal([20.0, 14.0, 0.95], [0.2, 0.2, 0.1], size=(1000, 3))
+    theta = theta[signed.feasible(theta)][:300]
+    assert theta[:, 2].mean() < 0.91
+    draws = theta[:, None] + 1e-2 * rng.normal(size=(300, 60, 3))
+    draws[..., 2] = theta[:, None, 2] + 1e-3 * rng.uniform(-1, 0, size=(300, 60))
+    joints = JointDraws(draws, np.zeros((300, 60)))
+    prior = PopulationPrior(np.array([20.0, 14.0, 0.0]), np.full(3, 2.0), np.full(3, 2.0))
+    found = hierarchical_posterior(joints, prior, signed)
+    low, high = np.quantile(found.mean[:, 2], [0.005, 0.995])
+    assert low < 0.95 < high
+    without = hierarchical_posterior(joints, prior)
+    assert np.quantile(without.mean[:, 2], 0.995) < 0.95
+
+
 def test_what_a_population_means_in_stiffness():
     log = parametrisation_named("log")
     mean, scatter = np.array([[22.0, 16.0, 14.0]] * 3), np.array([[0.2, 0.1, 0.3]] * 3)
@@ -225,6 +243,16 @@ def test_priors_of_joints_make_the_prior_of_the_population():
     assert prior.mean.tolist() == [2.0, 5.0]
     assert prior.sd == pytest.approx([np.sqrt(5.0), 1.0])
     assert prior.scale == pytest.approx(prior.sd)
+
+
+def test_the_prior_is_normal_in_the_mean_and_half_normal_in_the_scatter():
+    prior = PopulationPrior(np.array([1.0, 2.0]), np.array([0.5, 3.0]), np.array([2.0, 0.4]))
+    rng = np.random.default_rng(1)
+    mean, scatter = rng.normal(size=(20, 2)), rng.uniform(0.1, 3, size=(20, 2))
+    known = stats.norm(prior.mean, prior.sd).logpdf(mean) + stats.halfnorm(scale=prior.scale).logpdf(scatter)
+    known += np.log(scatter)  # dσ/d ln σ
+    found = prior.log_density(mean, np.log(scatter))
+    np.testing.assert_allclose(found - found[0], known.sum(axis=1) - known[0].sum(), atol=1e-12)
 
 
 @pytest.mark.parametrize(
