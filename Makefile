@@ -61,6 +61,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.population
 	$(BIN)/python -m benchmarks.files
 	$(BIN)/python -m benchmarks.killed
+	$(BIN)/python -m benchmarks.campaign
 	$(BIN)/python -m tests.fuzz all --together 3600
 
 clean:  ## remove environments, caches and builds; reports/ stays

@@ -64,7 +64,9 @@ from jointbayes.structure import ModalDamping as ModalDamping
 from jointbayes.structure import Rayleigh as Rayleigh
 from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure
+from jointbayes.studies.campaign.directory import Campaign as Campaign
 from jointbayes.studies.campaign.report import write_campaign_report as write_campaign_report
+from jointbayes.studies.campaign.run import campaign as campaign
 from jointbayes.studies.comparison.compare import compare as compare
 from jointbayes.studies.comparison.result import Comparison as Comparison
 from jointbayes.studies.planning.directory import write_plan as write_plan

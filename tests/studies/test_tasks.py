@@ -20,6 +20,7 @@ from tests.studies.task_functions import (
     settings_of_worker,
     slow_square,
     square,
+    store,
     unsendable,
 )
 
@@ -222,6 +223,11 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
     assert {key for key, o in found.items() if o.killed_worker} == {"task 6"}
     assert all(found[f"task {i}"].value == i**2 for i in range(10) if i != 6)
     assert {key: o.attempts for key, o in found.items() if o.attempts > 1} == {"task 3": 2, "task 6": 2}
+
+
+def test_task_on_dask_writes_netcdf_as_anywhere_else(cluster):
+    found = [o.value or o.error for o in run_tasks(store, numbered(3), scheduler=cluster.scheduler_address)]
+    assert found == [store(0)] * 3
 
 
 def test_dask_worker_with_a_task_that_hangs_is_restarted(cluster):

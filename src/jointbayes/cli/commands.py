@@ -14,6 +14,7 @@ from typing import Any
 
 import click
 
+from jointbayes.cli.campaign import campaign
 from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED, UNFINISHED, WRITTEN
 from jointbayes.cli.files import init, inspect_command, simulate
 from jointbayes.cli.output import is_closed, let_go, say
@@ -100,7 +101,7 @@ def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
     Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged, 130 interrupted,
-    141 nobody read the output, 143 terminated.
+    141 nobody read the output, 143 terminated; of a campaign 1: cases failed.
     """
     # Small linear algebra takes up to ten times as long on several threads. Read when NumPy is loaded, so not yet.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -110,5 +111,5 @@ def main() -> None:
     atexit.register(gc.freeze)
 
 
-for command in (init, run, identify, sample, report, check, compare, plan, simulate, inspect_command):
+for command in (init, run, identify, sample, report, check, compare, plan, campaign, simulate, inspect_command):
     main.add_command(command)

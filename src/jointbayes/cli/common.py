@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jointbayes.sampling import UnfinishedRun
 
 NOT_MATCHED = 1
+CASES_FAILED = 1
 BAD_INPUT = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT

@@ -72,7 +72,7 @@ class DaskCrew:
         """Send the call to an idle worker, and to no other."""
         address = min(self._idle())
         future = self._client.submit(
-            attempt, call, key=f"jointbayes-{uuid4().hex}", workers=[address], allow_other_workers=False, pure=False
+            _attempt, call, key=f"jointbayes-{uuid4().hex}", workers=[address], allow_other_workers=False, pure=False
         )
         self._running[ticket] = (future, address, time.monotonic())
         future.add_done_callback(lambda _: self._ended.put(ticket))
@@ -140,6 +140,14 @@ class DaskCrew:
         self._running.clear()
         if self._own:
             self._client.close()
+
+
+def _attempt(call: Call) -> Reply:
+    """Run a call on a worker as anywhere else: xarray would ask the cluster for a lock for each file, in vain."""
+    import dask
+
+    with dask.config.set(scheduler="synchronous"):
+        return attempt(call)
 
 
 def _client(scheduler: "str | Client") -> tuple[Any, bool]:

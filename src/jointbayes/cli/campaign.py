@@ -1,0 +1,137 @@
+"""The command on many cases: campaign."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from jointbayes.cli.common import CASES_FAILED, NOT_CONVERGED, UNFINISHED, note_written
+from jointbayes.cli.output import say
+from jointbayes.cli.progress import show_phase
+
+if TYPE_CHECKING:
+    from jointbayes.studies.campaign.directory import Campaign
+    from jointbayes.studies.campaign.run import CampaignProgress
+
+_TABLES = (".csv", ".tsv", ".txt")
+_SHOWN = 10  # cases that are named on the terminal
+_LINES_APART = 30.0  # seconds between two lines where there is no terminal
+
+
+@click.command()
+@click.argument("cases", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--base", type=click.Path(path_type=Path), help="Case that the rows of a table change.")
+@click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/<name of the table>.")
+@click.option("--workers", type=click.IntRange(1, 10_000), help="Processes; by default one for each processor.")
+@click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of the campaign; by default 1.")
+@click.option("--draws", type=click.IntRange(200), default=4000, help="Draws kept of each case; by default 4000.")
+@click.option("--limit", "seconds", type=click.FloatRange(min=0, min_open=True), help="Longest time for a case, s.")
+@click.option("--again", is_flag=True, help="Try cases again that killed their workers.")
+def campaign(
+    cases: tuple[Path, ...],
+    base: Path | None,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    seed: int,
+    draws: int,
+    seconds: float | None,
+    again: bool,
+) -> None:
+    """Sample many cases: rows of a table in CSV over a base case, or case files; then report on all of them.
+
+    Started again on the same directory it goes on: what is done is not done again.
+    """
+    show_phase("reading the cases", on_terminal_only=True)
+    from jointbayes.studies.campaign.run import campaign as sample_all
+
+    target = out or Path("reports") / (cases[0].stem if cases[0].suffix.lower() in _TABLES else "campaign")
+    kept = click.get_current_context().meta
+    with _shown_progress() as progress:
+
+        def tell(now: "CampaignProgress") -> None:
+            kept[UNFINISHED] = f"{now.done} of {now.total} cases are done in {target}; the same command goes on"
+            progress(now)
+
+        ended = sample_all(
+            cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, seconds=seconds,
+            again=again, progress=tell,
+        )  # fmt: skip
+    _write_report(ended)
+    _exit_by(ended)
+
+
+def _write_report(ended: "Campaign") -> None:
+    from jointbayes.studies.campaign.report import write_campaign_report
+
+    show_phase("looking at all cases together, and writing the report")
+    note_written(write_campaign_report(ended.directory))
+
+
+def _exit_by(ended: "Campaign") -> None:
+    """Print what became of the cases, and end with the exit code that says so."""
+    rows = ended.index
+    failed = rows[rows["status"] != "done"]
+    doubtful = rows[(rows["status"] == "done") & ~rows["converged"].fillna(False).astype(bool)]
+    say(f"{len(rows)} cases: {len(rows) - len(failed)} done, {len(failed)} failed, {len(doubtful)} not converged")
+    for _, row in failed.head(_SHOWN).iterrows():
+        say(f"{row['status'].upper()}: {row['key']}: {row['error']}")
+    for _, row in doubtful.head(_SHOWN).iterrows():
+        say(f"NOT CONVERGED: {row['key']}: {row['reason']}")
+    if max(len(failed), len(doubtful)) > _SHOWN:
+        say(f"The first {_SHOWN} are shown; all stand in the index.")
+    say(f"Index: {ended.directory / 'index.parquet'}")
+    say(f"Report: {ended.directory / 'report.html'} and {ended.directory / 'report.pdf'}")
+    if len(failed):
+        sys.exit(CASES_FAILED)
+    if len(doubtful):
+        sys.exit(NOT_CONVERGED)
+
+
+@contextmanager
+def _shown_progress() -> "Iterator[Callable[[CampaignProgress], None]]":
+    """Yield what a campaign tells its progress to: a bar on a terminal, a line now and then elsewhere."""
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("cases"), BarColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda now: bar.update(task, completed=now.done + now.failed, total=now.total, description=_figures(now))
+
+
+def _lines() -> "Callable[[CampaignProgress], None]":
+    last = 0.0
+
+    def report(now: "CampaignProgress") -> None:
+        nonlocal last
+        ended = now.done + now.failed
+        if (ended > now.earlier and time.monotonic() - last > _LINES_APART) or (ended == now.total and now.running):
+            last = time.monotonic()
+            say(f"cases: {_figures(now)}, {now.elapsed_seconds:.0f} s so far", err=True)
+
+    return report
+
+
+def _figures(now: "CampaignProgress") -> str:
+    parts = [f"{now.done} of {now.total} done", f"{now.failed} failed"]
+    if now.earlier:
+        parts.append(f"{now.earlier} of these at an earlier start")
+    parts.append(f"{len(now.running)} running")
+    if now.left_seconds:
+        parts.append(f"about {_duration(now.left_seconds)} left")
+    return ", ".join(parts)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

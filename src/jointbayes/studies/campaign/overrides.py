@@ -1,0 +1,150 @@
+"""One row of a table over a base case: the text of the case that it makes, and what is wrong with it."""
+
+import copy
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import pydantic
+
+from jointbayes.case.errors import fault_lines
+from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.toml_text import parse_toml, read_text
+from jointbayes.case.toml_writer import toml_text
+from jointbayes.errors import CaseError
+
+__all__ = ["BaseCase", "read_base"]
+
+_MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseCase:
+    """The case over which rows of a table are laid.
+
+    Parameters
+    ----------
+    path
+        Its file; data files are looked for beside it.
+    text
+        Its TOML text.
+    data
+        The same, parsed.
+    """
+
+    path: Path
+    text: str
+    data: dict[str, Any]
+
+    def overridden(self, cells: Mapping[str, str], where: str) -> tuple[str, CaseSpec]:
+        """Text and content of the case with other values for some keys.
+
+        A value is what TOML makes of a cell, ``0.5``, ``true`` or ``["11:y"]``; what is no TOML, and what the key wants
+        as text, is text: names of files need no quotes. An empty cell leaves the base's value.
+
+        Parameters
+        ----------
+        cells
+            Cell of the table by dotted key.
+        where
+            Table and row, for messages.
+
+        Raises
+        ------
+        CaseError
+            One line for each fault, with the row and the column, or the line of the base.
+        """
+        given = {key: cell.strip() for key, cell in cells.items() if cell.strip()}
+        values = {key: _parsed(cell) for key, cell in given.items()}
+        data, spec, faults = self._judged(values, where)
+        if spec is None:
+            # a serial number as a title, say, is no number
+            texts = {key: given[key] if _at_fault(key, faults) else value for key, value in values.items()}
+            again = self._judged(texts, where)
+            if again[1] is not None:
+                data, spec, faults = again
+        if spec is None:
+            raise CaseError("\n".join(self._placed(fault, given, where) for fault in faults))
+        return toml_text(data), spec
+
+    def _judged(self, values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], CaseSpec | None, list[str]]:
+        data = copy.deepcopy(self.data)
+        for key, value in values.items():
+            _set(data, key, value, where)
+        try:
+            return data, CaseSpec.model_validate(data), []
+        except pydantic.ValidationError as error:
+            return data, None, fault_lines(error, CaseSpec, data, self.text, _MARK)
+
+    def _placed(self, fault: str, given: Mapping[str, str], where: str) -> str:
+        """A fault with the row in place of the base's line, where the row gives that key."""
+        match = re.fullmatch(rf"{_MARK}:(\d+): ([^:]*): (.*)", fault, re.DOTALL)
+        if match is None:  # a key in quotes that holds a colon
+            return fault.replace(_MARK, where, 1)
+        line, key, words = match.groups()
+        if any(key == column or key.startswith(f"{column}.") for column in given):
+            return f"{where}: {key}: {words}"
+        return f"{where}: {key}, {self.path}:{line}: {words}"
+
+
+def _at_fault(key: str, faults: list[str]) -> bool:
+    return any(f": {key}: " in fault for fault in faults)
+
+
+def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
+    try:
+        parsed = tomllib.loads(f"value = {cell}")
+    except (ValueError, RecursionError):
+        return cell
+    return parsed["value"] if parsed.keys() == {"value"} else cell
+
+
+@lru_cache(maxsize=1000)
+def _parts(key: str) -> tuple[str, ...]:
+    """Parts of a dotted key, in which parts may stand in quotes."""
+    try:
+        inside: Any = tomllib.loads(f"{key} = 0")
+    except (ValueError, RecursionError):
+        return ()
+    parts: list[str] = []
+    while isinstance(inside, dict) and len(inside) == 1:
+        part = next(iter(inside))
+        parts.append(part)
+        inside = inside[part]
+    return tuple(parts) if inside == 0 else ()
+
+
+def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
+    parts = _parts(key)
+    if not parts:
+        raise CaseError(
+            f"{where}: column {key!r}: found no key of a case file; expected one such as structure.length_mm, or key, "
+            "serial, date or case; correct the first line of the table"
+        )
+    *above, last = parts
+    table = data
+    for part in above:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise CaseError(
+                f"{where}: {key}: found that {part} is no table in the base case; expected one that holds {last}; "
+                "correct the column's name"
+            )
+    table[last] = value
+
+
+@lru_cache(maxsize=1000)
+def read_base(path: Path) -> BaseCase:
+    """Read a base case; each file once.
+
+    Raises
+    ------
+    CaseError
+        If it cannot be read or is no TOML; whether it is a case is seen with the row.
+    """
+    text = read_text(path)
+    return BaseCase(path, text, parse_toml(text, str(path)))

@@ -1,0 +1,254 @@
+"""The driver of a campaign: what is still to do, who does it, and what became of it."""
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jointbayes.errors import ModelError
+from jointbayes.studies.campaign.cases import DONE
+from jointbayes.studies.campaign.directory import Campaign, campaign_lock, require_campaign_directory
+from jointbayes.studies.campaign.index import FAILED, KILLED, Index, Row, kept_rows
+from jointbayes.studies.campaign.table import CampaignCase, read_cases
+from jointbayes.studies.campaign.work import CaseWork, do_case
+from jointbayes.studies.tasks import Outcome, run_tasks
+from jointbayes.whole_file import swept
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["CampaignProgress", "campaign", "case_seed", "run_cases"]
+
+_FORM = 1  # of what a case is reduced to: raised where all cases must be done again
+#: What workers have from the start: all that a case needs.
+_PRELOAD = ("jointbayes.workflow", "jointbayes.case.case", "jointbayes.studies.campaign.work")
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignProgress:
+    """How far a campaign is.
+
+    Parameters
+    ----------
+    total
+        Cases in all.
+    done, failed
+        Cases that have ended, those of an earlier start too; `failed` with those that killed their workers.
+    earlier
+        How many of these were not done again.
+    not_converged
+        Of those that are done.
+    running
+        Keys of those that run.
+    elapsed_seconds
+        Since this start.
+    """
+
+    total: int
+    done: int = 0
+    failed: int = 0
+    earlier: int = 0
+    not_converged: int = 0
+    running: tuple[str, ...] = ()
+    elapsed_seconds: float = 0.0
+
+    @property
+    def left_seconds(self) -> float | None:
+        """Time that the rest will take, as far as the cases of this start tell; None where there were none."""
+        ended = self.done + self.failed - self.earlier
+        return self.elapsed_seconds / ended * (self.total - self.done - self.failed) if ended else None
+
+
+def case_seed(seed: int, key: str) -> int:
+    """Seed of a case: of the campaign's seed and the case's key alone, so that no other case changes its draws."""
+    return int.from_bytes(hashlib.sha256(f"{seed}:{key}".encode()).digest()[:4], "big")
+
+
+def campaign(
+    cases: str | Path | Sequence[str | Path],
+    directory: str | os.PathLike[str],
+    *,
+    base: str | Path | None = None,
+    workers: int | None = None,
+    executor: Executor | Callable[[], Executor] | None = None,
+    scheduler: "str | Client | None" = None,
+    seed: int = 1,
+    draws: int = 4000,
+    seconds: float | None = None,
+    again: bool = False,
+    progress: Callable[[CampaignProgress], None] = lambda _: None,
+) -> Campaign:
+    """Sample many cases side by side: one posterior file a case, and an index of all.
+
+    Started again on the same directory it goes on: cases that are done are not done again unless the case, its data,
+    the seed or the package have changed; those that failed are tried once more.
+
+    Parameters
+    ----------
+    cases
+        A table in CSV, each row a case; or case files, or a pattern of such names.
+    directory
+        Where to write: ``index.parquet`` and ``cases/<key>.nc``.
+    base
+        The case that the rows of a table change.
+    workers
+        Number of processes of this machine, by default one a processor; else the most cases under way.
+    executor
+        An executor of concurrent.futures in place of own processes, or a function that makes one.
+    scheduler
+        Address of a Dask scheduler, or a client; its workers must see the same files under the same names.
+    seed
+        Of the campaign; each case has one of its own from this and its key. A row's ``sampling.seed`` goes before.
+    draws
+        Draws kept in each file at most; the index is of all draws.
+    seconds
+        Longest time for a case; one that takes longer counts as one that killed its worker.
+    again
+        Try cases again that killed their workers at an earlier start.
+    progress
+        Called as cases begin and end.
+
+    Raises
+    ------
+    CaseError
+        If the table or a case is wrong, before any work; or if the directory holds something else.
+    WorkerError
+        If no workers can be had.
+    WriteError
+        If the index cannot be written, or another process is at work in the directory.
+    """
+    sources = [cases] if isinstance(cases, str | Path) else list(cases)
+    found = read_cases(sources, base)
+    target = require_campaign_directory(directory)
+    if not draws > 0 or not 0 <= seed < 2**32:
+        raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
+    with campaign_lock(target):
+        settings: dict[str, Any] = {
+            "workers": workers,
+            "executor": executor,
+            "scheduler": scheduler,
+            "seconds": seconds,
+        }
+        run_cases(found, target, seed=seed, draws=draws, again=again, progress=progress, **settings)
+    return Campaign(target)
+
+
+def run_cases(
+    cases: Sequence[CampaignCase],
+    directory: Path,
+    *,
+    seed: int,
+    draws: int,
+    again: bool,
+    progress: Callable[[CampaignProgress], None],
+    do: Callable[[CaseWork], Row] = do_case,
+    **workers: Any,  # noqa: ANN401 (passed on)
+) -> None:
+    """Do what is not done of a campaign whose directory is ours; arguments as for `campaign`.
+
+    `do` is what a worker does for a case: a function at the top of a module.
+    """
+    (directory / "cases").mkdir(exist_ok=True)
+    swept(directory / "cases")  # what workers that were killed as they wrote have left
+    earlier = kept_rows(directory)
+    kept: dict[str, Row] = {}
+    for case in cases:
+        row = earlier.get(case.key)
+        if row is not None and (row["status"] == DONE or (row["status"] == KILLED and not again)):
+            text, files, of_seed = _content(case, seed)
+            if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws) and _has_file(directory, row):
+                kept[case.key] = {**row, "order": case.order, "serial": case.serial, "date": case.date}
+    tries = {key: int(row.get("attempts") or 0) for key, row in earlier.items() if row["status"] != DONE}
+    index = Index(directory, kept.values())
+    count = _Counter(progress, len(cases), kept.values())
+    by_key = {case.key: case for case in cases if case.key not in kept}
+    del kept, earlier
+    marks: dict[str, tuple[str, int]] = {}  # fingerprint and seed of each case under way
+    tasks = _tasks(tuple(by_key.values()), directory, seed, draws, marks)
+    try:
+        outcomes = run_tasks(do, tasks, watch=count.running, preload=_PRELOAD, **workers)
+        with closing(outcomes):  # type: ignore[type-var]  # a generator
+            for outcome in outcomes:
+                case, (mark, of_seed) = by_key[outcome.key], marks.pop(outcome.key)
+                row = _row(case, outcome, directory, of_seed) | {"fingerprint": mark}
+                row["attempts"] += tries.get(case.key, 0)
+                index.add(row)
+                count.ended(row)
+    finally:
+        swept(directory / "cases")
+        index.close()
+
+
+def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]:
+    text, spec = case.read()
+    own = "seed" in spec.sampling.model_fields_set and case.cells is not None and "sampling.seed" in case.cells
+    return text, case.files(spec), spec.sampling.seed if own else case_seed(seed, case.key)
+
+
+def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int) -> str:
+    return CampaignCase.fingerprint(text, files, _FORM, version("jointbayes"), seed, draws)
+
+
+def _has_file(directory: Path, row: Row) -> bool:
+    return row["status"] != DONE or (directory / row["file"]).is_file()
+
+
+def _tasks(
+    cases: Sequence[CampaignCase], directory: Path, seed: int, draws: int, marks: dict[str, tuple[str, int]]
+) -> Iterator[tuple[str, tuple[CaseWork]]]:
+    for case in cases:
+        text, files, of_seed = _content(case, seed)
+        marks[case.key] = _fingerprint(text, files, of_seed, draws), of_seed
+        file = str((directory / "cases" / f"{case.key}.nc").absolute())
+        yield case.key, (CaseWork(case.key, text, str(case.path.absolute().parent), of_seed, file, draws),)
+
+
+def _row(case: CampaignCase, outcome: Outcome, directory: Path, seed: int) -> Row:
+    """Row of the index for a case that has ended."""
+    file = f"cases/{case.key}.nc"
+    status = KILLED if outcome.killed_worker else DONE if outcome.error is None else FAILED
+    error = outcome.error
+    if status == DONE and not (directory / file).is_file():
+        status, error = FAILED, f"{file}: found no file; expected workers that see {directory} under this name"
+    values = outcome.value if status == DONE else {}
+    return {
+        "key": case.key, "file": file if status == DONE else None, "status": status, "attempts": outcome.attempts,
+        "error": error, "serial": case.serial, "date": case.date, "order": case.order, "seed": seed, **values,
+    }  # fmt: skip
+
+
+class _Counter:
+    """Counts what has ended, and tells."""
+
+    def __init__(self, tell: Callable[[CampaignProgress], None], total: int, kept: Any) -> None:  # noqa: ANN401
+        self._tell, self._begin = tell, time.monotonic()
+        self._now = CampaignProgress(total)
+        for row in kept:
+            self._count(row)
+        self._now = replace(self._now, earlier=self._now.done + self._now.failed)
+        tell(self._now)
+
+    def _count(self, row: Row) -> None:
+        now, done = self._now, row["status"] == DONE
+        self._now = replace(
+            now,
+            done=now.done + done,
+            failed=now.failed + (not done),
+            not_converged=now.not_converged + (done and not row["converged"]),
+        )
+
+    def ended(self, row: Row) -> None:
+        """Count a case that has ended."""
+        self._count(row)
+        self.running(tuple(key for key in self._now.running if key != row["key"]))
+
+    def running(self, keys: tuple[str, ...]) -> None:
+        """Tell which cases run."""
+        self._now = replace(self._now, running=keys, elapsed_seconds=time.monotonic() - self._begin)
+        self._tell(self._now)

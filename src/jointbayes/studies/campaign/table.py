@@ -1,0 +1,238 @@
+"""The cases of a campaign: rows of a table over a base case, or case files."""
+
+import csv
+import datetime
+import hashlib
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
+
+from jointbayes.case.schema.case import CaseSpec, parse_case
+from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.case.toml_text import read_text, similar
+from jointbayes.errors import CaseError
+from jointbayes.studies.campaign.overrides import read_base
+
+__all__ = ["CampaignCase", "read_cases"]
+
+_OWN = ("key", "serial", "date", "case")  # columns that are no keys of a case file
+_MOST_BYTES, _MOST_CASES = 100_000_000, 200_000
+_MOST_FAULTS = 20
+_NAME = re.compile(r"\w[\w .+-]*", re.ASCII)  # of a file, on every system
+_LONGEST = 80
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignCase:
+    """One case of a campaign.
+
+    Parameters
+    ----------
+    key
+        By which it is known; the name of its file.
+    order
+        Its place in the table, from 0.
+    where
+        Table and row, or the case file, for messages.
+    path
+        Case file, or base case.
+    cells
+        What the table puts in place of the base's values, by dotted key; None of a case file.
+    serial, date
+        As the table has them.
+    """
+
+    key: str
+    order: int
+    where: str
+    path: Path
+    cells: Mapping[str, str] | None = None
+    serial: str | None = None
+    date: datetime.datetime | None = None
+
+    def read(self) -> tuple[str, CaseSpec]:
+        """Text of the case, and the same checked.
+
+        Raises
+        ------
+        CaseError
+            If it is no case.
+        """
+        if self.cells is None:
+            text = read_text(self.path)
+            return text, parse_case(text, str(self.path))
+        return read_base(self.path).overridden(self.cells, self.where)
+
+    def files(self, spec: CaseSpec) -> tuple[Path, ...]:
+        """Its measurement files."""
+        names = spec.data.file if isinstance(spec.data, MeasuredSpec) else ()
+        return tuple(self.path.parent / name for name in names)
+
+    @staticmethod
+    def fingerprint(text: str, files: Sequence[Path], *of_run: object) -> str:
+        """Digest of what a result depends on: the case, its data, and what the run adds."""
+        digest = hashlib.sha256(repr((text, *of_run)).encode())
+        for file in files:
+            try:
+                with file.open("rb") as stream:
+                    digest.update(hashlib.file_digest(stream, "sha256").digest())
+            except OSError as error:
+                digest.update(type(error).__name__.encode())
+        return digest.hexdigest()
+
+
+def read_cases(sources: Sequence[str | Path], base: str | Path | None = None) -> tuple[CampaignCase, ...]:
+    """Read what the cases of a campaign are, and check each as far as its text goes.
+
+    Parameters
+    ----------
+    sources
+        One table in CSV, or case files, whose names may hold ``*``, ``?`` and ``[…]``.
+    base
+        Base case of a table without a column `case`.
+
+    Raises
+    ------
+    CaseError
+        If a table or a case is wrong: one line for each fault, with row and column; or if two cases share a key.
+    """
+    paths = [Path(source) for source in sources]
+    tables = [path for path in paths if path.suffix.lower() in (".csv", ".tsv", ".txt")]
+    if tables and len(paths) > 1:
+        raise CaseError(f"{tables[0]}: found a table and {len(paths) - 1} more; expected one table, or case files")
+    if not tables and base is not None:
+        raise CaseError(f"{base}: found a base case with case files; expected it with a table; give a table in CSV")
+    cases = tuple(_rows(tables[0], base) if tables else _of_files(sources))
+    _require_own_keys(cases)
+    faults: list[str] = []
+    for case in cases:
+        try:
+            case.read()
+        except CaseError as error:
+            faults += str(error).splitlines()
+            if len(faults) > _MOST_FAULTS:
+                faults[_MOST_FAULTS:] = ["there are more faults; these are the first"]
+                break
+    if faults:
+        raise CaseError("\n".join(faults))
+    return cases
+
+
+def _of_files(sources: Sequence[str | Path]) -> Iterator[CampaignCase]:
+    found: list[Path] = []
+    for source in sources:
+        matches = sorted(glob(str(source), recursive=True)) if not Path(source).exists() else [str(source)]
+        if not matches:
+            raise CaseError(f"{source}: found no such file; expected a table in CSV or case files; check the path")
+        found += map(Path, matches)
+    for order, path in enumerate(found):
+        yield CampaignCase(_key(path.stem, str(path)), order, str(path), path)
+
+
+def _rows(table: Path, base: str | Path | None) -> Iterator[CampaignCase]:
+    rows = _cells(table)
+    head = [name.strip() for name in next(rows, (0, []))[1]]
+    _require_columns(head, table, base)
+    order = 0
+    for number, cells in rows:
+        where = f"{table}:{number}"
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != len(head):
+            raise CaseError(
+                f"{where}: found {len(cells)} cells; expected {len(head)}, one for each column; correct the row, and "
+                "put cells with a separator in them into quotes"
+            )
+        if order == _MOST_CASES:
+            raise CaseError(f"{where}: found more than {_MOST_CASES} cases; expected fewer; make several campaigns")
+        row = dict(zip(head, (cell.strip() for cell in cells), strict=True))
+        own = {name: row.pop(name, "") for name in _OWN}
+        if not own["case"] and base is None:
+            raise CaseError(f"{where}: case: found no base case; expected a case file; fill the cell or give --base")
+        path = table.parent / own["case"] if own["case"] else Path(base or "")
+        key = own["key"] or own["serial"] or f"{order + 1:05d}"
+        date = _date(own["date"], where) if own["date"] else None
+        yield CampaignCase(_key(key, where), order, where, path, row, own["serial"] or None, date)
+        order += 1
+    if order == 0:
+        raise CaseError(f"{table}:1: found no row; expected one for each case below the names of the columns")
+
+
+def _cells(table: Path) -> Iterator[tuple[int, list[str]]]:
+    """Rows of cells with the line on which each begins."""
+    try:
+        if table.stat().st_size > _MOST_BYTES:
+            raise CaseError(
+                f"{table}: found more than {_MOST_BYTES / 1e6:.0f} MB; expected a table of cases; divide it"
+            )
+        text = table.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise CaseError(f"{table}:{line}: found no UTF-8 text; expected a table in CSV; save it as UTF-8") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise CaseError(f"{table}: found that it cannot be read ({reason}); expected a table in CSV") from None
+    first = text.split("\n", 1)[0]
+    separator = max(",;\t", key=first.count)
+    reader, number = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True), 1
+    while True:
+        try:
+            cells = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise CaseError(f"{table}:{number}: found no CSV ({error}); expected cells in rows; correct it") from None
+        yield number, cells
+        number = reader.line_num + 1
+
+
+def _require_columns(head: list[str], table: Path, base: str | Path | None) -> None:
+    twice = next((name for name in head if head.count(name) > 1), None)
+    if twice is not None or "" in head or not head:
+        found = "a column without a name" if "" in head or not head else f"two columns {twice!r}"
+        raise CaseError(f"{table}:1: found {found}; expected a name of its own for each; correct the first line")
+    slips = {name: near for name in head if name not in _OWN and "." not in name and (near := similar(name, _OWN))}
+    for name, near in slips.items():
+        if name not in CaseSpec.model_fields:
+            raise CaseError(
+                f"{table}:1: {name}: found no such column; expected a key of a case; did you mean {near!r}?"
+            )
+    if base is None and "case" not in head:
+        raise CaseError(
+            f"{table}:1: found no base case; expected a column `case`, or --base; give the case that the rows change"
+        )
+
+
+def _key(key: str, where: str) -> str:
+    if len(key) > _LONGEST or not _NAME.fullmatch(key) or key.endswith((".", " ")):
+        shown = ascii(key[:_LONGEST])
+        raise CaseError(
+            f"{where}: key: found {shown}; expected a name for a file of at most {_LONGEST} letters, digits, points, "
+            "signs and spaces that begins with a letter or digit; give the case such a key"
+        )
+    return key
+
+
+def _date(text: str, where: str) -> datetime.datetime:
+    try:
+        date = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        raise CaseError(
+            f"{where}: date: found {text[:_LONGEST]!a}; expected a date such as 2026-03-31 or 2026-03-31 14:05; "
+            "correct it"
+        ) from None
+    return date.astimezone(datetime.UTC).replace(tzinfo=None) if date.tzinfo else date
+
+
+def _require_own_keys(cases: Sequence[CampaignCase]) -> None:
+    known: dict[str, CampaignCase] = {}
+    for case in cases:
+        other = known.setdefault(case.key.casefold(), case)  # some systems take A and a for one name
+        if other is not case:
+            raise CaseError(
+                f"{case.where}: key: found {case.key!r}, which {other.where} has already; expected a key of its own "
+                "for each case; change one of them"
+            )

@@ -1,0 +1,59 @@
+"""What a worker does for one case: sample, judge, write one file, return one row."""
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from jointbayes.posterior.brief import Cell
+
+__all__ = ["CaseWork", "do_case"]
+
+
+@dataclass(frozen=True, slots=True)
+class CaseWork:
+    """One case as it is sent to a worker.
+
+    Parameters
+    ----------
+    key
+        Of the case, its name.
+    text
+        TOML text.
+    directory
+        Where its measurement files are looked for.
+    seed
+        Of its draws.
+    file
+        Posterior file to write.
+    draws
+        Draws to keep in it at most.
+    """
+
+    key: str
+    text: str
+    directory: str
+    seed: int
+    file: str
+    draws: int
+
+
+def do_case(work: CaseWork) -> dict[str, Cell]:
+    """Sample a case, write its posterior and return its row of the index.
+
+    The row is of all draws, the file holds fewer. Doing it twice writes the same file twice.
+
+    Raises
+    ------
+    JointBayesError
+        If the case is wrong, or its file cannot be written.
+    """
+    from jointbayes.case.case import case_from_text
+    from jointbayes.workflow import sample
+
+    begin = time.monotonic()
+    case = case_from_text(work.key, work.text, directory=work.directory)
+    # the cases are what is spread over processes; the draws are the same
+    posterior = sample(case, work.seed, settings=replace(case.sampler, processes=1))
+    row = posterior.brief()
+    posterior.with_fewer_draws(work.draws).save(Path(work.file))
+    return {"seconds": time.monotonic() - begin, **row}

@@ -1,0 +1,362 @@
+import datetime
+import json
+import os
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from pyarrow import parquet
+
+import jointbayes as jb
+from jointbayes.case.toml_writer import toml_text
+from jointbayes.cli.commands import main
+from jointbayes.studies.campaign.cases import INDEX
+from jointbayes.studies.campaign.directory import campaign_lock, require_campaign_directory
+from jointbayes.studies.campaign.index import LINES, Index, kept_rows
+from jointbayes.studies.campaign.run import case_seed, run_cases
+from jointbayes.studies.campaign.table import read_cases
+from tests.conftest import CONFIGS
+from tests.studies.task_functions import pretend_case
+
+BASE = CONFIGS / "clamped_beam.toml"
+
+
+def table_of(tmp_path, text, name="joints.csv"):
+    table = tmp_path / name
+    table.write_text(text, encoding="utf-8")
+    return table
+
+
+def fault_of(tmp_path, text, base=BASE):
+    with pytest.raises(jb.CaseError) as caught:
+        read_cases([table_of(tmp_path, text)], base)
+    return str(caught.value)
+
+
+def pretend(tmp_path, text, **settings):
+    """Run a campaign whose cases are only pretended, and return its index."""
+    directory = require_campaign_directory(tmp_path / "out")
+    settings = {"seed": 1, "draws": 4000, "again": False, "progress": lambda _: None, "workers": 2, **settings}
+    run_cases(read_cases([table_of(tmp_path, text)], BASE), directory, do=pretend_case, **settings)
+    return jb.Campaign(directory).index
+
+
+def tries(tmp_path, key):
+    return len(list((tmp_path / "tries").glob(f"{key}-*")))
+
+
+class TestTable:
+    def test_row_changes_the_keys_of_its_columns_and_no_other(self, tmp_path):
+        rows = (
+            'key,structure.length_mm,data.noise.added,data.outputs,title\na,400.5,false,"[""10:y""]",Joint A\nb,,,,\n'
+        )
+        changed, same = read_cases([table_of(tmp_path, rows)], BASE)
+        text, spec = changed.read()
+        assert (spec.structure.length_mm, spec.data.noise.added, spec.data.outputs) == (400.5, False, ("10:y",))
+        expected = tomllib.loads(BASE.read_text())
+        expected["structure"]["length_mm"] = 400.5
+        expected["data"]["noise"]["added"] = False
+        expected["data"]["outputs"] = ["10:y"]
+        expected["title"] = "Joint A"
+        assert tomllib.loads(text) == expected
+        assert tomllib.loads(same.read()[0]) == tomllib.loads(BASE.read_text())
+
+    def test_key_serial_and_date_are_the_joints_own(self, tmp_path):
+        rows = "key;serial;date;data.truth.k11\na;SN 7;2026-03-31;5e9\n;SN-8;2026-03-31T14:05+02:00;6e9\n\n;;;7e9\n"
+        found = read_cases([table_of(tmp_path, rows)], BASE)
+        assert [(c.key, c.serial, c.order) for c in found] == [
+            ("a", "SN 7", 0),
+            ("SN-8", "SN-8", 1),
+            ("00003", None, 2),
+        ]
+        assert found[1].date == datetime.datetime(2026, 3, 31, 12, 5)
+        assert [c.where.rsplit(":", 1)[1] for c in found] == ["2", "3", "5"]
+
+    def test_number_where_a_text_belongs_is_the_text(self, tmp_path):
+        (case,) = read_cases([table_of(tmp_path, "title,data.truth.k11\n2026,5e9\n")], BASE)
+        _, spec = case.read()
+        assert spec.title == "2026"
+
+    def test_each_row_may_have_a_base_of_its_own_beside_the_table(self, tmp_path):
+        (tmp_path / "cases").mkdir()
+        (tmp_path / "cases" / "b.toml").write_bytes(BASE.read_bytes())
+        (case,) = read_cases([table_of(tmp_path, "case,key\ncases/b.toml,x\n")])
+        assert case.path == tmp_path / "cases" / "b.toml"
+        assert case.read()[1].structure.length_mm == 383.0
+
+    def test_fault_of_a_row_names_table_row_and_column(self, tmp_path):
+        rows = "key,structure.length_mm,structure.elements\na,400,10\nb,-1,10\nc,400,ten\n"
+        first, second = fault_of(tmp_path, rows).splitlines()
+        assert first == (
+            f"{tmp_path}/joints.csv:3: structure.length_mm: found -1; expected the length of the beam in mm, a number "
+            "greater than 0; write for example length_mm = 383.0"
+        )
+        assert second.startswith(f'{tmp_path}/joints.csv:4: structure.elements: found the text "ten"; expected')
+
+    def test_fault_of_the_base_names_its_line_too(self, tmp_path):
+        base = tmp_path / "base.toml"
+        base.write_text(BASE.read_text().replace("elements = 10", "elements = 0"), encoding="utf-8")
+        message = fault_of(tmp_path, "key,structure.length_mm\na,400\n", base)
+        assert message.startswith(f"{tmp_path}/joints.csv:2: structure.elements, {base}:13: found 0; expected")
+
+    @pytest.mark.parametrize(
+        ("rows", "message"),
+        [
+            ("key,structure.lenght_mm\na,400\n", 'structure.lenght_mm: unknown key; expected length_mm'),
+            ("key,data.truth.k11\na,5e9\nA,5e9\n", "joints.csv:3: key: found 'A', which"),
+            ("key,data.truth.k11\n../a,5e9\n", "joints.csv:2: key: found '../a'; expected a name for a file"),
+            ("key,data.truth.k11\na,5e9,1\n", "joints.csv:2: found 3 cells; expected 2"),
+            ("key,key\na,b\n", "joints.csv:1: found two columns 'key'"),
+            ("key,\na,b\n", "joints.csv:1: found a column without a name"),
+            ("key,date\na,31.3.2026\n", "joints.csv:2: date: found '31.3.2026'; expected a date such as"),
+            ("keys,data.truth.k11\na,5e9\n", "joints.csv:1: keys: found no such column"),
+            ("key,title.x\na,5\n", "joints.csv:2: title.x: found that title is no table"),
+            ("key,a b\na,5\n", "column 'a b': found no key of a case file"),
+            ("key,data.truth.k11\n", "joints.csv:1: found no row"),
+            ("", "found a column without a name"),
+            ('key,title\na,"x\n', "found no CSV"),
+            ("key,case\na,no.toml\n", "no.toml:1: file: no such file"),
+        ],
+    )  # fmt: skip
+    def test_wrong_table_is_refused_before_any_work(self, tmp_path, rows, message):
+        assert message in fault_of(tmp_path, rows)
+
+    def test_many_faults_are_cut_short(self, tmp_path):
+        rows = "key,structure.length_mm\n" + "".join(f"a{i},-1\n" for i in range(100))
+        lines = fault_of(tmp_path, rows).splitlines()
+        assert len(lines) == 21
+        assert lines[-1] == "there are more faults; these are the first"
+
+    def test_case_files_and_patterns_are_cases_by_their_names(self, tmp_path):
+        for name in ("b", "a", "c"):
+            (tmp_path / f"{name}.toml").write_bytes(BASE.read_bytes())
+        assert [c.key for c in read_cases([tmp_path / "*.toml"])] == ["a", "b", "c"]
+        assert [c.key for c in read_cases([tmp_path / "c.toml", tmp_path / "a.toml"])] == ["c", "a"]
+        with pytest.raises(jb.CaseError, match="found no such file"):
+            read_cases([tmp_path / "*.tml"])
+        with pytest.raises(jb.CaseError, match=r"key: found 'a', which .*a.toml has already"):
+            read_cases([tmp_path / "a.toml", tmp_path / "*.toml"])
+
+    def test_table_that_is_no_text_is_refused(self, tmp_path):
+        (tmp_path / "t.csv").write_bytes(b"key,title\na,\xff\n")
+        with pytest.raises(jb.CaseError, match=r"t\.csv:2: found no UTF-8 text"):
+            read_cases([tmp_path / "t.csv"], BASE)
+
+
+def test_toml_that_is_written_reads_back_as_it_was():
+    data = {
+        "title": 'a "b" \\ \x7f\n\x01 ü', "on": True, "n": -3, "x": [1.5, float("inf"), 1e-300],
+        "day": datetime.date(2026, 1, 2), "empty": {}, "big": 2**60,
+        "a": {"b": {"c": {"11:y": 1}, "list": [{"p q": [1, "x"]}]}},
+    }  # fmt: skip
+    assert tomllib.loads(toml_text(data)) == data
+
+
+def test_seed_of_a_case_is_of_the_campaigns_seed_and_its_key_alone():
+    seeds = {case_seed(seed, f"case-{i}") for seed in (1, 2) for i in range(500)}
+    assert len(seeds) == 1000
+    assert all(0 <= seed < 2**32 for seed in seeds)
+
+
+ROWS = "key,serial,title\n" + "".join(
+    f"c{i},SN{i},{'fail' if i == 2 else 'kill' if i == 4 else 'go'}\n" for i in range(7)
+)
+
+
+class TestDriver:
+    def test_each_case_has_one_row_and_those_that_fail_or_kill_are_named(self, tmp_path):
+        index = pretend(tmp_path, ROWS)
+        assert index["key"].tolist() == [f"c{i}" for i in range(7)]
+        assert index["order"].tolist() == list(range(7))
+        assert index["status"].tolist() == ["done", "done", "failed", "done", "killed its worker", "done", "done"]
+        assert index["error"]["c2"] == "c2: found no start; expected one; correct the case"
+        assert index["error"]["c4"] == "its worker ended by SIGKILL"
+        assert index["attempts"].tolist() == [1, 1, 2, 1, 2, 1, 1]
+        assert index["seed"].tolist() == [case_seed(1, f"c{i}") for i in range(7)]
+        assert index["k11.median"]["c0"] == 1.0 + case_seed(1, "c0")
+        assert np.isnan(index["k11.median"]["c2"])
+        done = index[index["status"] == "done"]
+        assert sorted((tmp_path / "out" / "cases").iterdir()) == [tmp_path / "out" / f for f in done["file"]]
+        assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["cases", INDEX]
+
+    def test_started_again_what_is_done_stays_and_what_failed_is_tried_once_more(self, tmp_path):
+        pretend(tmp_path, ROWS)
+        before = (tmp_path / "out/cases/c0.nc").stat().st_mtime_ns
+        (tmp_path / "mended").touch()
+        (
+            tmp_path / "out/cases/.c9.nc.0123abcd.jointbayes"
+        ).touch()  # as a worker leaves it that is killed while it writes
+        index = pretend(tmp_path, ROWS)
+        assert index["status"].tolist() == ["done"] * 4 + ["killed its worker"] + ["done"] * 2
+        assert index["attempts"]["c2"] == 3
+        assert [tries(tmp_path, f"c{i}") for i in range(7)] == [1, 1, 3, 1, 2, 1, 1]
+        assert (tmp_path / "out/cases/c0.nc").stat().st_mtime_ns == before
+        assert not list((tmp_path / "out/cases").glob(".*"))
+        pretend(tmp_path, ROWS, again=True)
+        assert tries(tmp_path, "c4") == 4
+
+    @pytest.mark.parametrize("change", ["row", "seed", "draws", "file"])
+    def test_case_is_done_again_where_what_it_depends_on_has_changed(self, tmp_path, change):
+        rows = "key,title\na,go\nb,go\n"
+        pretend(tmp_path, rows)
+        if change == "file":
+            (tmp_path / "out/cases/a.nc").unlink()
+        settings = {"seed": 2} if change == "seed" else {"draws": 1000} if change == "draws" else {}
+        pretend(tmp_path, rows.replace("a,go", "a,went") if change == "row" else rows, **settings)
+        assert tries(tmp_path, "a") == 2
+        assert tries(tmp_path, "b") == (2 if change in ("seed", "draws") else 1)
+
+    def test_changed_measurement_file_is_seen(self, tmp_path):
+        cases = CONFIGS / "measured_stations.toml"
+        (case,) = read_cases([cases])
+        text, spec = case.read()
+        files = case.files(spec)
+        assert files
+        assert all(file.is_file() for file in files)
+        copies = [tmp_path / file.name for file in files]
+        for copy, file in zip(copies, files, strict=True):
+            copy.write_bytes(file.read_bytes())
+        mark = case.fingerprint(text, files, 1)
+        assert case.fingerprint(text, copies, 1) == mark
+        copies[-1].write_bytes(copies[-1].read_bytes() + b" ")
+        assert case.fingerprint(text, copies, 1) != mark
+
+    def test_serial_and_order_follow_the_table_without_sampling_again(self, tmp_path):
+        pretend(tmp_path, "key,serial,title\na,1,go\nb,2,go\n")
+        index = pretend(tmp_path, "key,serial,title\nb,two,go\na,one,go\n")
+        assert list(index["serial"].items()) == [("b", "two"), ("a", "one")]
+        assert tries(tmp_path, "a") == tries(tmp_path, "b") == 1
+
+    def test_rows_that_were_not_yet_in_the_index_are_known_after_a_kill(self, tmp_path):
+        """As after SIGKILL of the driver: an older index, rows in lines, the last of them torn."""
+        rows = "key,title\n" + "".join(f"c{i},go\n" for i in range(4))
+        index = pretend(tmp_path, rows)
+        out = tmp_path / "out"
+        found = kept_rows(out)
+        Index(out, [found["c0"]])._stream.close()
+        lines = "".join(
+            json.dumps(found[key], default=datetime.datetime.isoformat) + "\n" for key in ("c1", "c2")
+        )  # fmt: skip
+        (out / LINES).write_text(lines + json.dumps(found["c3"], default=str)[:40])
+        assert pretend(tmp_path, rows).equals(index)
+        assert [tries(tmp_path, f"c{i}") for i in range(4)] == [1, 1, 1, 2]
+        assert not (out / LINES).exists()
+
+    def test_index_that_is_written_now_and_then_loses_nothing(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("jointbayes.studies.campaign.index._APART", 0.0)
+        monkeypatch.setattr("jointbayes.studies.campaign.index._SHARE", 0.0)
+        index = Index(tmp_path)
+        for i in range(5):
+            index.add({"key": f"c{i}", "status": "done", "order": 4 - i, "x.median": float(i), "date": None})
+            assert parquet.read_table(tmp_path / INDEX).num_rows == i + 1
+            assert (tmp_path / LINES).stat().st_size == 0
+        index.close()
+        assert parquet.read_table(tmp_path / INDEX)["key"].to_pylist() == ["c4", "c3", "c2", "c1", "c0"]
+
+    def test_interrupted_campaign_keeps_what_is_done(self, tmp_path):
+        rows = "key,title\n" + "".join(f"c{i},go\n" for i in range(6))
+
+        def stop(now):
+            if now.done == 3:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            pretend(tmp_path, rows, progress=stop)
+        kept = jb.Campaign(tmp_path / "out").index
+        assert len(kept) == 3
+        index = pretend(tmp_path, rows)
+        assert (index["status"] == "done").all()
+        assert all(tries(tmp_path, key) == 1 for key in kept["key"])
+
+    def test_progress_counts_cases_and_says_which_run(self, tmp_path):
+        seen = []
+        pretend(tmp_path, ROWS, progress=seen.append)
+        assert (seen[-1].total, seen[-1].done, seen[-1].failed, seen[-1].earlier) == (7, 5, 2, 0)
+        assert {key for now in seen for key in now.running} == {f"c{i}" for i in range(7)}
+        pretend(tmp_path, ROWS, progress=seen.append)
+        assert (seen[-1].done, seen[-1].failed, seen[-1].earlier) == (5, 2, 6)
+
+
+class TestDirectory:
+    def test_directory_with_other_files_is_refused(self, tmp_path):
+        (tmp_path / "x").mkdir()
+        (tmp_path / "x/notes.txt").touch()
+        with pytest.raises(jb.CaseError, match="holds other files"):
+            require_campaign_directory(tmp_path / "x")
+        with pytest.raises(jb.CaseError, match="found a file"):
+            require_campaign_directory(tmp_path / "x/notes.txt")
+        with pytest.raises(jb.WriteError, match="cannot be written"):
+            require_campaign_directory(tmp_path / "x/notes.txt/below")
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
+    def test_one_process_at_a_time(self, tmp_path):
+        program = (
+            "import sys; from pathlib import Path; from jointbayes.studies.campaign.directory import campaign_lock\n"
+            "with campaign_lock(Path(sys.argv[1])): print('in', flush=True)"
+        )
+        with campaign_lock(tmp_path):
+            ended = subprocess.run(
+                [sys.executable, "-c", program, tmp_path], capture_output=True, text=True, check=False,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            )  # fmt: skip
+        assert "found another process at work in it" in ended.stderr
+        assert not list(tmp_path.iterdir())
+        with campaign_lock(tmp_path):
+            pass
+
+    def test_campaign_without_index_or_case_says_so(self, tmp_path):
+        with pytest.raises(jb.MeasurementError, match="no such file"):
+            jb.Campaign(tmp_path).index  # noqa: B018
+        pretend(tmp_path, ROWS)
+        done = jb.Campaign(tmp_path / "out")
+        with pytest.raises(jb.MeasurementError, match="found no case 'x'"):
+            done.posterior("x")
+        with pytest.raises(jb.MeasurementError, match="case 'c2': found that it failed: c2: found no start"):
+            done.posterior("c2")
+        (tmp_path / "out" / INDEX).write_bytes(b"PAR1")
+        with pytest.raises(jb.MeasurementError, match="found no index of a campaign in it"):
+            pretend(tmp_path, ROWS)
+
+
+#: Three joints whose posteriors take a quarter of a second each.
+SMALL = (
+    "key,data.truth.k22,data.noise.seed,data.noise.relative,sampling.ensembles,sampling.walkers,data.f_step_hz\n"
+    "a,1.4e6,1,0.003,4,16,2\nb,1.5e6,2,0.003,4,16,2\nc,1.6e6,3,0.003,4,16,2\n"
+)
+
+
+def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
+    table = table_of(tmp_path, SMALL)
+    command = ["campaign", str(table), "--base", str(BASE), "--workers", "2", "--out", str(tmp_path / "out")]
+    ended = CliRunner().invoke(main, command)
+    assert ended.exit_code == 0, ended.output
+    assert "3 cases: 3 done, 0 failed, 0 not converged" in ended.stdout
+    assert f"Index: {tmp_path / 'out' / 'index.parquet'}" in ended.stdout
+    assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
+    campaign = jb.Campaign(tmp_path / "out")
+    (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]
+    alone = jb.sample(jb.case_from_text("b", case.read()[0]), seed=case_seed(1, "b"))
+    brief, row = alone.brief(), campaign.index.loc["b"]
+    assert {name: row[name] for name in brief} == brief
+    kept = campaign.posterior("b")
+    assert np.array_equal(kept.theta, alone.with_fewer_draws(4000).theta)
+    assert kept.record.case_name == "b"
+
+
+def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(tmp_path):
+    table = table_of(tmp_path, "key,structure.length_mm\na,-3\n")
+    out = tmp_path / "out"
+    ended = CliRunner().invoke(main, ["campaign", str(table), "--base", str(BASE), "--out", str(out)])
+    assert ended.exit_code == 2
+    assert ended.stderr.startswith(f"jointbayes: {table}:2: structure.length_mm: found -3; expected")
+    assert not out.exists()
+    measured = table_of(tmp_path, "key,data.file\na,missing.uff\n")
+    base = CONFIGS / "measured_stations.toml"
+    ended = CliRunner().invoke(main, ["campaign", str(measured), "--base", str(base), "--out", str(out)])
+    assert ended.exit_code == 1
+    assert "1 cases: 0 done, 1 failed" in ended.stdout
+    assert "FAILED: a: a:" in ended.stdout
+    assert "missing.uff" in ended.stdout
