@@ -1,0 +1,69 @@
+"""Every command on a terminal, with names, titles, keys and labels that would steer it."""
+
+import shutil
+
+import pytest
+
+from tests.conftest import CONFIGS, cheap_text, edited
+from tests.hostile import ON_TERMINAL, STEERING, TURN, on_terminal
+
+pytestmark = pytest.mark.science
+
+#: In a case file: as TOML escapes it; in a file's name nothing but a slash and a NUL is impossible.
+IN_TOML = ON_TERMINAL.encode("unicode_escape").decode().replace("\\x", "\\u00").replace("\\u0007", "\\u0007")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A directory with a case and a measurement whose names and texts are hostile."""
+    place = tmp_path_factory.mktemp("terminal")
+    titled = f'title = "{IN_TOML}"\n'
+    text = cheap_text()
+    line = next(line for line in text.splitlines() if line.startswith("title = "))
+    case = edited(text, (line + "\n", titled), ("max_steps = 20000", "max_steps = 300"))
+    (place / f"{ON_TERMINAL}.toml").write_text(case, encoding="utf-8")
+    (place / "wrong.toml").write_text(f'{case}\n["{IN_TOML}"]\n"{IN_TOML}" = "{IN_TOML}"\n', encoding="utf-8")
+    labels = f"frequency [Hz],real {ON_TERMINAL} / {TURN}f [m/N],imaginary"
+    rows = "\n".join(f"{20 + i},1e-6,-1e-8" for i in range(60))
+    (place / f"{ON_TERMINAL}.csv").write_text(f"{labels}\n{rows}\n", encoding="utf-8")
+    return place
+
+
+CASE, TABLE = f"{ON_TERMINAL}.toml", f"{ON_TERMINAL}.csv"
+COMMANDS = {
+    "run": (["run", CASE, "--out", f"run{ON_TERMINAL}"], {0, 2, 3}),
+    "sample": (["sample", CASE], {0, 3}),
+    "report": (["report", f"{ON_TERMINAL}.nc", "--out", f"out{ON_TERMINAL}"], {0, 2, 3}),
+    "identify": (["identify", CASE], {0}),
+    "check": (["check", CASE], {0, 1, 2}),
+    "compare": (["compare", CASE, "wrong.toml"], {2}),
+    "plan": (["plan", CASE, "--assume", "1e9", "1e7", "1e6"], {0, 2, 3}),
+    "inspect": (["inspect", TABLE, "--figure", f"f{ON_TERMINAL}.svg"], {0, 2}),
+    "simulate": (["simulate", CASE, "--out", f"s{ON_TERMINAL}.csv"], {0, 2}),
+    "init": (["init", f"new{ON_TERMINAL}.toml"], {0}),
+    "a wrong case": (["run", "wrong.toml"], {2}),
+    "no such case": (["run", f"no{ON_TERMINAL}"], {2}),
+    "no such option": (["run", f"--{ON_TERMINAL}"], {2}),
+    "no such command": ([ON_TERMINAL], {2}),
+    "no such posterior": (["report", f"{ON_TERMINAL}x.nc"], {2}),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_name_steers_the_terminal(name, place):
+    arguments, codes = COMMANDS[name]
+    code, got = on_terminal(arguments, place)
+    assert code in codes, got[-2000:].decode(errors="replace")
+    assert b"Traceback" not in got
+    for one in STEERING:
+        assert one not in got, got[-2000:]
+
+
+def test_a_terminal_that_is_steered_would_be_seen(tmp_path):
+    shutil.copy(CONFIGS / "clamped_beam.toml", tmp_path / "plain.toml")
+    program = f"print({ON_TERMINAL!r})"
+    import subprocess
+    import sys
+
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert all(one in done.stdout for one in STEERING)
