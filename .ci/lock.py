@@ -25,7 +25,17 @@ def resolved(python: str) -> tuple[str, dict[str, tuple[str, str]]]:
     with tempfile.TemporaryDirectory() as scratch:
         subprocess.run([python, "-m", "venv", scratch], check=True)
         inside, report = str(Path(scratch) / "bin" / "python"), Path(scratch) / "report.json"
-        command = [inside, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet", "--report", str(report)]
+        command = [
+            inside,
+            "-m",
+            "pip",
+            "install",
+            "--dry-run",
+            "--ignore-installed",
+            "--quiet",
+            "--report",
+            str(report),
+        ]
         subprocess.run([*command, f"{ROOT}[{EXTRAS}]"], check=True)
         version = subprocess.run(
             [inside, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"], capture_output=True, check=True
