@@ -11,7 +11,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.joint import joint_matrix
 from jointbayes.measurement import RelativeNoise, synthesise_frf
-from jointbayes.measurement.modal.fit import fit_modes, identify_modes
+from jointbayes.measurement.modal.fit import _few_of, fit_modes, identify_modes
 from jointbayes.measurement.modal.peaks import prominent_peaks
 from tests.conftest import CLAMP, TABLE_3, rod
 
@@ -171,3 +171,14 @@ def test_peaks_are_those_that_scipy_finds():
             for least in (0.3, 1.0, 3.0):
                 expected = scipy.signal.find_peaks(curve, prominence=least)[0]
                 assert prominent_peaks(curve, least).tolist() == expected.tolist()
+
+
+def test_poles_of_many_frfs_are_sought_in_a_few_and_all_are_fitted_with_them(monkeypatch):
+    frf, variance = plate_frf(np.random.default_rng(3), responses=12)
+    assert len(_few_of((10_000, 200))) < 10 < len(_few_of((100, 200)))
+    monkeypatch.setattr("jointbayes.measurement.modal.fit._MOST_VALUES", 1)
+    few = fit_modes(frf, variance, f_max_hz=250.0)
+    within = frf.frequency_hz <= 250.0
+    assert few.values.shape == frf.values[within].shape
+    assert few.misfit == pytest.approx(1.0, abs=0.05)  # of all twelve, six of which no pole was sought in
+    assert max(map(abs, scores(few.modes, PLATE[0][:4], PLATE[1][:4]))) < 4

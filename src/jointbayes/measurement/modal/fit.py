@@ -1,5 +1,7 @@
 """Natural frequencies and damping ratios from measured FRFs, with standard deviations, nothing clicked."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +79,8 @@ def identify_modes(
     MeasurementError
         If the band holds too few lines, or the variance has another shape or is not positive.
     """
-    return fit_modes(frf, variance, f_min_hz=f_min_hz, f_max_hz=f_max_hz, max_order=max_order).modes
+    with _finite_numbers():
+        return _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)[0]
 
 
 def fit_modes(
@@ -89,17 +92,37 @@ def fit_modes(
     max_order: int = 40,
 ) -> ModalFit:
     """As `identify_modes`, with the fitted FRFs (in the band) and the misfit as well."""
+    with _finite_numbers():
+        modes, problem, poles, all_frfs = _fitted(frf, variance, (f_min_hz, f_max_hz), max_order)
+        whole = ModalProblem(problem.omega / (2 * np.pi), *all_frfs, frf.quantity) if all_frfs else problem
+        misfit = whole.chi2(poles) / whole.freedom(poles.size)
+        shape = (problem.omega.size, len(frf.outputs), len(frf.inputs))
+        return ModalFit(modes, whole.model(poles).reshape(shape), misfit)
+
+
+_Found = tuple[tuple[MeasuredMode, ...], ModalProblem, Complex, tuple[Complex, Array] | None]
+_Band = tuple[float | None, float | None]
+
+
+@contextmanager
+def _finite_numbers() -> Iterator[None]:
+    """Say in one line what linear algebra says of numbers beyond what floats hold."""
     try:
         with np.errstate(all="ignore"):
-            return _fit(frf, variance, (f_min_hz, f_max_hz), max_order)
-    except (ValueError, ArithmeticError) as error:  # of linear algebra, once numbers are beyond what floats hold
+            yield
+    except (ValueError, ArithmeticError) as error:
         raise MeasurementError(
             f"modal fit: found FRFs that no modes can be fitted to ({' '.join(str(error).split())}); expected those of "
             "a structure; look at the values, or choose another band"
         ) from None
 
 
-def _fit(frf: FrfSet, variance: Array | None, band_hz: tuple[float | None, float | None], max_order: int) -> ModalFit:
+def _fitted(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int) -> _Found:
+    """Modes, and the problem with the poles that they are.
+
+    Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
+    a linear problem.
+    """
     low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
     inside = (frf.frequency_hz >= low) & (frf.frequency_hz <= high)
     n_lines = int(inside.sum())
@@ -118,6 +141,11 @@ def _fit(frf: FrfSet, variance: Array | None, band_hz: tuple[float | None, float
     stated = None if variance is None else variance[inside].reshape(n_lines, -1)
     order = min(max_order, n_lines // 4)
     first = 1 / (_UNKNOWN.sd_of_part(np.abs(values)) + np.finfo(float).tiny) if stated is None else stated**-0.5
+    few = _few_of(values.shape)
+    all_frfs = None
+    if few.size < values.shape[1]:
+        all_frfs = values, first
+        values, first, stated = values[:, few], first[:, few], None if stated is None else stated[:, few]
     problem = ModalProblem(frequency, values, first, frf.quantity)
     by_order = polynomial_poles(frequency, values, problem.weight, order)
     poles = steady_poles(by_order, max(4, order // 5))
@@ -125,7 +153,7 @@ def _fit(frf: FrfSet, variance: Array | None, band_hz: tuple[float | None, float
         poles = problem.search(poles, order)
     else:
         poles = problem.climb(poles)
-        from_coherence = _noise_squares(frf, inside)
+        from_coherence = _noise_squares(frf, inside, few)
         # the noise is known better the more modes are known: once for the strong ones, once for all
         for _ in range(2):
             model = problem.model(poles)
@@ -133,13 +161,12 @@ def _fit(frf: FrfSet, variance: Array | None, band_hz: tuple[float | None, float
             problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
             poles = problem.search(poles, order)
     misfit = problem.chi2(poles) / problem.freedom(poles.size)
-    shape = (n_lines, len(frf.outputs), len(frf.inputs))
-    inside_band = [
+    inside_band = tuple(
         m
         for m in _modes(problem, poles, misfit)
         if frequency[0] <= m.frequency_hz <= frequency[-1] and m.damping_ratio < 0.5
-    ]
-    return ModalFit(tuple(inside_band), problem.model(poles).reshape(shape), misfit)
+    )
+    return inside_band, problem, poles, all_frfs
 
 
 def _band_words(low: float | None, high: float | None) -> str:
@@ -148,13 +175,22 @@ def _band_words(low: float | None, high: float | None) -> str:
     return f" between {low:g} and {high:g} Hz"
 
 
+#: Values that poles are sought in, and FRFs at least: more tell hardly more of a pole, and each costs the same again.
+_MOST_VALUES, _FEWEST_FRFS = 60_000, 6
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
 _FEWEST_LINES = 16
 #: Noise where nothing is known of it, and the least that a coherence is believed.
 _UNKNOWN, _LEAST = RelativeNoise(0.03, 0.01), RelativeNoise(1e-3, 0.0)
 
 
-def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_]) -> tuple[Array, int] | None:
+def _few_of(shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Numbers of the FRFs among (lines, frfs) in which poles are sought."""
+    lines, frfs = shape
+    few = min(frfs, max(_FEWEST_FRFS, _MOST_VALUES // lines))
+    return np.linspace(0, frfs - 1, few).round().astype(np.intp)
+
+
+def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_], few: NDArray[np.intp]) -> tuple[Array, int] | None:
     """σ² as coherence and averages estimate it line by line, and how many lines hold 40 degrees of freedom.
 
     None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
@@ -166,7 +202,7 @@ def _noise_squares(frf: FrfSet, inside: NDArray[np.bool_]) -> tuple[Array, int] 
     if not (coherence > 0).all() or (coherence >= 1 - 1e-12).all(axis=0).any():
         return None
     square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(int(inside.sum()), -1)
-    return square, 1 + 2 * (20 // (2 * (averages - 1)))
+    return square if few.size == square.shape[1] else square[:, few], 1 + 2 * (20 // (2 * (averages - 1)))
 
 
 def _weight_of_squares(square: Array, model: Complex, width: int) -> Array:
