@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import case_from_text
+from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.posterior import Posterior, RunRecord, summarise
+from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Figure
-from jointbayes.report.sections.fit import fit_section, frf_unit
+from jointbayes.report.sections.fit import MOST_FIGURES, MOST_ROWS, _measure, _shown, fit_section, frf_unit
 from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
@@ -91,3 +93,24 @@ def test_the_axis_has_the_unit_of_the_frf():
     assert frf_unit("receptance", "1:rz", "11:y") == "rad/N"
     assert frf_unit("receptance", "1:rz", "1:rz") == "rad/(N m)"
     assert frf_unit("accelerance", "1:y", "1:rz") == "m/(s² N m)"
+
+
+def test_of_many_frfs_the_highest_and_those_that_fit_worst_have_figures():
+    outputs = tuple(f"{n}:y" for n in range(1, 31))
+    values = np.ones((5, 30, 1), dtype=complex)
+    values[2, 7] = 100.0
+    pairs = tuple(PairFit(o, "1:y", 1 - 0.01 * n, 1.0, turned=False) for n, o in enumerate(outputs))
+    frf = FrfSet(np.arange(1.0, 6.0), values, outputs, ("1:y",))
+    shown = _shown(frf, Diagnosis((), pairs, ()))
+    assert len(shown) == MOST_FIGURES
+    assert shown == {("8:y", "1:y"), *((o, "1:y") for o in outputs[-MOST_FIGURES + 1 :])}
+    few = frf.select(outputs[:3], ("1:y",))
+    assert _shown(few, Diagnosis((), pairs[:3], ())) == {(o, "1:y") for o in outputs[:3]}
+
+
+def test_the_table_of_many_frfs_says_that_it_shows_the_worst():
+    pairs = tuple(PairFit(f"{n}:y", "1:y", 1 - 0.01 * n, 1.0, turned=False) for n in range(30))
+    (table,) = _measure(Diagnosis((), pairs, ()))
+    assert len(table.rows) == MOST_ROWS
+    assert table.rows[0][0] == "29:y/1:y"
+    assert table.note.startswith(f"The {MOST_ROWS} of 30")

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 _STEP = 1e-6  # of differences, in prior standard deviations
 _AT_ONCE = 1_000_000  # residuals held in memory together
-_POINTS_AT_ONCE = 16  # points whose residuals over all lines are held in memory
+_POINTS_AT_ONCE = 16  # points whose residuals over all lines are held in memory, or fewer
 _FARTHEST = 0.7  # of one step in any coordinate, in prior standard deviations
 _FACTORS = np.array([1e-2, 0.1, 1.0, 10.0, 100.0, 1e4])  # on the damping: all are tried at once, the best is kept
 _LEAST, _MOST = 1e-10, 1e10  # damping relative to the curvature; beyond, no step is left that gains
@@ -176,7 +176,8 @@ class PosteriorSquares:
             return self._posterior(theta)
         out = self.prior.log_density(theta)
         inside = np.flatnonzero(np.isfinite(out))
-        for few in np.array_split(inside, max(1, inside.size // _POINTS_AT_ONCE)):
+        at_once = max(1, min(_POINTS_AT_ONCE, 8 * _AT_ONCE // self._posterior.likelihood.n_data))
+        for few in np.array_split(inside, max(1, inside.size // at_once)):
             out[few] -= 0.5 * (self.residuals(theta[few]) ** 2).sum(axis=1)
         out[~np.isfinite(out)] = -np.inf
         return out

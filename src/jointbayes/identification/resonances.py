@@ -48,19 +48,19 @@ def resonances_hz(measurement: Measurement) -> Array:
     frequency = measurement.frf.frequency_hz
     if frequency.size < 3:
         return np.empty(0)
+    receptances = measurement.frf.converted("receptance").values
     roots = [
         peak
         for output in range(len(measurement.frf.outputs))
         for input_ in range(len(measurement.frf.inputs))
-        for peak in _peaks(measurement, output, input_)
+        for peak in _peaks(measurement, receptances[:, output, input_], output, input_)
     ]
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
-def _peaks(measurement: FrfMeasurement, output: int, input_: int) -> list[tuple[float, float]]:
-    """Frequency in Hz and height over the noise of each peak of one FRF."""
-    frf = measurement.frf.converted("receptance")
-    values, frequency = frf.values[:, output, input_], frf.frequency_hz
+def _peaks(measurement: FrfMeasurement, values: Complex, output: int, input_: int) -> list[tuple[float, float]]:
+    """Frequency in Hz and height over the noise of each peak of one FRF, with its receptance (lines,)."""
+    frequency = measurement.frf.frequency_hz
     height = np.abs(measurement.frf.values[:, output, input_])
     ratio = height / np.sqrt(measurement.variance[:, output, input_])
     with np.errstate(divide="ignore"):  # a measured zero is no peak
@@ -140,11 +140,11 @@ class SharedResonances:
 
     def scatter(self, rng: np.random.Generator) -> Array:
         """Standard deviation of the same from noise alone, shape (modes, pairs, 3)."""
-        white = rng.standard_normal((_REPLICATES, *self._want.shape, 2)) @ [1, 1j] / math.sqrt(2)
-        copies = self._want + self._sd * white
-        fits = [
-            np.array([self._fits(one, p) for _, p in self._matched]).reshape(self._predicted.shape) for one in copies
-        ]
+        fits = []
+        for _ in range(_REPLICATES):  # one after the other: those of a large test would fill the memory
+            white = rng.standard_normal((*self._want.shape, 2)) @ [1, 1j] / math.sqrt(2)
+            one = self._want + self._sd * white
+            fits.append(np.array([self._fits(one, p) for _, p in self._matched]).reshape(self._predicted.shape))
         with np.errstate(invalid="ignore"):
             spread: Array = np.std(fits, axis=0)
         return spread

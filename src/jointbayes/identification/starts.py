@@ -37,6 +37,7 @@ _POINTS, _CLIMBED, _STEPS = 256, 12, 25
 _APART = 0.5  # prior standard deviations of the joint's coordinates between points that are climbed
 _SAME = 0.02  # prior standard deviations between ends that are one
 _SCREENED_AT_ONCE = 1_000_000  # residuals held in memory together
+_SCREENED_VALUES, _FEWEST_SCREENED = 2_000_000_000, 500  # of all draws together; of millions of lines fewer draws
 _FACTORS = 8  # 1 + |z|² that are multiplied before their logarithm is taken: below 1e38 each, they do not overflow
 _SCAN_STEP = 0.005  # in ln f: a fraction of a resonance's width at the damping ratios of steel assemblies
 _WIDEST = 3.0  # prior standard deviations to either side
@@ -249,6 +250,7 @@ def screened_draws(log_posterior: LogPosterior, rng: np.random.Generator, draws:
         Numbers of draws, and of points to return: apart from one another by half a prior standard deviation.
     """
     prior, likelihood = log_posterior.prior, log_posterior.likelihood
+    draws = min(draws, max(_FEWEST_SCREENED, _SCREENED_VALUES // likelihood.n_data))
     theta = prior.sample(rng, draws)
     loss = np.empty(draws)
     at_once = max(1, _SCREENED_AT_ONCE // likelihood.n_data)

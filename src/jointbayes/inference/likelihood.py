@@ -29,7 +29,7 @@ ComplexArray = NDArray[np.complex128]
 
 _GAIN = "gain"
 _STEP = 1e-5  # of the logarithm of a quantity, in differences
-_AT_ONCE = 64  # joints whose lines are held in memory together
+_AT_ONCE, _VALUES_AT_ONCE = 64, 8_000_000  # joints whose lines are held in memory together, and values of all
 
 
 class Likelihood(ABC):
@@ -164,8 +164,9 @@ class FrfLikelihood(Likelihood):
             value = self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
         else:
             value = np.empty(len(matrices))
-            for start in range(0, len(matrices), _AT_ONCE):
-                part = slice(start, start + _AT_ONCE)
+            at_once = max(1, min(_AT_ONCE, _VALUES_AT_ONCE // self.n_data))
+            for start in range(0, len(matrices), at_once):
+                part = slice(start, start + at_once)
                 z = self.standardised(matrices[part], known[part])
                 value[part] = self.constant + self.noise.log_likelihood(z, self.hyper(known[part]))
         value[~np.isfinite(value)] = -np.inf

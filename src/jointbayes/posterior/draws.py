@@ -27,7 +27,8 @@ __all__ = ["PosteriorDraws"]
 Array = NDArray[np.float64]
 
 _KERNEL_DRAWS = 4000
-_CHECK_DRAWS = 200
+#: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
+_CHECK_DRAWS, _FEWEST_CHECKED, _CHECKED_VALUES = 200, 12, 25_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +192,8 @@ class PosteriorDraws:
         The seed of the run also replicates the data.
         """
         prior, likelihood = self.problem.prior, self.problem.log_posterior.likelihood
-        theta = self.thinned(_CHECK_DRAWS)
+        count = min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // likelihood.n_data))
+        theta = self.thinned(count)
         factors = prior.factors(theta)
         z = likelihood.standardised(joint_matrix(prior.stiffness(theta)), factors)
         if not isinstance(likelihood, FrfLikelihood):

@@ -22,7 +22,8 @@ LARGEST_ERROR_OF_PEAK = 1e-7
 #: A mesh that moves a stiffness by more than this many posterior standard deviations leaves no verdict on it.
 LARGEST_SHIFT_SD = 0.5
 
-_PRIOR_DRAWS = 16
+_PRIOR_DRAWS, _FEW_PRIOR_DRAWS = 16, 3  # the few where a draw has more values than this
+_MANY_VALUES = 500_000
 _EXACT = 1e-3  # of the stated noise: data with smaller residuals have none
 
 
@@ -117,7 +118,8 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     if elements is None:
         return None
     reference = replace(problem, structure=problem.structures.reference())
-    prior = problem.prior.sample(np.random.default_rng([seed, 3]), _PRIOR_DRAWS)
+    count = _FEW_PRIOR_DRAWS if problem.log_posterior.likelihood.n_data > _MANY_VALUES else _PRIOR_DRAWS
+    prior = problem.prior.sample(np.random.default_rng([seed, 3]), count)
     here, there = (_standardised(p, np.concatenate([theta[None], prior])) for p in (problem, reference))
     error_sd, error_of_peak = float(np.abs(here - there).max()), _error_of_peak(problem, reference, theta)
     exact_data = bool(np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)

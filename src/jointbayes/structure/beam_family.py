@@ -20,16 +20,16 @@ from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.mode_table import ModeTable, tabulated
-from jointbayes.structure.reduction import FEW_MOTIONS, Forced, Reduction
+from jointbayes.structure.reduction import Forced, Reduction
 from jointbayes.structure.uncertain_quantities import BeamRecipe, is_damping_ratio, is_mode_frequency
 
 __all__ = ["BeamFamily"]
 
 Array = NDArray[np.float64]
 
-#: Free modes of so many beams are kept where motions are few: search, draws, checks and report of one case, and
+#: Free modes of so many beams are kept, of no more motions each: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.
-_KEPT = 12
+_KEPT, _KEPT_MOTIONS = 12, 256
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,9 +147,9 @@ class BeamFamily:
         if self.exact:
             return _AssembledModes(self, motions)
         beams = _BeamsOf(self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
-        if motions.shape[1] > FEW_MOTIONS or not beams.known_by_value:
+        if motions.shape[1] > _KEPT_MOTIONS or not beams.known_by_value:
             return _interpolated(self, motions, forced)
-        return _kept(beams, motions.shape, motions.tobytes())
+        return _kept(beams, motions.shape, motions.tobytes(), None if forced is None else tuple(forced.tolist()))
 
     def structure_at(self, numbers: Sequence[float]) -> Structure:
         """Beam of nominal length, E and ρ at shape numbers (axes,), assembled anew."""
@@ -217,9 +217,10 @@ class _BeamsOf:
 
 
 @lru_cache(maxsize=_KEPT)
-def _kept(beams: _BeamsOf, shape: tuple[int, ...], motions: bytes) -> FreeModes:
+def _kept(beams: _BeamsOf, shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None) -> FreeModes:
     family = BeamFamily(beams.recipe, dict(beams.ranges), dofs=beams.dofs, top_hz=beams.top_hz)
-    return _interpolated(family, np.frombuffer(motions).reshape(shape))
+    given = np.frombuffer(motions).reshape(shape)
+    return _interpolated(family, given, None if forced is None else np.array(forced, dtype=bool))
 
 
 def _interpolated(family: BeamFamily, motions: Array, forced: Forced = None) -> FreeModes:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports, Quantity
+from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -19,6 +19,8 @@ from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section,
 
 __all__ = ["fit_section", "frf_unit"]
 
+#: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
+MOST_FIGURES, MOST_ROWS = 8, 20
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 
@@ -36,7 +38,7 @@ def fit_section(inputs: ReportInputs) -> Section:
         blocks.append(_residuals(measurement, posterior.check))
     blocks += _measure(summary.diagnosis)
     if isinstance(measurement, FrfMeasurement):
-        blocks += _frf_figures(posterior, measurement)
+        blocks += _frf_figures(posterior, measurement, summary.diagnosis)
     return Section("fit", "Measured and predicted", tuple(blocks))
 
 
@@ -69,10 +71,12 @@ def _measure(diagnosis: Diagnosis) -> list[Block]:
         note = "Fitted to measured and predicted data in the same way. A dash: natural frequencies have no damping."
         blocks.append(Table("Resonances", head, rows, note=note))
     if diagnosis.pairs:
-        pairs = tuple(
-            (foreign(f"{p.output}/{p.input}"), f"{p.correlation:.4f}", number(p.level)) for p in diagnosis.pairs
-        )
-        note = (
+        shown, note = diagnosis.pairs, ""
+        if len(shown) > MOST_ROWS:
+            shown = tuple(sorted(shown, key=lambda p: p.correlation)[:MOST_ROWS])
+            note = f"The {MOST_ROWS} of {len(diagnosis.pairs)} that correlate least; summary.json has all. "
+        pairs = tuple((foreign(f"{p.output}/{p.input}"), f"{p.correlation:.4f}", number(p.level)) for p in shown)
+        note += (
             "Correlation: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
             "resonances where there are any."
         )
@@ -80,19 +84,33 @@ def _measure(diagnosis: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _frf_figures(posterior: Posterior, measurement: FrfMeasurement) -> list[Block]:
+def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, diagnosis: Diagnosis) -> list[Block]:
     frf, problem = measurement.frf, posterior.problem
-    band = posterior.predict_frf()
+    shown = _shown(frf, diagnosis)
+    every = len(frf.outputs) * len(frf.inputs)
+    blocks: list[Block] = []
+    if len(shown) < every:
+        frf = frf.select(
+            tuple(o for o in frf.outputs if any(o == output for output, _ in shown)),
+            tuple(i for i in frf.inputs if any(i == input_ for _, input_ in shown)),
+        )
+        text = (
+            f"Of {every} FRFs the figures show {len(shown)}: one with the highest resonances, and those that correlate "
+            "least with the MAP."
+        )
+        blocks.append(Paragraph(text))
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    band = posterior.predict_frf(None if len(shown) == every else ports)
     theta, prior = posterior.estimate.theta, problem.prior
     # the first guess is one of the joint: all else is as at the MAP, so that the two curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * 2)
     stiffness = np.array([problem.first_guess, prior.stiffness(theta)])
-    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     guess, best = frfs_as_measured(problem, ports, frf.quantity, stiffness, factors)
     label = "synthetic" if measurement.synthetic else "measured"
-    blocks: list[Block] = []
     for i, output in enumerate(frf.outputs):
         for j, input_ in enumerate(frf.inputs):
+            if (output, input_) not in shown:
+                continue
             at = (slice(None), i, j)
             curves = (frf.values[at], guess[at], best[at])
             magnitude, phase = _magnitude(band, at, curves), _phase(band, at, curves)
@@ -103,6 +121,16 @@ def _frf_figures(posterior: Posterior, measurement: FrfMeasurement) -> list[Bloc
             )
             blocks.append(_figure(f"phase-{i}-{j}", phase, label, f"Phase of the {title}", "Phase (°)", log=False))
     return blocks
+
+
+def _shown(frf: FrfSet, diagnosis: Diagnosis) -> set[tuple[str, str]]:
+    """The FRFs that have figures: all, or of many the one with the highest peak and those that correlate least."""
+    every = [(output, input_) for output in frf.outputs for input_ in frf.inputs]
+    if len(every) <= MOST_FIGURES:
+        return set(every)
+    highest = every[int(np.abs(frf.values).max(axis=0).argmax())]
+    worst = [(p.output, p.input) for p in sorted(diagnosis.pairs, key=lambda p: p.correlation)]
+    return {highest, *[pair for pair in worst if pair != highest][: MOST_FIGURES - 1]}
 
 
 def frf_unit(quantity: Quantity, output: str, input_: str) -> str:

@@ -15,6 +15,8 @@ from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
 
 __all__ = ["measurement_section", "mode_table"]
 
+_MOST_CHANNELS = 40  # in the table
+
 
 def mode_table(posterior: Posterior) -> tuple[Block, ...]:
     """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
@@ -72,8 +74,12 @@ def measurement_section(inputs: ReportInputs) -> Section | None:
     files = tuple((foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`") for file in p.files)
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), files))
     head = ("Channel", "Used as", "DOF", "Factor", "Mass taken out (g)")
-    blocks.append(Table("Channels", head, tuple(_row(use) for use in p.channels), align="lllrr"))
-    blocks += [Paragraph(foreign(note)) for note in p.notes]
+    more = ""
+    if len(p.channels) > _MOST_CHANNELS:
+        more = f"The first {_MOST_CHANNELS} of {len(p.channels)}; summary.json has all."
+    rows = tuple(_row(use) for use in p.channels[:_MOST_CHANNELS])
+    blocks.append(Table("Channels", head, rows, align="lllrr", note=more))
+    blocks += [Paragraph(foreign(text)) for text in p.notes]
     if p.left_out:
         shown = ", ".join(f"`{foreign(label)}`" for label in p.left_out[:40])
         more = f" and {len(p.left_out) - 40} more" if len(p.left_out) > 40 else ""
