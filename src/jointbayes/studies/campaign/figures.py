@@ -41,7 +41,7 @@ def control_figure(quantity: ChartedQuantity, labels: Sequence[str], order: str)
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, left=0.85, bottom=0.95, top=0.3)[0, 0]
+        axes = panels(canvas, left=1.05, bottom=0.95, top=0.3)[0, 0]
         chart, place = quantity.chart, np.arange(1.0, len(labels) + 1)
         beyond = chart.beyond | quantity.outlier
         _limits(axes, quantity, place)
@@ -93,7 +93,8 @@ def _scale(axes: Axes, quantity: ChartedQuantity, beyond: Flags, few: bool) -> N
     chart = quantity.chart
     ends = np.log(quantity.own) if quantity.logarithmic else quantity.own
     shown = ends if few else ends[beyond]
-    far = np.concatenate([chart.value, [chart.centre - chart.half_width.min(), chart.centre + chart.half_width.min()]])
+    usual = float(np.quantile(chart.half_width, 0.95))
+    far = np.concatenate([chart.value, [chart.centre - usual, chart.centre + usual]])
     low, high = float(far.min()), float(far.max())
     if len(shown):
         room = high - low
@@ -179,7 +180,7 @@ def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
 
 def _ranked_curve(quantity: ChartedQuantity, ends: Array) -> str:
     def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, left=0.85, top=0.3)[0, 0]
+        axes = panels(canvas, left=1.05, top=0.3)[0, 0]
         groups = np.array_split(np.arange(len(ends)), min(_STRETCHES, len(ends)))
         place = [group.mean() + 1 for group in groups]
         low, middle, high = np.array([ends[group].mean(axis=0) for group in groups]).T
