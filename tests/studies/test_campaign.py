@@ -260,6 +260,8 @@ class TestDriver:
         rows = "key,title\n" + "".join(f"c{i},go\n" for i in range(6))
 
         def stop(now):
+            if (tmp_path / "out" / INDEX).exists():
+                assert len(kept_rows(tmp_path / "out")) == now.done  # also where nothing after this is ever run
             if now.done == 3:
                 raise KeyboardInterrupt
 

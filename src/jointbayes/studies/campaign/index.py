@@ -6,6 +6,7 @@ last. The index is written anew, whole, now and then.
 
 import datetime
 import json
+import os
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -61,6 +62,7 @@ class Index:
         try:
             self._stream.write(line.encode() + b"\n")
             self._stream.flush()
+            os.fsync(self._stream.fileno())
         except OSError as error:
             raise _unwritten(self._lines, error) from error
         self._new.append(row)
