@@ -1,7 +1,7 @@
-"""Write .ci/requirements.txt: what pip resolves now for each Python given, with the hashes of the files it would take.
+"""Write .ci/requirements.txt: what pip resolves now for each Python given, with the hashes of the files it takes.
 
-python .ci/lock.py PYTHON [PYTHON ...], for instance python3.11 python3.13, on the system that the check runs on. Nothing
-but pip is needed; each Python makes an environment for the time being.
+python .ci/lock.py PYTHON [PYTHON ...], for instance python3.11 python3.13, on the system that the check runs on.
+Nothing but pip is needed; each Python makes an environment for the time being.
 """
 
 import json

@@ -13,6 +13,9 @@ pytestmark = pytest.mark.science
 IN_TOML = ON_TERMINAL.encode("unicode_escape").decode().replace("\\x", "\\u00").replace("\\u0007", "\\u0007")
 
 
+IN_TABLE = f'"structure.{ON_TERMINAL}"'
+
+
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     """A directory with a case and a measurement whose names and texts are hostile."""
@@ -26,11 +29,20 @@ def place(tmp_path_factory):
     labels = f"frequency [Hz],real {ON_TERMINAL} / {TURN}f [m/N],imaginary"
     rows = "\n".join(f"{20 + i},1e-6,-1e-8" for i in range(60))
     (place / f"{ON_TERMINAL}.csv").write_text(f"{labels}\n{rows}\n", encoding="utf-8")
+    table = f'key,serial,structure.length_mm,{IN_TABLE}\nA,"{ON_TERMINAL}",383,1\n'
+    (place / f"{ON_TERMINAL}-bad.csv").write_text(table, encoding="utf-8")
+    table = f'key,serial,structure.length_mm\nA,"{ON_TERMINAL}",383\n'
+    (place / f"{ON_TERMINAL}-good.csv").write_text(table, encoding="utf-8")
     return place
 
 
 CASE, TABLE = f"{ON_TERMINAL}.toml", f"{ON_TERMINAL}.csv"
 COMMANDS = {
+    "campaign": (
+        ["campaign", f"{ON_TERMINAL}-good.csv", "--base", CASE, "--workers", "1", "--out", "many"],
+        {0, 2, 3, 4},
+    ),
+    "a wrong campaign": (["campaign", f"{ON_TERMINAL}-bad.csv", "--base", CASE, "--out", "none"], {2}),
     "run": (["run", CASE, "--out", f"run{ON_TERMINAL}"], {0, 2, 3}),
     "sample": (["sample", CASE], {0, 3}),
     "report": (["report", f"{ON_TERMINAL}.nc", "--out", f"out{ON_TERMINAL}"], {0, 2, 3}),

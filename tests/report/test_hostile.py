@@ -1,5 +1,6 @@
 """Reports and figures whose every text field is hostile, in a real browser, and as PDF text."""
 
+import csv
 import dataclasses
 import shutil
 import subprocess
@@ -12,8 +13,10 @@ from jointbayes.measurement.channels import ChannelUse
 from jointbayes.measurement.provenance import MeasuredFile, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.report.inspect_figure import inspect_figure
+from jointbayes.studies.campaign.report import write_campaign_report
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
+from tests.studies.campaign_directory import campaign_directory, write_index
 
 pytestmark = pytest.mark.science
 
@@ -93,6 +96,28 @@ def test_a_hostile_pdf_shows_text_and_has_no_action(written):
     for shown in ('#read("/etc/passwd")', "$x^2$", "**bold**`code`", "{{7*7}}", "<script>"):
         assert shown in text
     assert "root:x:0" not in text
+
+
+def test_a_hostile_campaign_runs_nothing_and_asks_for_nothing(tmp_path):
+    with beacons() as (port, asked):
+        text = in_page(port).replace("\x00", "")
+        directory = tmp_path / "campaign **x** `y` <script>document.documentElement.id='pwned'<"
+        rows = campaign_directory(directory, 12)
+        for row in rows:
+            row |= {"serial": f"={text}", "reason": text, "error": text if row["error"] else None}
+        write_index(directory, rows)
+        write_campaign_report(directory)
+        page, said = opened(directory / "report.html", tmp_path)
+        assert 'id="pwned"' not in page
+        assert asked == []
+        assert said == ""
+        assert "{{7*7}}" in page
+        assert "\u202e" not in page
+        for figure in sorted((directory / "figures").glob("*.svg")):
+            assert "<script" not in figure.read_text(encoding="utf-8")
+    with (directory / "joints.csv").open(encoding="utf-8", newline="") as table:
+        serials = [row["serial"] for row in csv.DictReader(table)]
+    assert serials == [f"'={text}"] * 12
 
 
 def test_the_browser_would_show_a_script_that_runs(tmp_path):

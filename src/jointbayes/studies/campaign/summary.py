@@ -123,7 +123,8 @@ def joints_csv(findings: CampaignFindings) -> str:
         date = "" if row.date is None else row.date.isoformat(sep=" ")
         explains = "" if row.explains is None else str(row.explains).lower()
         converged = str(row.converged).lower() if row.status == DONE else ""
-        line = [row.key, row.serial or "", date, row.status, converged, explains, looks.get(row.key, "")]
+        line = [_no_formula(row.key), _no_formula(row.serial or ""), date, row.status, converged, explains]
+        line.append(_no_formula(looks.get(row.key, "")))
         if found is None or row.key not in place:
             writer.writerow([*line, *[""] * (1 + 10 * len(quantities))])
             continue
@@ -134,6 +135,11 @@ def joints_csv(findings: CampaignFindings) -> str:
             line += [f"{value:.6g}" for value in (*ends, q.chart.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
         writer.writerow(line)
     return out.getvalue()
+
+
+def _no_formula(text: str) -> str:
+    """Text that a spreadsheet shows and does not compute: behind an apostrophe where it begins as a formula does."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
 
 
 def _ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
