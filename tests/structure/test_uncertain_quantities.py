@@ -20,7 +20,9 @@ from jointbayes.structure import (
     Section,
     mode_table,
 )
-from jointbayes.structure.mode_table import ModeTable
+from jointbayes.structure.matrices import Modes
+from jointbayes.structure.mesh import BeamShape, mesh_through
+from jointbayes.structure.mode_table import ModeTable, _hopeless
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 JOINT = Joint(("1:y", "1:rz"))
@@ -200,3 +202,33 @@ def test_forces_at_the_tip_of_many_responses_need_no_more_modes_than_at_the_tip_
         forced = np.isin(np.arange(motions.shape[1]), (0, 1, motions.shape[1] - 1))
         kept.append(family.free_modes(motions, forced)(np.ones((1, 0)))[0].shape[1])
     assert kept[0] == kept[1] < 30
+
+
+@pytest.mark.parametrize(
+    ("errors", "hopeless"),
+    [
+        ([1e-2, 1e-3, 1e-4], False),  # too few to tell
+        ([1e-2, 1e-3, 1e-4, 1e-5], False),  # on its way
+        ([1e-4, 1e-5, 1e-6, 2e-7, 9e-8], False),
+        ([1.0, 0.9, 0.7, 0.4], True),  # falls, but not to 1e-8 at 36 points
+        ([1.0, 0.9, 1.1, 1.0], True),
+        ([5e-7, 3e-7, 4e-7, 3e-7], True),  # rounding
+        ([1e-2, 1e-3, 1e-4, float("nan")], True),
+    ],
+)
+def test_a_table_is_given_up_when_more_points_cannot_make_it_accurate(errors, hopeless):
+    assert _hopeless(errors) is hopeless
+
+
+@pytest.mark.parametrize(("dofs_per_node", "most"), [(2, 280), (5, 130)])
+def test_beams_of_more_than_hundreds_of_dofs_are_refused(dofs_per_node, most):
+    shape = BeamShape(0.383, Section.circle(1e-5), BeamMaterial(2.1e11, 0.3, 7800.0))
+    with pytest.raises(ModelError, match=rf"nodes; expected at most {most}, a hundred natural frequencies"):
+        mesh_through(shape, 11, [3], 2.5e5, dofs_per_node)
+
+
+def test_the_error_of_a_table_without_elastic_modes_below_is_a_number():
+    mass = np.eye(3)
+    modes = Modes(np.array([0.0, 0.0, 1.0]), np.eye(3))
+    table = ModeTable(lambda _numbers: (modes, mass), np.eye(3)[:, :2], [(-1.0, 1.0)], [2])
+    assert table.error(lambda _numbers: (modes, mass)) < 1e-12

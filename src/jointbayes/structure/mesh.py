@@ -24,12 +24,12 @@ from jointbayes.structure.high_order import (
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
 
-__all__ = ["MOST_NODES", "BeamMesh", "BeamShape", "mesh_through", "meshed_beam"]
+__all__ = ["MOST_DOFS", "BeamMesh", "BeamShape", "mesh_through", "meshed_beam"]
 
 Array = NDArray[np.float64]
 
-#: A beam of so many nodes has hundreds of modes below the highest line: no test is made so, but units are mistaken.
-MOST_NODES = 1000
+#: A beam of so many DOFs has a hundred modes below the highest line: no test is made so, but units are mistaken.
+MOST_DOFS = 500
 _MOST_AT_A_POINT = 10  # nodes from one point to the next that are there for the point's sake
 
 
@@ -133,10 +133,11 @@ def mesh_through(
     planes = shape.planes[: 1 if dofs_per_node == 2 else 2]
     spans = spans_between(positions, planes, 2 * np.pi * top_hz, extra_order)
     nodes = 1 + sum(s.elements * s.order for s in spans)
-    if nodes > MOST_NODES + _MOST_AT_A_POINT * len(places):
+    most = MOST_DOFS // dofs_per_node + _MOST_AT_A_POINT * len(places)
+    if nodes > most:
         raise ModelError(
             f"beam: found a length of {shape.length:g} m and lines up to {top_hz:g} Hz, which take {nodes} nodes; "
-            f"expected at most {MOST_NODES}, some hundred natural frequencies; lower the frequencies, or correct the "
+            f"expected at most {most}, a hundred natural frequencies; lower the frequencies, or correct the "
             "units of length and material"
         )
     relative = tuple(Span(s.length / shape.length, s.elements, s.order) for s in spans)

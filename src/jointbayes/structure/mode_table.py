@@ -19,6 +19,7 @@ ModesAt = Callable[[Sequence[float]], tuple[Modes, Array]]
 _NODES = (4, 6, 8, 11, 15, 20, 27, 36)
 _MOST_POINTS = 1000  # beyond, tabulating costs more than it gains
 _ACCURATE = 1e-8  # of the interpolation, relative to each eigenvalue and to the largest motion in any mode
+_TRIED, _FAR = 4, 1e4  # sizes of tables whose errors tell how the others will be; errors that far above are no use
 _SAME_PLANE = 1e-6  # eigenvalues closer than this (relative) share a plane in which any basis is as good
 
 
@@ -109,7 +110,8 @@ class ModeTable:
                 (np.abs(found_lam - lam) / scale)[lower],
                 (np.abs(found_rows - rows) / size)[:, lower],
             ]
-            for square in (elastic.min(initial=np.inf), lam[lower].max()):
+            lowest = elastic.min(initial=np.inf)
+            for square in (lowest, max(lam[lower].max(), lowest)):
                 # at ω² = −square, where it has no poles
                 right, guess = (r / (e + square) @ r.T for e, r in ((lam, rows), (found_lam, found_rows)))
                 root = np.sqrt(np.diag(right))
@@ -126,11 +128,16 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
     for i in range(len(ends)):
         alone = [end if j == i else (0.0, 0.0) for j, end in enumerate(ends)]
         each = [[n if j == i else 1 for j in range(len(ends))] for n in _NODES]
-        tables = (ModeTable(modes_at, motions, alone, n) for n in each)
-        enough = next((n[i] for n, t in zip(each, tables, strict=True) if t.error(modes_at) < _ACCURATE), None)
-        if enough is None:
+        errors: list[float] = []
+        for n in each:
+            errors.append(ModeTable(modes_at, motions, alone, n).error(modes_at))
+            if errors[-1] < _ACCURATE:
+                counts.append(n[i])
+                break
+            if _hopeless(errors):
+                return None
+        else:
             return None
-        counts.append(enough)
     if math.prod(counts) > _MOST_POINTS:
         return None
     table = ModeTable(modes_at, motions, ends, counts)
@@ -150,6 +157,19 @@ def _remembering(modes_at: ModesAt) -> ModesAt:
         return known[point]
 
     return remembered
+
+
+def _hopeless(errors: Sequence[float]) -> bool:
+    """Whether errors of tables of 4, 6, 8 … points fall so slowly that the largest will not be accurate by far.
+
+    They fall geometrically with the number of points where modes are smooth, and not at all where modes change places
+    or rounding is all that is left of them.
+    """
+    if len(errors) < _TRIED:
+        return False
+    first, last = errors[-_TRIED], errors[-1]
+    done, left = _NODES[len(errors) - 1] - _NODES[len(errors) - _TRIED], _NODES[-1] - _NODES[len(errors) - 1]
+    return not (last < first / 2 and last * (last / first) ** (left / done) < _FAR * _ACCURATE)
 
 
 def _chebyshev(low: float, high: float, n: int) -> Array:
