@@ -314,7 +314,7 @@ def faults_of(text):
         parse_case(text, "case.toml")
     lines = str(caught.value).split("\n")
     for line in lines:
-        assert ONE_LINE.fullmatch(line), line
+        assert ONE_LINE.fullmatch(line) or re.fullmatch(r"and \d+ more", lines[-1]), line
         assert line.isprintable(), line
         assert not JARGON.search(line), line
     return lines
@@ -715,3 +715,69 @@ def test_every_key_of_the_schema_says_what_it_expects():
 def test_importing_the_package_does_not_load_pydantic():
     code = "import sys, jointbayes; sys.exit('pydantic' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+# ---- many faults, and much of anything
+
+
+@pytest.mark.parametrize(
+    ("added", "expected"),
+    [
+        (
+            "[" + "a." * 20_000 + "a]\n",
+            "case.toml:{line}: file: nested too deeply; expected a case file, no more than 20",
+        ),
+        ("a." * 20_000 + "a = 1\n", "case.toml:{line}: file: nested too deeply"),
+        ("a = " + "[" * 60 + "]" * 60 + "\n", "case.toml:1: file: nested too deeply"),
+        ("a = " + "[" * 9000 + "]" * 9000 + "\n", "case.toml:1: file: nested too deeply"),
+        ("a = " + "{a=" * 60 + "1" + "}" * 60 + "\n", "case.toml:1: file: nested too deeply"),
+        ("".join(f"[{'a.' * n}b{n}]\n" for n in range(30)), "case.toml:{line}: file: nested too deeply"),
+    ],
+)
+def test_a_file_of_many_levels_is_refused_before_it_takes_time(added, expected):
+    (line,) = faults_of(f"{GOOD}\n{added}")
+    number = GOOD.count("\n") + (22 if "b29" in added else 2)
+    assert line.startswith(expected.format(line=number))
+
+
+def test_dots_in_texts_and_comments_are_no_levels():
+    text = GOOD.replace('title = "', f'title = "{"a." * 40}') + f"# {'a.' * 40}\n"
+    assert text != GOOD
+    assert parse_case(text).title.startswith("a.a.")
+
+
+@pytest.mark.parametrize("count", [3000, 60_000])
+def test_a_list_of_thousands_of_dofs_is_one_line(count):
+    labels = ", ".join(f'"{i + 1}:y"' for i in range(count))
+    (line,) = faults_of(GOOD.replace('inputs = ["11:y"]', f"inputs = [{labels}]"))
+    assert f"data.inputs: found a list of {count}; expected at most 2505 entries; shorten it" in line
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        "".join(f"[t{i}]\n" for i in range(16_010)),
+        "".join(f"key{i} = 1\n" for i in range(16_010)),
+        "".join(f"[structure.t{i}]\n" for i in range(16_010)),
+    ],
+)
+def test_of_many_faults_the_first_are_told_and_the_others_counted(added):
+    lines = faults_of(f"{GOOD}\n{added}")
+    assert len(lines) == 21
+    assert lines[-1] == "and 15990 more"
+    numbers = [int(line.split(":")[1]) for line in lines[:-1]]
+    assert numbers == sorted(numbers)
+
+
+def test_an_unsorted_list_is_one_fault():
+    numbers = ", ".join(str(30_000 - i) for i in range(20_000))
+    band = GOOD[GOOD.index("f_min_hz") : GOOD.index("\n", GOOD.index("f_step_hz"))]
+    (line,) = faults_of(GOOD.replace(band, f"frequencies_hz = [{numbers}]"))
+    assert "found entry 2 = 29999.0 after 30000.0" in line
+
+
+def test_more_values_than_memory_holds_are_refused_with_the_step():
+    outputs = ", ".join(f'"{node}:y"' for node in range(1, 12)) + ', "2:rz", "3:rz"'
+    text = GOOD.replace("f_step_hz = 1.0", "f_step_hz = 0.003").replace('outputs = ["11:y"]', f"outputs = [{outputs}]")
+    (line,) = faults_of(text)
+    assert "data.f_step_hz: 0.003 Hz makes 8.27e+05 lines in each of 13 FRFs; expected at most 10000000 values" in line

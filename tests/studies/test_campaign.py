@@ -362,3 +362,18 @@ def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(
     assert "1 cases: 0 done, 1 failed" in ended.stdout
     assert "FAILED: a: a:" in ended.stdout
     assert "missing.uff" in ended.stdout
+
+
+def test_measurement_files_elsewhere_are_refused_with_their_row_before_any_work(tmp_path):
+    table = table_of(tmp_path, "key,data.file\na,data/virtual_test.uff\nb,../README.md\n")
+    base, out = CONFIGS / "measured_stations.toml", tmp_path / "out"
+    command = ["campaign", str(table), "--base", str(base), "--out", str(out)]
+    ended = CliRunner().invoke(main, command)
+    assert (ended.exit_code, ended.stderr.count("\n")) == (2, 1)
+    assert ended.stderr.startswith(f'jointbayes: {table}:3: data.file: found "../README.md", which leads out of the')
+    assert not out.exists()
+    alone = table_of(tmp_path, "key,data.file\nb,../README.md\n")
+    ended = CliRunner().invoke(main, [*command[:1], str(alone), *command[2:], "--allow-outside"])
+    assert ended.exit_code == 1
+    assert "1 cases: 0 done, 1 failed" in ended.stdout
+    assert "leads out" not in ended.stdout

@@ -1,6 +1,8 @@
 """A case: the TOML file turned into structure, joint, data and prior, with the settings of the run."""
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,12 +20,18 @@ from jointbayes.case.build import (
     stiffness_of,
     with_workshop_uncertainty,
 )
-from jointbayes.case.files import plan_of, require_lowest, with_estimated_variance, with_measured_damping
-from jointbayes.case.plausibility import InputWarning, input_warnings
+from jointbayes.case.files import (
+    plan_of,
+    require_inside,
+    require_lowest,
+    with_estimated_variance,
+    with_measured_damping,
+)
+from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.toml_text import key_lines, read_text
-from jointbayes.errors import CaseError, JointBayesError
+from jointbayes.case.toml_text import fault_start, key_lines, line_of, read_text
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint
 from jointbayes.measurement import FrequencyMeasurement, Measurement
@@ -95,7 +103,9 @@ class Case:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         measured = self.problem.measurement
         lines = measured.frequency_hz if isinstance(measured, FrequencyMeasurement) else measured.frf.frequency_hz
-        return input_warnings(self.spec, self.text, (float(lines[0]), float(lines[-1])))
+        usual = input_warnings(self.spec, self.text, (float(lines[0]), float(lines[-1])))
+        # of the problem that the text states: another prior may be put in its place to a purpose
+        return usual + truth_warnings(self.spec, self.text, self.stated.prior) if self.stated else usual
 
     @cached_property
     def workshop_problem(self) -> Problem | None:
@@ -119,18 +129,21 @@ class Case:
         )
 
 
-def load_case(path: str | os.PathLike[str]) -> Case:
+def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case:
     """Read a case file.
 
     Parameters
     ----------
     path
         TOML file; see docs/case-file.md.
+    allow_outside
+        Whether measurement files may lie outside the directory of the case file.
 
     Raises
     ------
     CaseError
-        If the file cannot be read or anything in it is wrong: file, line, key, what is expected.
+        If the file cannot be read or anything in it is wrong: file, line, key, what is expected; or if a measurement
+        file lies outside the directory of the case file and that is not allowed.
 
     Examples
     --------
@@ -140,11 +153,16 @@ def load_case(path: str | os.PathLike[str]) -> Case:
     """
     file = Path(path)
     text = read_text(file)
-    return _build(file.stem, text, parse_case(text, str(file)), str(file), file.parent)
+    return _build(file.stem, text, parse_case(text, str(file)), str(file), file.parent, None, allow_outside)
 
 
 def case_from_text(
-    name: str, text: str, *, directory: str | os.PathLike[str] = ".", measurement: Measurement | None = None
+    name: str,
+    text: str,
+    *,
+    directory: str | os.PathLike[str] = ".",
+    measurement: Measurement | None = None,
+    allow_outside: bool = False,
 ) -> Case:
     """Build a case from TOML text; errors as for `load_case`, with `name` for the file.
 
@@ -156,8 +174,10 @@ def case_from_text(
         Where measurement files are looked for.
     measurement
         Data of a case with measurement files, as they were read before; the files are then not needed.
+    allow_outside
+        Whether measurement files may lie outside that directory.
     """
-    return _build(name, text, parse_case(text, name), name, Path(directory), measurement)
+    return _build(name, text, parse_case(text, name), name, Path(directory), measurement, allow_outside)
 
 
 def case_around(problem: Problem, text: str) -> Case:
@@ -166,23 +186,42 @@ def case_around(problem: Problem, text: str) -> Case:
 
 
 def _build(
-    name: str, text: str, spec: CaseSpec, where: str, directory: Path, measurement: Measurement | None = None
+    name: str,
+    text: str,
+    spec: CaseSpec,
+    where: str,
+    directory: Path,
+    measurement: Measurement | None,
+    allow_outside: bool,
 ) -> Case:
-    stated, line = spec, 1
-    try:
+    stated = spec
+    with _told_of(where, text, spec) as tell:
+        tell("joint")
         joint = Joint(spec.joint.dofs, spec.joint.against)
         if isinstance(spec.data, MeasuredSpec):
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
-            line = key_lines(text)["data",]
+            tell("data")
+            if measurement is None and not allow_outside:
+                require_inside(
+                    directory,
+                    spec.data.file,
+                    lambda number: fault_start(where, line_of(key_lines(text), ("data", "file", number))),
+                )
             measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
             spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
+            tell("structure")
             recipe = beam_recipe(spec.structure, spec.data, measurement)
         else:
+            tell("structure")
             recipe = beam_recipe(spec.structure, spec.data)
+            tell("data")
             measurement = measurement_of(recipe, joint, spec.data)
+        tell("noise")
         noise, of_noise = noise_of(spec.noise, measurement)
+        tell("prior")
         prior = prior_of(spec, recipe, measurement, of_noise)
+        tell("structure")
         problem = Problem(
             family_of(recipe, prior),
             joint,
@@ -195,13 +234,37 @@ def _build(
         )
         require_lowest(stated, recipe, joint, measurement)
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
+    return Case(name, text, spec, problem, problem)
+
+
+@contextmanager
+def _told_of(where: str, text: str, spec: CaseSpec) -> Iterator[Callable[[str], None]]:
+    """Name file, line and key in errors of what is built from a case, yielding what is called with each table's turn.
+
+    The key is the one that looks like a slip, where one does, and else the table, where the file has it.
+    """
+    table = "file"
+
+    def tell(name: str) -> None:
+        nonlocal table
+        table = name
+
+    try:
+        yield tell
     except CaseError:
         raise
-    except JointBayesError as error:
-        raise CaseError(f"{where}:{line}: {error}") from error
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise CaseError(
-            f"{where}:{line}: found numbers that are too far apart to be computed with ({error}); expected those of "
-            "one machine; check sizes, material and stiffnesses"
-        ) from error
-    return Case(name, text, spec, problem, problem)
+    except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
+        lines = key_lines(text)
+        line, key = line_of(lines, (table,)), table if (table,) in lines else "file"
+        slips = () if isinstance(error, MeasurementError) else input_warnings(spec, text, stated_band_hz(spec))
+        if slips:
+            line, key = slips[0].line, slips[0].key
+        message = str(error)
+        if isinstance(error, MemoryError):
+            message = "found too little memory; expected room for the matrices; use fewer lines, DOFs or elements"
+        elif not isinstance(error, JointBayesError):
+            message = (
+                f"found numbers that are too far apart to be computed with ({error}); expected those of one machine; "
+                "check sizes, material and stiffnesses"
+            )
+        raise CaseError(f"{fault_start(where, line)} {key}: {message}") from error

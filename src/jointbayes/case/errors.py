@@ -10,17 +10,20 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from jointbayes.case.toml_text import KeyPath, fault_line, key_lines, similar
+from jointbayes.case.toml_text import KeyPath, fault_line, key_lines, line_of, similar
 
 __all__ = ["Finding", "fault_lines", "raise_findings"]
 
 _LONGEST = 40  # characters of a user's own text repeated in a message
+#: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
+_MOST_TOLD, _MOST_SORTED, _MOST_READ = 20, 100, 5000
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,7 @@ def _choices(annotation: object) -> list[str]:
     return [c for arg in get_args(annotation) for c in _choices(arg)]
 
 
+@cache
 def _tags(model: type[BaseModel]) -> dict[str, str]:
     """Give the keys whose only allowed text tells this kind of table from its siblings."""
     words = {k: get_args(f.annotation) for k, f in model.model_fields.items() if _is_literal(f.annotation)}
@@ -282,17 +286,24 @@ def fault_lines(
     Returns
     -------
     list of str
-        One line per fault, in the order of the file.
+        One line per fault, in the order of the file; of many the first, and how many there are besides.
     """
     lines, root = key_lines(text), _Place([model], data)
-    shown: dict[KeyPath, tuple[int, str]] = {}
-    for fault in _pair_renamed([f for e in error.errors(include_url=False) for f in _faults(e, root)]):
+    # A union of plain values reports once for each of its types: the first says it all.
+    each: dict[KeyPath, _Fault] = {}
+    errors = error.errors(include_url=False)
+    for fault in (f for e in errors[:_MOST_READ] for f in _faults(e, root)):
+        each.setdefault(fault.place.path, fault)
+    # Pairing what is unknown with what is missing compares each with each.
+    first = sorted(each.values(), key=lambda fault: line_of(lines, fault.place.path))[:_MOST_SORTED]
+    paired = _pair_renamed(first)
+    left_out = len(errors[_MOST_READ:]) + len(each) - len(first) + max(0, len(paired) - _MOST_TOLD)
+    shown = []
+    for fault in paired[:_MOST_TOLD]:
         path = fault.place.path
-        line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
         if fault.kind == "unknown":
             words = _unknown_wording(fault, model)
         else:
             words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
-        # A union of plain values reports once for each of its types: the first says it all.
-        shown.setdefault(path, (line, fault_line(name, line, _show_key(path), *words)))
-    return [text for _, text in sorted(shown.values(), key=lambda pair: pair[0])]
+        shown.append(fault_line(name, line_of(lines, path), _show_key(path), *words))
+    return [*shown, f"and {left_out} more"] if left_out else shown

@@ -1,5 +1,9 @@
 """From the tables of a case on measurement files to the plan by which they are read, and back: what the data decide."""
 
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
 import numpy as np
 
 from jointbayes.case.build import rigid_frequencies_hz
@@ -13,7 +17,7 @@ from jointbayes.case.schema.measured import (
 )
 from jointbayes.case.schema.priors import FactorPriorSpec
 from jointbayes.case.schema.structure import ModalDampingSpec, StructureSpec
-from jointbayes.errors import MeasurementError
+from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.joint import Joint
 from jointbayes.measurement.channels import Channel
 from jointbayes.measurement.data import FrfMeasurement, Measurement
@@ -25,7 +29,7 @@ from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.measurement.variance import RelativeNoise
 from jointbayes.structure import BeamRecipe
 
-__all__ = ["plan_of", "require_lowest", "with_estimated_variance", "with_measured_damping"]
+__all__ = ["plan_of", "require_inside", "require_lowest", "with_estimated_variance", "with_measured_damping"]
 
 _MM, _G = 1e-3, 1e-3
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
@@ -78,6 +82,38 @@ def _rotation(label: str, spec: RotationSpec, structure: StructureSpec) -> Rotat
     if spec.spacing_mm is not None:
         spacing = float(np.copysign(spec.spacing_mm, spacing))
     return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood)
+
+
+def require_inside(directory: Path, names: Sequence[str], place: Callable[[int], str]) -> None:
+    """Refuse measurement files outside the directory of their case: a case of somebody else may name any file.
+
+    Parameters
+    ----------
+    directory
+        Of the case.
+    names
+        Of the files, as the case has them; where they lead by ``..`` or by links is what counts.
+    place
+        Start of the message for the file of that number: where its name stands.
+
+    Raises
+    ------
+    CaseError
+        If one lies elsewhere.
+    """
+    home = directory.resolve()
+    for number, name in enumerate(names):
+        try:
+            inside = (directory / name).resolve().is_relative_to(home)
+        except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: found again on reading
+            inside = True
+        if not inside:
+            shown = f'"{name}"' if name.isprintable() else json.dumps(name)
+            raise CaseError(
+                f"{place(number)} data.file: found {shown}, which leads out of the directory of the case file; "
+                "expected a measurement file in it or below; move the file there, or allow it: --allow-outside, in "
+                "Python allow_outside=True"
+            )
 
 
 def require_lowest(spec: CaseSpec, recipe: BeamRecipe, joint: Joint, measured: Measurement) -> None:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.schema.structure import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, StructureSpec, TubeSpec
-from jointbayes.case.toml_text import key_lines
+from jointbayes.case.toml_text import key_lines, line_of
+from jointbayes.joint import STIFFNESS_NAMES
 
-__all__ = ["InputWarning", "input_warnings", "stated_band_hz"]
+if TYPE_CHECKING:
+    from jointbayes.inference import JointPrior
+
+__all__ = ["InputWarning", "input_warnings", "stated_band_hz", "truth_warnings"]
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0
@@ -93,13 +98,41 @@ def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float] | Non
     findings = [*_material(spec.structure), *_shape(spec.structure)]
     if not findings and band_hz is not None:  # with findings the frequencies are off because of these
         findings = [*_band(spec, band_hz)]
+    return _placed(findings, text)
+
+
+def truth_warnings(spec: CaseSpec, text: str, prior: JointPrior) -> tuple[InputWarning, ...]:
+    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it."""
+    return _placed(_excluded(spec, prior), text)
+
+
+def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
+    """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
+    if not isinstance(spec.data, SyntheticFrfSpec):
+        return
+    joint, loc = prior.parametrisation, ("data", "truth")
+    truth = [getattr(spec.data.truth, name) for name in STIFFNESS_NAMES]
+    if not joint.describes(truth):
+        each = ", ".join(f"{name} = {value:g}" for name, value in zip(STIFFNESS_NAMES, truth, strict=True))
+        found = f'found {each}, which joint.parametrisation = "{spec.joint.parametrisation}" cannot describe'
+        yield Finding(loc, found, "a truth that the analysis can find", "choose another parametrisation or truth")
+        return
+    for axis, marginal, value in zip(joint.axes, prior.marginals, joint.coordinates(truth), strict=True):
+        low, high = marginal.support
+        if not low <= value <= high:
+            shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
+            found = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
+            expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
+            yield Finding((*loc, axis.quantity), found, expected, f"widen [prior.{axis.name}] or correct the truth")
+
+
+def _placed(findings: Iterable[Finding], text: str) -> tuple[InputWarning, ...]:
     lines = key_lines(text)
     found = []
     for finding in findings:
         path = finding.loc
-        line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
         words = f"{finding.found}; expected {finding.expected}; {finding.remedy}"
-        found.append(InputWarning(line, ".".join(map(str, path)), words))
+        found.append(InputWarning(line_of(lines, path), ".".join(map(str, path)), words))
     return tuple(found)
 
 
@@ -122,7 +155,8 @@ def _material(structure: StructureSpec) -> Iterator[Finding]:
     )
     asked = [("youngs_modulus_gpa", modulus, in_modulus), ("density_kg_m3", density, in_density)]
     named = [one for one in asked if one[2]]
-    for key, value, slips in named or [("youngs_modulus_gpa", modulus, [])]:
+    alone = asked[1:] if _within(modulus, YOUNGS_MODULUS) and not _within(density, DENSITY) else asked[:1]
+    for key, value, slips in named or alone:
         found = f"found {value!r}, with which √(E/ρ) = {speed:.3g} m/s (E = {modulus:g} GPa, ρ = {density:g} kg/m³)"
         yield Finding(("structure", key), found, expected, _remedy(key, slips) or "check both numbers and their units")
 

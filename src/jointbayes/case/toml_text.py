@@ -8,14 +8,17 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from jointbayes.errors import CaseError
 
-__all__ = ["KeyPath", "fault_line", "key_lines", "parse_toml", "read_text", "similar"]
+__all__ = ["KeyPath", "fault_line", "fault_start", "key_lines", "line_of", "parse_toml", "read_text", "similar"]
 
 _MOST_BYTES = 1_000_000
+#: Tables in tables; a case file has five. Beyond, reading takes time and memory that grow with the square of the depth.
+_MOST_DEPTH = 20
 _START = "start from what `jointbayes init my_case.toml` writes"
 _SYNTAX = {  # what tomllib says: what was found, what to do
     "Cannot overwrite a value": ("this key is given twice", "remove one of the two"),
@@ -39,6 +42,7 @@ _KEY_PART = re.compile(r'"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|[A-Za-z0-9_-]+')
 _KEY = re.compile(rf"(?:{_KEY_PART.pattern})(?:[ \t]*\.[ \t]*(?:{_KEY_PART.pattern}))*")
 _STRING = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'', re.DOTALL)
 _SCALAR = re.compile(r"[^,\]}#\n]+")
+_DOTTED = re.compile(rf"{_STRING.pattern}|#[^\n]*|(?P<keys>{_KEY.pattern})", re.DOTALL)
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _COMMA = re.compile(rf"{_BLANK.pattern},?{_BLANK.pattern}")
 _EQUALS, _OPEN, _CLOSE = (re.compile(rf"[ \t]*{sign}[ \t]*") for sign in ("=", r"\[{1,2}", r"\]{1,2}"))
@@ -137,6 +141,11 @@ def key_lines(text: str) -> dict[KeyPath, int]:
     return _Scanner(text).scan()
 
 
+def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
+    """Line of a key, or of the innermost table around it that is written in the file."""
+    return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
+
+
 def similar(word: str, choices: Iterable[str]) -> str | None:
     """Return the choice a misspelt word was probably meant to be, or None."""
     by_lower = {choice.lower(): choice for choice in choices}
@@ -146,22 +155,47 @@ def similar(word: str, choices: Iterable[str]) -> str | None:
 
 def fault_line(name: str, line: int, key: str, *parts: str) -> str:
     """Compose one line of a `CaseError`: file, line, key, then found; expected; what to do."""
-    # The name is the only part a user may fill with line breaks.
-    safe_name = name if name.isprintable() else json.dumps(name)
-    return f"{safe_name}:{line}: {key}: " + "; ".join(part for part in parts if part)
+    return f"{fault_start(name, line)} {key}: " + "; ".join(part for part in parts if part)
+
+
+def fault_start(name: str, line: int) -> str:
+    """File and line; the name is the only part of a message that a user may fill with line breaks."""
+    return f"{name if name.isprintable() else json.dumps(name)}:{line}:"
 
 
 def parse_toml(text: str, name: str) -> dict[str, object]:
     """Parse TOML text; a syntax error or a text without any key is a `CaseError` of one line."""
+    deep = next((m for m in _DOTTED.finditer(text) if m["keys"] and m["keys"].count(".") >= _MOST_DEPTH), None)
+    if deep is not None:  # tomllib's time grows with the square of the parts, too
+        raise CaseError(_too_deep(name, text.count("\n", 0, deep.start()) + 1))
     try:
         data = tomllib.loads(text)
     except RecursionError:
-        raise CaseError(fault_line(name, 1, "file", "nested too deeply", "expected a case file", _START)) from None
+        raise CaseError(_too_deep(name, 1)) from None
     except ValueError as error:  # also plain ones, such as an integer of more than 4300 digits
         raise CaseError(_syntax_fault(str(error), text, name)) from None
     if not data:
         raise CaseError(fault_line(name, 1, "file", "holds no key", "expected a case file in TOML", _START))
+    if _depth(data) > _MOST_DEPTH:
+        raise CaseError(_too_deep(name, 1))
     return data
+
+
+def _too_deep(name: str, line: int) -> str:
+    return fault_line(
+        name, line, "file", "nested too deeply", f"expected a case file, no more than {_MOST_DEPTH} levels deep", _START
+    )
+
+
+def _depth(data: object) -> int:
+    """Levels of tables and lists, counted no further than is allowed."""
+    level: list[Any] = [data]
+    for depth in range(_MOST_DEPTH + 1):
+        entries = (entry.values() if isinstance(entry, dict) else entry for entry in level)
+        level = [inner for each in entries for inner in each if isinstance(inner, dict | list)]
+        if not level:
+            return depth + 1
+    return _MOST_DEPTH + 1
 
 
 def _syntax_fault(message: str, text: str, name: str) -> str:

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jointbayes.cli.common import CASES_FAILED, NOT_CONVERGED, UNFINISHED, note_written
+from jointbayes.cli.common import (
+    CASES_FAILED,
+    NOT_CONVERGED,
+    UNFINISHED,
+    note_written,
+    outside_allowed,
+    outside_option,
+)
 from jointbayes.cli.output import say
 from jointbayes.cli.progress import show_phase
 
@@ -31,6 +38,7 @@ _LINES_APART = 30.0  # seconds between two lines where there is no terminal
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of the campaign; by default 1.")
 @click.option("--draws", type=click.IntRange(200), default=4000, help="Draws kept of each case; by default 4000.")
 @click.option("--limit", "seconds", type=click.FloatRange(min=0, min_open=True), help="Longest time for a case, s.")
+@outside_option
 @click.option("--again", is_flag=True, help="Try cases again that killed their workers.")
 def campaign(
     cases: tuple[Path, ...],
@@ -60,7 +68,7 @@ def campaign(
 
         ended = sample_all(
             cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, seconds=seconds,
-            again=again, progress=tell,
+            again=again, progress=tell, allow_outside=outside_allowed(),
         )  # fmt: skip
     _write_report(ended)
     _exit_by(ended)

@@ -25,12 +25,31 @@ NOT_CONVERGED = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 TERMINATED = 143  # the same with SIGTERM
 OUTPUT_CLOSED = 141  # the same with SIGPIPE
+_OUTSIDE = "jointbayes.allow_outside"  # in a command's context: whether cases may name files elsewhere
 WRITTEN = "jointbayes.written"  # in a command's context: what it has written
 UNFINISHED = "jointbayes.unfinished"  # what is kept of a run that was stopped, and how to go on
 
 seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
 resume_option = click.option("--resume", is_flag=True, help="Go on with a run that was interrupted or killed.")
 config_argument = click.argument("config", type=click.Path(path_type=Path))
+
+
+def _keep(context: click.Context, _option: click.Parameter, value: bool) -> None:
+    context.meta[_OUTSIDE] = value
+
+
+outside_option = click.option(
+    "--allow-outside",
+    is_flag=True,
+    expose_value=False,
+    callback=_keep,
+    help="Let a case name measurement files outside its own directory.",
+)
+
+
+def outside_allowed() -> bool:
+    """Whether the command that runs was given --allow-outside."""
+    return bool(click.get_current_context().meta.get(_OUTSIDE, False))
 
 
 def load(config: Path) -> "Case":
@@ -54,7 +73,7 @@ def load(config: Path) -> "Case":
     show_phase("reading the case", on_terminal_only=True)
     from jointbayes.case.case import load_case
 
-    case = load_case(config)
+    case = load_case(config, allow_outside=outside_allowed())
     tell(warning for warning in case.warnings if warning not in early)
     return case
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from jointbayes.cli.common import config_argument
+from jointbayes.cli.common import config_argument, outside_allowed, outside_option
 from jointbayes.cli.output import say
 
 #: Formats of `simulate`, each with the endings that choose it.
@@ -51,6 +51,7 @@ def _require_other_file(written: Path, read: Path, option: str) -> None:
 
 @click.command()
 @config_argument
+@outside_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
 @click.option("--format", "form", type=click.Choice(list(_FORMATS)), help="By default that of the file's ending.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
@@ -71,7 +72,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
             f"{', '.join(e for endings in _FORMATS.values() for e in endings)}; choose another or give --format"
         )
     _require_other_file(out, config, "--out")
-    case = load_case(config)
+    case = load_case(config, allow_outside=outside_allowed())
     records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
     write_records(records, out, chosen)
     for line in describe(records):

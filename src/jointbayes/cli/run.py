@@ -13,6 +13,7 @@ from jointbayes.cli.common import (
     exit_by_convergence,
     load,
     note_written,
+    outside_option,
     print_summary,
     resume_option,
     seed_option,
@@ -25,6 +26,7 @@ _ROOM = 1_000_000  # bytes of the draws of the smallest case
 
 @click.command()
 @config_argument
+@outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 @seed_option
 @resume_option
@@ -58,6 +60,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
 
 @click.command()
 @config_argument
+@outside_option
 def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
     case = load(config)
@@ -94,6 +97,7 @@ def identify(config: Path) -> None:
 
 @click.command()
 @config_argument
+@outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
 @seed_option
 @resume_option
@@ -144,6 +148,7 @@ def report(posterior: Path, out: Path | None) -> None:
 
 @click.command()
 @config_argument
+@outside_option
 @seed_option
 def check(config: Path, seed: int | None) -> None:
     """Compare the posterior mode of a case with its [reference]: exit 0 where it matches, 1 where not."""

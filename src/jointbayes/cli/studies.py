@@ -5,13 +5,14 @@ from pathlib import Path
 
 import click
 
-from jointbayes.cli.common import NOT_CONVERGED, config_argument, load, seed_option
+from jointbayes.cli.common import NOT_CONVERGED, config_argument, load, outside_option, seed_option
 from jointbayes.cli.output import say
 from jointbayes.errors import printable
 
 
 @click.command()
 @click.argument("config", nargs=-1, required=True, type=click.Path(path_type=Path))
+@outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory to write; by default none.")
 @seed_option
 def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
@@ -43,6 +44,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
 
 @click.command()
 @config_argument
+@outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Directory for report and numbers; by default none.")
 @click.option("--json", "as_json", is_flag=True, help="Print plan.json instead of a table.")
 @click.option("--assume", nargs=3, type=float, metavar="K11 K12 K22", help="Plan for this joint, not the one found.")

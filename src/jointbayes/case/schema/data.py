@@ -22,6 +22,7 @@ from jointbayes.case.schema.fields import (
     positive,
 )
 from jointbayes.case.schema.joint import StiffnessSpec
+from jointbayes.case.schema.limits import MOST_VALUES
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec
 
 __all__ = ["DataSpec", "NaturalFrequenciesSpec", "NoiseSpec", "SyntheticFrfSpec", "TruthSpec"]
@@ -126,6 +127,10 @@ class SyntheticFrfSpec(Spec):
             elif steps >= _MOST_LINES:
                 found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines"
                 yield Finding(("f_step_hz",), found, f"at most {_MOST_LINES} lines", "raise f_step_hz")
+            elif steps * len(self.outputs) * len(self.inputs) > MOST_VALUES:
+                frfs = len(self.outputs) * len(self.inputs)
+                found = f"{self.f_step_hz!r} Hz makes {steps:.3g} lines in each of {frfs} FRFs"
+                yield Finding(("f_step_hz",), found, f"at most {MOST_VALUES} values", "raise f_step_hz")
 
 
 class NaturalFrequenciesSpec(Spec):

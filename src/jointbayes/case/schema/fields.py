@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Self
 
 import pydantic
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
 
 from jointbayes.case.errors import Finding, raise_findings
-from jointbayes.case.schema.limits import beyond, limit_text
+from jointbayes.case.schema.limits import MOST_LABELS, MOST_RATIOS, beyond, limit_text
 
 __all__ = [
     "FREQUENCIES",
@@ -25,12 +25,15 @@ __all__ = [
     "Spec",
     "as_list",
     "ascii_unit",
+    "at_most",
     "count_field",
     "either",
     "key_field",
+    "listed",
     "not_above",
     "not_negative",
     "positive",
+    "repeated",
 ]
 
 
@@ -81,18 +84,44 @@ def _label(text: str) -> str:
 def _distinct(labels: tuple[str, ...]) -> tuple[str, ...]:
     raise_findings(
         Finding((i,), f'"{label}" is listed twice', "each DOF once", "remove the repeated label")
-        for i, label in enumerate(labels)
-        if label in labels[:i]
+        for i, label in repeated(labels)
     )
     return labels
 
 
+def repeated(entries: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield place and text of each entry that an earlier one is equal to."""
+    known: set[str] = set()
+    for i, entry in enumerate(entries):
+        if entry in known:
+            yield i, entry
+        known.add(entry)
+
+
+def listed(words: Sequence[str], most: int = 12) -> str:
+    """Words after each other, of many the first."""
+    rest = len(words) - most
+    return ", ".join(words[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def at_most(count: int) -> BeforeValidator:
+    """Refuses a longer list before its entries are looked at."""
+
+    def check(value: object) -> object:
+        if isinstance(value, list) and len(value) > count:
+            raise_findings([Finding((), f"found a list of {len(value)}", f"at most {count} entries", "shorten it")])
+        return value
+
+    return BeforeValidator(check)
+
+
 def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
-    raise_findings(
+    wrong = (
         Finding((i,), f"found entry {i + 1} = {b!r} after {a!r}", "", "sort the list, each value once")
         for i, (a, b) in enumerate(itertools.pairwise(values), 1)
         if b <= a
     )
+    raise_findings(itertools.islice(wrong, 1))
     return values
 
 
@@ -103,12 +132,14 @@ def as_list(value: object) -> object:
 
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
 Label = Annotated[str, AfterValidator(_label)]
-Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct)]
+Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct), at_most(MOST_LABELS)]
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
 Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
 Ratio = Annotated[float, Field(ge=0, lt=1)]
-Ratios = Annotated[tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list)]
+Ratios = Annotated[
+    tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), at_most(MOST_RATIOS)
+]
 
 
 class Spec(BaseModel):

@@ -10,8 +10,12 @@ from jointbayes.joint import STIFFNESS_NAMES
 __all__ = [
     "LIMITS",
     "MOST_ENSEMBLES",
+    "MOST_FILES",
+    "MOST_LABELS",
     "MOST_PROCESSES",
+    "MOST_RATIOS",
     "MOST_STEPS",
+    "MOST_VALUES",
     "MOST_WALKERS",
     "TABLE",
     "Limits",
@@ -21,6 +25,10 @@ __all__ = [
 
 #: Of the sampler: beyond these a run fills the memory of any computer, or never ends.
 MOST_ENSEMBLES, MOST_WALKERS, MOST_STEPS, MOST_PROCESSES = 64, 10_000, 10_000_000, 256
+#: Entries of lists: DOFs of 501 points with 5 each; ratios, each of which may be uncertain; files.
+MOST_LABELS, MOST_RATIOS, MOST_FILES = 2505, 100, 1000
+#: Values of the FRFs of synthetic data: more fill the memory.
+MOST_VALUES = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +51,7 @@ def _of(keys: str, least: float, most: float) -> Limits:
 #: One row for each kind of number; docs/case-file.md shows the same table.
 TABLE = (
     _of("length_mm spacing_mm", 1e-3, 1e6),
-    _of("diameter_mm outer_diameter_mm inner_diameter_mm width_mm height_mm wall_mm", 1e-4, 1e5),
+    _of("diameter_mm outer_diameter_mm inner_diameter_mm width_mm height_mm wall_mm", 1e-3, 1e5),
     _of("youngs_modulus_gpa", 1e-6, 1e15),
     _of("density_kg_m3", 1e-9, 1e9),
     _of("accelerometer_mass_g added_mass_g", 1e-12, 1e9),
@@ -52,7 +60,7 @@ TABLE = (
     _of("beta_s", 1e-20, 1e3),
     _of(" ".join([*STIFFNESS_NAMES, "low", "high", "median", "guess"]), 1e-12, 1e15),
     _of("sd_log decades", 1e-6, 100.0),
-    _of("sd_percent", 1e-6, 1e3),
+    _of("sd_percent", 1e-6, 100.0),
     _of("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
     _of("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
     _of("dof scale_dof", 1e-6, 1e9),

@@ -16,12 +16,15 @@ from jointbayes.case.schema.fields import (
     Labels,
     Spec,
     as_list,
+    at_most,
     count_field,
     key_field,
+    listed,
     not_above,
     not_negative,
     positive,
 )
+from jointbayes.case.schema.limits import MOST_FILES
 
 __all__ = [
     "ChannelSpec",
@@ -179,7 +182,9 @@ _Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_as_table)]]
 class MeasuredSpec(Spec):
     """What all data from files have: the files, what their channels stand for, and the lines that are used."""
 
-    file: Annotated[tuple[_FileName, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), _FILE]
+    file: Annotated[
+        tuple[_FileName, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), at_most(MOST_FILES), _FILE
+    ]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _QUANTITY] = None
     f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
     f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
@@ -216,12 +221,12 @@ class MeasuredFrfSpec(MeasuredSpec):
 
     def _findings(self) -> Iterator[Finding]:
         yield from super()._findings()
-        known = [channel.label for channel in self.channels.values()]
+        known = dict.fromkeys(channel.label for channel in self.channels.values())
         for key in ("outputs", "inputs"):
             for i, label in enumerate(getattr(self, key)):
                 if label not in known:
                     found = f'found "{label}", which no channel stands for'
-                    yield Finding((key, i), found, f"one of {', '.join(known)}", "map its channel or remove it")
+                    yield Finding((key, i), found, f"one of {listed(list(known))}", "map its channel or remove it")
         for label in self.rotations:
             if ":r" not in label:
                 found, expected = f'found "{label}"', "a rotation"

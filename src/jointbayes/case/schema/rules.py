@@ -61,18 +61,21 @@ def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, pla
 def _immovable_dofs(structure: StructureSpec, labels: Sequence[str], loc: tuple[str, ...]) -> Iterator[Finding]:
     """Yield DOFs that the structure does not have or that cannot move."""
     yield from absent_dofs(structure, labels, loc)
+    held = frozenset(structure.supports)
     for i, label in enumerate(labels):
-        if label in structure.supports:
+        if label in held:
             found = f'"{label}" is held fixed by structure.supports'
             yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
 
 
 def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[Finding]:
     """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
+    labels = {name: channel.label for name, channel in data.channels.items()}
+    names = list(labels)
+    for finding in _immovable_dofs(structure, list(labels.values()), ("data", "channels")):
+        yield replace(finding, loc=("data", "channels", names[int(finding.loc[-1])]))
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)
-        for finding in _immovable_dofs(structure, [channel.label], loc):
-            yield replace(finding, loc=loc)
         if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
             found = "accelerometer_mass_g is given here and in [structure]"
             expected = "the mass taken out of the data or put into the model, not both"
@@ -226,7 +229,8 @@ def virtual_test_findings(test: VirtualTestSpec, structure: StructureSpec, data:
         return
     loc = ("virtual_test", "extra_outputs")
     yield from _immovable_dofs(structure, test.extra_outputs, loc)
+    measured = frozenset(data.outputs)
     for i, label in enumerate(test.extra_outputs):
-        if label in data.outputs:
+        if label in measured:
             found = f'"{label}" is one of data.outputs, which are measured anyway'
             yield Finding((*loc, i), found, "a further DOF", "remove it")

@@ -18,6 +18,7 @@ from jointbayes.case.schema.fields import (
     key_field,
     not_negative,
     positive,
+    repeated,
 )
 from jointbayes.case.schema.joint import StiffnessSpec
 from jointbayes.case.schema.limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_STEPS, MOST_WALKERS
@@ -68,8 +69,7 @@ else:
 def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
     raise_findings(
         Finding((i,), f'"{name}" is listed twice', "each hypothesis once", "remove the repeated one")
-        for i, name in enumerate(hypotheses)
-        if name in hypotheses[:i]
+        for i, name in repeated(hypotheses)
     )
     return hypotheses
 

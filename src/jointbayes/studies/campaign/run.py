@@ -82,6 +82,7 @@ def campaign(
     draws: int = 4000,
     seconds: float | None = None,
     again: bool = False,
+    allow_outside: bool = False,
     progress: Callable[[CampaignProgress], None] = lambda _: None,
 ) -> Campaign:
     """Sample many cases side by side: one posterior file a case, and an index of all.
@@ -111,6 +112,8 @@ def campaign(
         Longest time for a case; one that takes longer counts as one that killed its worker.
     again
         Try cases again that killed their workers at an earlier start.
+    allow_outside
+        Whether measurement files may lie outside the directory of their case, or of the base case.
     progress
         Called as cases begin and end.
 
@@ -124,7 +127,7 @@ def campaign(
         If the index cannot be written, or another process is at work in the directory.
     """
     sources = [cases] if isinstance(cases, str | Path) else list(cases)
-    found = read_cases(sources, base)
+    found = read_cases(sources, base, allow_outside)
     target = require_campaign_directory(directory)
     if not draws > 0 or not 0 <= seed < 2**32:
         raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
@@ -135,7 +138,10 @@ def campaign(
             "scheduler": scheduler,
             "seconds": seconds,
         }
-        run_cases(found, target, seed=seed, draws=draws, again=again, progress=progress, **settings)
+        run_cases(
+            found, target, seed=seed, draws=draws, again=again, allow_outside=allow_outside, progress=progress,
+            **settings,
+        )  # fmt: skip
     return Campaign(target)
 
 
@@ -147,6 +153,7 @@ def run_cases(
     draws: int,
     again: bool,
     progress: Callable[[CampaignProgress], None],
+    allow_outside: bool = False,
     do: Callable[[CaseWork], Row] = do_case,
     **workers: Any,  # noqa: ANN401 (passed on)
 ) -> None:
@@ -170,7 +177,7 @@ def run_cases(
     by_key = {case.key: case for case in cases if case.key not in kept}
     del kept, earlier
     marks: dict[str, tuple[str, int]] = {}  # fingerprint and seed of each case under way
-    tasks = _tasks(tuple(by_key.values()), directory, seed, draws, marks)
+    tasks = _tasks(tuple(by_key.values()), directory, seed, draws, marks, allow_outside)
     try:
         outcomes = run_tasks(do, tasks, watch=count.running, preload=_PRELOAD, **workers)
         with closing(outcomes):  # type: ignore[type-var]  # a generator
@@ -200,13 +207,19 @@ def _has_file(directory: Path, row: Row) -> bool:
 
 
 def _tasks(
-    cases: Sequence[CampaignCase], directory: Path, seed: int, draws: int, marks: dict[str, tuple[str, int]]
+    cases: Sequence[CampaignCase],
+    directory: Path,
+    seed: int,
+    draws: int,
+    marks: dict[str, tuple[str, int]],
+    allow_outside: bool,
 ) -> Iterator[tuple[str, tuple[CaseWork]]]:
     for case in cases:
         text, files, of_seed = _content(case, seed)
         marks[case.key] = _fingerprint(text, files, of_seed, draws), of_seed
         file = str((directory / "cases" / f"{case.key}.nc").absolute())
-        yield case.key, (CaseWork(case.key, text, str(case.path.absolute().parent), of_seed, file, draws),)
+        home = str(case.path.absolute().parent)
+        yield case.key, (CaseWork(case.key, text, home, of_seed, file, draws, allow_outside),)
 
 
 def _row(case: CampaignCase, outcome: Outcome, directory: Path, seed: int) -> Row:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 
+from jointbayes.case.files import require_inside
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.toml_text import read_text, similar
@@ -71,6 +72,11 @@ class CampaignCase:
         names = spec.data.file if isinstance(spec.data, MeasuredSpec) else ()
         return tuple(self.path.parent / name for name in names)
 
+    def require_inside(self, spec: CaseSpec) -> None:
+        """Refuse measurement files outside the directory of the case file, or of the base case."""
+        names = spec.data.file if isinstance(spec.data, MeasuredSpec) else ()
+        require_inside(self.path.parent, names, lambda _number: f"{self.where}:")
+
     @staticmethod
     def fingerprint(text: str, files: Sequence[Path], *of_run: object) -> str:
         """Digest of what a result depends on: the case, its data, and what the run adds."""
@@ -84,7 +90,9 @@ class CampaignCase:
         return digest.hexdigest()
 
 
-def read_cases(sources: Sequence[str | Path], base: str | Path | None = None) -> tuple[CampaignCase, ...]:
+def read_cases(
+    sources: Sequence[str | Path], base: str | Path | None = None, allow_outside: bool = False
+) -> tuple[CampaignCase, ...]:
     """Read what the cases of a campaign are, and check each as far as its text goes.
 
     Parameters
@@ -93,6 +101,8 @@ def read_cases(sources: Sequence[str | Path], base: str | Path | None = None) ->
         One table in CSV, or case files, whose names may hold ``*``, ``?`` and ``[…]``.
     base
         Base case of a table without a column `case`.
+    allow_outside
+        Whether measurement files may lie outside the directory of their case, or of the base case.
 
     Raises
     ------
@@ -110,7 +120,9 @@ def read_cases(sources: Sequence[str | Path], base: str | Path | None = None) ->
     faults: list[str] = []
     for case in cases:
         try:
-            case.read()
+            _, spec = case.read()
+            if not allow_outside:
+                case.require_inside(spec)
         except CaseError as error:
             faults += str(error).splitlines()
             if len(faults) > _MOST_FAULTS:

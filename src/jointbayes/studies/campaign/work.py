@@ -27,6 +27,8 @@ class CaseWork:
         Posterior file to write.
     draws
         Draws to keep in it at most.
+    allow_outside
+        Whether its measurement files may lie outside that directory.
     """
 
     key: str
@@ -35,6 +37,7 @@ class CaseWork:
     seed: int
     file: str
     draws: int
+    allow_outside: bool = False
 
 
 def do_case(work: CaseWork) -> dict[str, Cell]:
@@ -51,7 +54,7 @@ def do_case(work: CaseWork) -> dict[str, Cell]:
     from jointbayes.workflow import sample
 
     begin = time.monotonic()
-    case = case_from_text(work.key, work.text, directory=work.directory)
+    case = case_from_text(work.key, work.text, directory=work.directory, allow_outside=work.allow_outside)
     # the cases are what is spread over processes; the draws are the same
     posterior = sample(case, work.seed, settings=replace(case.sampler, processes=1))
     row = posterior.brief()

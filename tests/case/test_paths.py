@@ -1,0 +1,103 @@
+"""Measurement files of a case lie in its directory, unless the user says otherwise."""
+
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli.commands import main
+from jointbayes.errors import CaseError
+from tests.case.test_files import frf_data, stored, text, virtual
+
+TIP = 'outputs = ["5:y"]'
+COMMANDS = ["run", "identify", "sample", "check", "compare", "plan", "simulate"]
+
+
+@pytest.fixture
+def home(tmp_path):
+    """The directory of a case, with a measurement in it, one below and one outside."""
+    home = tmp_path / "cases"
+    (home / "data").mkdir(parents=True)
+    for folder in (tmp_path, home, home / "data"):
+        stored(virtual(), folder / "tip.npz", "npz")
+    (home / "link.npz").symlink_to("../tip.npz")
+    (home / "inner.npz").symlink_to("data/tip.npz")
+    (home / "folder").symlink_to("..")
+    (tmp_path / "cases2").mkdir()
+    stored(virtual(), tmp_path / "cases2" / "tip.npz", "npz")
+    return home
+
+
+def case_in(home, file):
+    path = home / "case.toml"
+    path.write_text(text(frf_data(TIP, file=file)), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tip.npz",
+        "./tip.npz",
+        "data/tip.npz",
+        "data/../tip.npz",
+        "../cases/tip.npz",
+        "inner.npz",
+        "folder/cases/tip.npz",
+    ],
+)
+def test_files_in_the_directory_of_the_case_or_below_are_read(home, name):
+    assert jb.load_case(case_in(home, f'"{name}"')).problem.measurement.frf.outputs == ("5:y",)
+
+
+@pytest.mark.parametrize("name", ["../tip.npz", "{home}/../tip.npz", "link.npz", "folder/tip.npz", "../cases2/tip.npz"])
+def test_files_elsewhere_are_refused_in_one_line_and_read_where_that_is_allowed(home, name):
+    path = case_in(home, f'["tip.npz", "{name.format(home=home)}"]')
+    with pytest.raises(CaseError) as caught:
+        jb.load_case(path)
+    line = 1 + next(i for i, row in enumerate(path.read_text("utf-8").splitlines()) if row.startswith("file = "))
+    message = str(caught.value)
+    assert message.startswith(f'{path}:{line}: data.file: found "{name.format(home=home)}", which leads out of the ')
+    assert "--allow-outside" in message
+    assert "\n" not in message
+    path = case_in(home, f'"{name.format(home=home)}"')
+    assert jb.load_case(path, allow_outside=True).problem.measurement.frf.outputs == ("5:y",)
+
+
+def test_an_absolute_path_into_the_directory_of_the_case_is_inside(home):
+    assert jb.load_case(case_in(home, f'"{home}/data/tip.npz"')).problem.measurement.frf.outputs == ("5:y",)
+
+
+def test_a_case_reached_by_a_link_has_the_directory_it_is_reached_in(home, tmp_path):
+    (tmp_path / "short").symlink_to(home)
+    case_in(home, '"tip.npz"')
+    assert jb.load_case(tmp_path / "short" / "case.toml").problem.measurement.frf.outputs == ("5:y",)
+
+
+def test_a_case_from_text_is_confined_to_the_directory_given(home):
+    outside = text(frf_data(TIP, file='"../tip.npz"'))
+    with pytest.raises(CaseError, match="leads out"):
+        jb.case_from_text("case", outside, directory=home)
+    case = jb.case_from_text("case", outside, directory=home, allow_outside=True)
+    measured = case.problem.measurement
+    again = jb.case_from_text(
+        "case", outside, directory=home, measurement=measured
+    )  # as a report does: no file is read
+    assert again.problem.measurement is measured
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_that_reads_a_case_has_the_option(home, monkeypatch, command):
+    def stop(*_arguments, **_options):
+        raise CaseError("stopped here")
+
+    for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "case.simulation.simulate",
+                  "studies.comparison.compare.compare", "studies.planning.plan.plan"):  # fmt: skip
+        monkeypatch.setattr(f"jointbayes.{place}", stop)
+    path = case_in(home, '"../tip.npz"')
+    arguments = [command, str(path), *(["--out", str(home / "out.csv")] if command == "simulate" else [])]
+    refused = CliRunner().invoke(main, arguments)
+    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
+    assert "leads out of the directory of the case file" in refused.stderr
+    allowed = CliRunner().invoke(main, [*arguments, "--allow-outside"])
+    assert allowed.exit_code == 2
+    assert allowed.stderr.splitlines()[-1] == "jointbayes: stopped here"
