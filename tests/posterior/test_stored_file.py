@@ -115,6 +115,11 @@ OTHER_ARRAYS = {
     ),
     "no joint": ("posterior/k11", lambda values: -values, "found draws that are no joint"),
     "beyond the prior": ("posterior/k22", lambda values: values * 1e30, "found draws that its prior excludes"),
+    "just beyond the prior": (
+        "posterior/k11",
+        lambda values: np.where(values == values.max(), 1.5e11, values),
+        "found draws that its prior excludes",
+    ),
     "of other data": ("posterior/k22", lambda values: values * 1.01, "found draws of another density"),
     "ensembles mixed": ("posterior/ensemble", lambda values: values[::-1], "expected ensembles of as many chains"),
     "data not finite": ("observed_data/frf_real", lambda values: values * np.nan, "observed_data: FRF set: found NaN"),

@@ -101,6 +101,9 @@ def require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool)
     problem = posterior.problem
     theta = _coordinates(posterior, posterior.stiffness, posterior.values, where, "draws")
     _coordinates(posterior, posterior.prior_stiffness, posterior.prior_values, where, "draws of the prior")
+    with np.errstate(all="ignore"):
+        if not np.isfinite(problem.prior.log_density(theta)).all():
+            raise ModelError(f"{where}: found draws that its prior excludes; expected draws of its problem; {REMEDY}")
     rows = np.linspace(0, len(theta) - 1, _COMPARED).round().astype(int)
     stored = posterior.log_density.ravel()[rows]
     points = theta[rows]
