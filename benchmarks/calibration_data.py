@@ -1,29 +1,19 @@
-"""Data sets drawn from a case's own prior and noise model, for the calibration study.
+"""Cases for the calibration study: the main case with few lines, a proper prior and ever more that is uncertain.
 
-The stated noise is a floor of the instruments, the same at all lines, fixed before any truth is drawn: 30 % of the
-median |H| of the nominal joint and beam. A variance computed from each data set's own FRF would be a function of the
-truth that the analysis takes as given, and would tell it where the resonances lie.
+The stated noise is a floor of the instruments, the same at all lines: 30 % of the median |H| of the nominal joint and
+beam.
 """
 
 import re
-from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 import jointbayes as jb
-from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.inference import GaussianNoise
-from jointbayes.joint import joint_matrix
-from jointbayes.measurement import FrfMeasurement
 
-__all__ = ["VARIANTS", "DataSet", "case_of", "draw_data"]
+__all__ = ["VARIANTS", "case_of"]
 
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
-Array = NDArray[np.float64]
 
 #: Edits of the main case: 151 lines at tip and mid-span, a noise floor, and a prior on the joint that is proper.
 _KEYS = {
@@ -72,14 +62,6 @@ VARIANTS = {
 }
 
 
-@dataclass(frozen=True)
-class DataSet:
-    """A truth drawn from the prior, and the case with data from it."""
-
-    theta: Array
-    case: jb.Case
-
-
 @cache
 def case_of(variant: str) -> jb.Case:
     """The case of a variant, with the data of the nominal joint and beam."""
@@ -94,29 +76,3 @@ def case_of(variant: str) -> jb.Case:
         if count != 1:
             raise ValueError(f"{BASE}: expected [prior.{name}] once, found it {count} times")
     return jb.case_from_text(f"calibration {variant}", text + VARIANTS[variant])
-
-
-def draw_data(variant: str, rng: np.random.Generator) -> DataSet:
-    """Draw a truth from the prior and data from it: dense solution of that structure, noise of the case's own model."""
-    base = case_of(variant)
-    problem = base.problem
-    prior, nominal = problem.prior, problem.measurement
-    assert isinstance(nominal, FrfMeasurement)
-    joint_frf = nominal.joint_frf
-    assert joint_frf is not None
-    theta = prior.sample(rng, 1)[0]
-    factors = prior.factors(theta)
-    structure = problem.structures.structure(problem.structural(factors))
-    # the paper's iteration, one of the starts, also wants FRFs at the joint; these come last
-    ports = Ports(joint_frf.frequency_hz, joint_frf.outputs, joint_frf.inputs)
-    values = DirectSolve(structure, problem.joint, ports).receptance(joint_matrix(prior.stiffness(theta)))[0]
-    measured = len(nominal.frf.outputs)
-    noise = problem.noise or GaussianNoise()
-    hyper = factors[None, factors.size - len(noise.names) :]
-    z = noise.draw(rng, hyper, ports.frequency_hz.size, measured * len(ports.inputs))
-    values[:, :measured] += np.sqrt(nominal.variance) * z.reshape(values[:, :measured].shape)
-    rest = values[:, measured:]
-    values[:, measured:] += 0.05 * np.abs(rest) * (rng.normal(size=rest.shape) + 1j * rng.normal(size=rest.shape))
-    frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, "receptance")
-    used = replace(nominal, frf=frf.select(nominal.frf.outputs, nominal.frf.inputs), joint_frf=frf)
-    return DataSet(theta, replace(base, problem=replace(problem, measurement=used)))

@@ -64,6 +64,9 @@ from jointbayes.structure import ModalDamping as ModalDamping
 from jointbayes.structure import Rayleigh as Rayleigh
 from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure
+from jointbayes.studies.calibration.calibrate import calibrate as calibrate
+from jointbayes.studies.calibration.directory import write_calibration as write_calibration
+from jointbayes.studies.calibration.result import Calibration as Calibration
 from jointbayes.studies.campaign.directory import Campaign as Campaign
 from jointbayes.studies.campaign.report import write_campaign_report as write_campaign_report
 from jointbayes.studies.campaign.run import campaign as campaign

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import ModelError
-from jointbayes.studies.calibration import calibrate, coverage, ecdf, ecdf_band, rank_statistic
+from jointbayes.studies.calibration.ranks import coverage, ecdf, ecdf_band, judge, rank_statistic
 
 DRAWS, DATA_SETS = 63, 500
 
@@ -25,7 +25,7 @@ def judged(make_draws, seed=3, prior_sd=1.0, noise_sd=0.5):
         draws = make_draws(rng, centre, sd)
         ranks.append(rank_statistic([np.exp(true)], draws[:, None], DRAWS, rng)[0])
         intervals.append(np.quantile(draws, [0.025, 0.975]))
-    (result,) = calibrate({"k": ranks}, {"k": intervals}, {"k": np.exp(truth)}, DRAWS)
+    (result,) = judge({"k": ranks}, {"k": intervals}, {"k": np.exp(truth)}, DRAWS)
     return result
 
 
@@ -102,7 +102,7 @@ def test_p_values_of_uniform_ranks_are_uniform_and_agree_with_the_band():
     rng = np.random.default_rng(5)
     ranks = {str(i): rng.integers(0, 32, 100) for i in range(300)}
     same = dict.fromkeys(ranks, np.tile([0.0, 1.0], (100, 1)))
-    results = calibrate(ranks, same, dict.fromkeys(ranks, np.full(100, 0.5)), 31)
+    results = judge(ranks, same, dict.fromkeys(ranks, np.full(100, 0.5)), 31)
     p_values = [r.p_value for r in results]
     assert np.mean(np.array(p_values) < 0.05) == pytest.approx(0.05, abs=0.035)
     assert np.mean(p_values) == pytest.approx(0.5, abs=0.06)
@@ -123,6 +123,46 @@ def test_coverage_comes_with_what_so_few_cases_can_tell():
     assert found.interval95 == pytest.approx((0.7513, 0.9987), abs=1e-4)  # Clopper and Pearson's table
 
 
+def test_the_words_of_a_finding_name_what_is_wrong():
+    def above(rng, mean, sd):
+        return right(rng, mean + 0.5 * sd, sd)
+
+    def below(rng, mean, sd):
+        return right(rng, mean - 0.5 * sd, sd)
+
+    def wide(rng, mean, sd):
+        return np.exp(rng.normal(mean, 1.5 * sd, 1000))
+
+    assert judged(above).finding == "draws lie above the truths"
+    assert judged(below).finding == "draws lie below the truths"
+    assert judged(narrow).finding == "posteriors are too narrow"
+    assert judged(wide).finding == "posteriors are too wide"
+
+
+def test_data_sets_without_a_posterior_are_not_left_out():
+    rng = np.random.default_rng(8)
+    ranks = {"k": rng.integers(0, 64, 400)}
+    intervals, truths = {"k": np.tile([0.0, 1.0], (400, 1))}, {"k": np.full(400, 0.5)}
+    whole = judge(ranks, intervals, truths, 63)[0]
+    few = judge(ranks, intervals, truths, 63, missing=4)[0]
+    many = judge(ranks, intervals, truths, 63, missing=100)[0]
+    assert whole.p_value > 0.05
+    assert many.p_value < 1e-6
+    assert not many.inside_band
+    assert few.p_value > 0.01  # four of 404 are no more than chance
+    assert (many.coverage.inside, many.coverage.total) == (400, 500)
+
+
+def test_missing_ranks_count_at_the_end_that_looks_worse():
+    low, high = np.zeros(300, dtype=int), np.full(300, 63)
+    rng = np.random.default_rng(9)
+    for end in (low, high):
+        ranks = np.concatenate([rng.integers(0, 64, 300), end[:15]])
+        one = {"k": np.tile([0.0, 1.0], (ranks.size, 1))}, {"k": np.full(ranks.size, 0.5)}
+        without = judge({"k": ranks}, *one, 63)[0].p_value
+        assert judge({"k": ranks}, *one, 63, missing=15)[0].p_value < without
+
+
 @pytest.mark.parametrize(
     "call",
     [
@@ -132,7 +172,7 @@ def test_coverage_comes_with_what_so_few_cases_can_tell():
         lambda rng: ecdf_band(0, 5),
         lambda rng: ecdf_band(5, 5, 1.0),
         lambda rng: coverage([[0.0, 1.0]], [0.0, 1.0]),
-        lambda rng: calibrate({"k": [7]}, {"k": [[0.0, 1.0]]}, {"k": [0.5]}, 6),
+        lambda rng: judge({"k": [7]}, {"k": [[0.0, 1.0]]}, {"k": [0.5]}, 6),
     ],
 )
 def test_impossible_input_is_refused_in_words(call):

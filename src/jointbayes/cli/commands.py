@@ -19,7 +19,7 @@ from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINA
 from jointbayes.cli.files import init, inspect_command, simulate
 from jointbayes.cli.output import is_closed, let_go, say
 from jointbayes.cli.run import check, identify, report, run, sample
-from jointbayes.cli.studies import compare, plan
+from jointbayes.cli.studies import calibrate, compare, plan
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
 
 __all__ = ["main"]
@@ -100,8 +100,8 @@ class _Commands(click.Group):
 def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
-    Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has not converged, 130 interrupted,
-    141 nobody read the output, 143 terminated; of a campaign 1: cases failed.
+    Exit status: 0 done, 1 the check does not match or the analysis is not calibrated, 2 bad input, 3 the sampler has
+    not converged, 130 interrupted, 141 nobody read the output, 143 terminated; of a campaign 1: cases failed.
     """
     # Small linear algebra takes up to ten times as long on several threads. Read when NumPy is loaded, so not yet.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -111,5 +111,18 @@ def main() -> None:
     atexit.register(gc.freeze)
 
 
-for command in (init, run, identify, sample, report, check, compare, plan, campaign, simulate, inspect_command):
+for command in (
+    init,
+    run,
+    identify,
+    sample,
+    report,
+    check,
+    compare,
+    plan,
+    campaign,
+    calibrate,
+    simulate,
+    inspect_command,
+):
     main.add_command(command)

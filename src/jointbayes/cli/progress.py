@@ -10,8 +10,9 @@ from jointbayes.cli.output import say
 
 if TYPE_CHECKING:
     from jointbayes.sampling import Progress
+    from jointbayes.studies.calibration.calibrate import CalibrationProgress
 
-__all__ = ["show_phase", "show_progress"]
+__all__ = ["show_calibration", "show_phase", "show_progress"]
 
 _BEGIN = time.monotonic()
 
@@ -68,3 +69,19 @@ def _plain() -> Callable[["Progress"], None]:
 
 def _figures(progress: "Progress") -> str:
     return f"τ = {progress.tau:.0f}, R̂ = {progress.r_hat:.3f}"
+
+
+def show_calibration() -> Callable[["CalibrationProgress"], None]:
+    """Give the callback that a calibration reports to: a line on standard error from time to time."""
+    began = last = time.monotonic()
+
+    def report(progress: "CalibrationProgress") -> None:
+        nonlocal last
+        now, fresh = time.monotonic(), progress.done - progress.before
+        if fresh and progress.done < progress.count and now - last < _LINES_AT_LEAST_APART:
+            return
+        last = now
+        left = f", about {(now - began) / fresh * (progress.count - progress.done):.0f} s left" if fresh else ""
+        say(f"{progress.done} of {progress.count} data sets{left}", err=True)
+
+    return report

@@ -1,12 +1,22 @@
-"""Commands that make many posteriors: compare, plan."""
+"""Commands that make many posteriors: compare, plan, calibrate."""
 
 import sys
 from pathlib import Path
 
 import click
 
-from jointbayes.cli.common import NOT_CONVERGED, config_argument, load, outside_option, seed_option
+from jointbayes.cli.common import (
+    NOT_CONVERGED,
+    NOT_MATCHED,
+    UNFINISHED,
+    config_argument,
+    directory_name,
+    load,
+    outside_option,
+    seed_option,
+)
 from jointbayes.cli.output import say
+from jointbayes.cli.progress import show_calibration
 from jointbayes.errors import printable
 
 
@@ -79,3 +89,65 @@ def plan(
             say(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
     if not result.converged:
         sys.exit(NOT_CONVERGED)
+
+
+@click.command()
+@config_argument
+@outside_option
+@click.option("--n", "count", type=click.IntRange(1), default=1000, show_default=True, help="Number of data sets.")
+@click.option(
+    "--data-from", type=click.Path(path_type=Path), help="Case that gives truths and data, in place of CONFIG."
+)
+@click.option("--workers", type=click.IntRange(1), help="Processes; by default one for each processor.")
+@click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
+@click.option("--full", is_flag=True, help="Sample each data set as long as `run` does, not only enough for ranks.")
+@click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/NAME-calibration.")
+@seed_option
+def calibrate(
+    config: Path,
+    count: int,
+    data_from: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    full: bool,
+    out: Path | None,
+    seed: int | None,
+) -> None:
+    """Judge the analysis of a case by simulated data with known truths; exit 1 where it is not calibrated.
+
+    Data sets that are done are kept in the directory: the same command goes on where it was cut off.
+    """
+    case = load(config)
+    source = load(data_from) if data_from is not None else None
+    from dataclasses import replace
+
+    from jointbayes.report.run_directory import require_writable
+    from jointbayes.studies.calibration.calibrate import calibrate as judged
+    from jointbayes.studies.calibration.directory import CALIBRATION_MARK, write_calibration
+    from jointbayes.studies.calibration.report import calibration_lines
+
+    name = f"{directory_name(case.name, config)}-calibration"
+    if source is not None and data_from is not None:
+        name += f"-by-{directory_name(source.name, data_from)}"
+    directory = out or Path("reports") / name
+    require_writable(directory, CALIBRATION_MARK)
+    click.get_current_context().meta[UNFINISHED] = (
+        f"the data sets that are done are kept in {directory}, where the same command goes on"
+    )
+    found = judged(
+        case,
+        count,
+        seed=seed,
+        data_from=source,
+        settings=replace(case.sampler, processes=1) if full else None,
+        directory=directory,
+        workers=workers,
+        scheduler=scheduler,
+        progress=show_calibration(),
+    )
+    write_calibration(found, directory, case)
+    for line in calibration_lines(found):
+        say(line)
+    say(f"Report: {directory / 'report.html'} and {directory / 'report.pdf'}")
+    if not found.passed:
+        sys.exit(NOT_MATCHED)

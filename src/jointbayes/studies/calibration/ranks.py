@@ -12,17 +12,27 @@ goodness-of-fit evaluation and multiple sample comparison. Statistics and Comput
 DOI 10.1007/s11222-022-10090-6
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special, stats
 
 from jointbayes.errors import ModelError
 
-__all__ = ["CalibrationResult", "Coverage", "EcdfBand", "calibrate", "coverage", "ecdf", "ecdf_band", "rank_statistic"]
+__all__ = [
+    "Coverage",
+    "EcdfBand",
+    "QuantityCalibration",
+    "coverage",
+    "ecdf",
+    "ecdf_band",
+    "judge",
+    "rank_statistic",
+]
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -147,12 +157,18 @@ def _limits(n: int, position: Array, gamma: float) -> tuple[IntArray, IntArray]:
 
 def _inside_probability(n: int, position: Array, low: IntArray, high: IntArray) -> float:
     """Probability that the counts of n uniform numbers up to each position lie within the limits at all of them."""
+    log_factorial = special.gammaln(np.arange(n + 1) + 1.0)
     counts, chance, before = np.zeros(1, dtype=np.int64), np.ones(1), 0.0
     for at, least, most in zip(position, low, high, strict=True):
         following = np.arange(least, most + 1)
-        # of those not counted so far each lies before this point with the same probability
-        step = stats.binom.pmf(following - counts[:, None], n - counts[:, None], (at - before) / (1 - before))
-        counts, chance, before = following, chance @ step, at
+        # of those not counted so far each lies before this point with the same probability: a binomial step
+        share, left = (at - before) / (1 - before), n - counts[:, None]
+        step = following - counts[:, None]
+        possible = step >= 0
+        step = np.where(possible, step, 0)
+        log_pmf = log_factorial[left] - log_factorial[step] - log_factorial[left - step]
+        log_pmf += step * math.log(share) + (left - step) * math.log1p(-share)
+        counts, chance, before = following, chance @ np.where(possible, np.exp(log_pmf), 0.0), at
     return float(chance.sum())
 
 
@@ -184,8 +200,8 @@ class Coverage:
         return self.inside / self.total
 
 
-def coverage(intervals: ArrayLike, truths: ArrayLike) -> Coverage:
-    """Count how often intervals, shape (n, 2), hold truths, shape (n,).
+def coverage(intervals: ArrayLike, truths: ArrayLike, missing: int = 0) -> Coverage:
+    """Count how often intervals, shape (n, 2), hold truths, shape (n,); so many missing ones hold none.
 
     Raises
     ------
@@ -209,36 +225,41 @@ def coverage(intervals: ArrayLike, truths: ArrayLike) -> Coverage:
             "expected (n, 2) and (n,)"
         )
     inside = int(((ends[:, 0] <= true) & (true <= ends[:, 1])).sum())
-    exact = stats.binomtest(inside, true.size).proportion_ci(0.95, method="exact")
-    return Coverage(inside, true.size, (float(exact.low), float(exact.high)))
+    total = true.size + missing
+    exact = stats.binomtest(inside, total).proportion_ci(0.95, method="exact")
+    return Coverage(inside, total, (float(exact.low), float(exact.high)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CalibrationResult:
-    """What the ranks of one parameter over many data sets say.
+class QuantityCalibration:
+    """What the ranks of one quantity over many data sets say.
 
     Parameters
     ----------
     name
-        Of the parameter.
+        Of the quantity.
     ranks
-        Rank of the truth in each data set, shape (n,).
+        Rank of the truth in each data set that has a posterior, shape (n,).
     draws
         Number of draws among which it was ranked.
+    missing
+        Number of data sets without a posterior.
     band
         Simultaneous band of uniform ranks.
     shares
-        Empirical distribution at the positions of the band, shape (points,).
+        Empirical distribution at the positions of the band, shape (points,). Ranks that are missing count as all the
+        lowest or all the highest, whichever is the less probable.
     p_value
         Probability that uniform ranks come as near to the edge of such a band at some point, exact: ranks are inside
-        the 95 % band where it is above 0.05. Of several parameters one may well lie below.
+        the 95 % band where it is above 0.05. Of several quantities one may well lie below.
     coverage
-        Of the intervals of the posteriors.
+        Of the intervals of the posteriors; a missing one did not hold its truth.
     """
 
     name: str
     ranks: IntArray
     draws: int
+    missing: int
     band: EcdfBand
     shares: Array
     p_value: float
@@ -258,24 +279,39 @@ class CalibrationResult:
         difference = self.shares - self.band.position
         return float(difference[np.abs(difference).argmax()])
 
+    @property
+    def finding(self) -> str:
+        """How the ranks differ most from uniform ones, in words: for a quantity that leaves its band."""
+        u = (self.ranks + 0.5) / (self.draws + 1)
+        # of uniform ranks mean and mean square about the middle have known standard errors, here in units of these
+        shift = (u.mean() - 0.5) * np.sqrt(12 * u.size)
+        spread = (np.mean((u - 0.5) ** 2) - 1 / 12) * np.sqrt(180 * u.size)
+        if abs(shift) >= abs(spread):
+            return "draws lie above the truths" if shift < 0 else "draws lie below the truths"
+        return "posteriors are too narrow" if spread > 0 else "posteriors are too wide"
 
-def calibrate(
+
+def judge(
     ranks: Mapping[str, ArrayLike],
     intervals: Mapping[str, ArrayLike],
     truths: Mapping[str, ArrayLike],
     draws: int,
     probability: float = 0.95,
-) -> tuple[CalibrationResult, ...]:
-    """Judge every parameter from ranks (n,), posterior intervals (n, 2) and truths (n,) by its name.
+    missing: int = 0,
+) -> tuple[QuantityCalibration, ...]:
+    """Judge every quantity from ranks (n,), posterior intervals (n, 2) and truths (n,) by its name.
 
     Parameters
     ----------
     ranks, intervals, truths
-        By name of the parameter; one row for each data set.
+        By name of the quantity; one row for each data set that has a posterior.
     draws
         Number of draws among which truths were ranked.
     probability
-        Of the band.
+        Of the band of each quantity by itself.
+    missing
+        Number of data sets whose analysis failed. Leaving them out would judge the others alone, which may well be
+        those with easy truths: they count as outside their intervals, and at the end of the ranks that looks worse.
 
     Raises
     ------
@@ -287,11 +323,21 @@ def calibrate(
         counts = np.asarray(values, dtype=np.int64)
         if counts.ndim != 1 or counts.size == 0 or counts.min() < 0 or counts.max() > draws:
             raise ModelError(f"calibration: found ranks of {name} beyond 0 to {draws}, or none; correct them")
-        band, shares = ecdf_band(counts.size, draws, probability), ecdf(counts, draws)
-        p_value = _p_value(counts.size, band.position, shares)
-        covered = coverage(intervals[name], truths[name])
-        results.append(CalibrationResult(name, counts, draws, band, shares, p_value, covered))
+        band = ecdf_band(counts.size + missing, draws, probability)
+        p_value, shares = min(
+            (_with_missing(counts, draws, missing, at) for at in (0, draws)[: 1 + (missing > 0)]),
+            key=lambda one: one[0],
+        )
+        covered = coverage(intervals[name], truths[name], missing)
+        results.append(QuantityCalibration(name, counts, draws, missing, band, shares, p_value, covered))
     return tuple(results)
+
+
+def _with_missing(counts: IntArray, draws: int, missing: int, at: int) -> tuple[float, Array]:
+    """The p-value, and the empirical distribution, with the missing ranks put at one place."""
+    whole = np.append(counts, np.full(missing, at, dtype=np.int64))
+    shares = ecdf(whole, draws)
+    return _p_value(whole.size, np.arange(1, draws + 1) / (draws + 1), shares), shares
 
 
 def _p_value(n: int, position: Array, shares: Array) -> float:

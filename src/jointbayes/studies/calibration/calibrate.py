@@ -1,0 +1,167 @@
+"""Calibrate the analysis of one case: many data sets with known truths, analysed side by side."""
+
+import os
+import pickle
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jointbayes.case.case import Case
+from jointbayes.errors import ModelError
+from jointbayes.inference import Problem
+from jointbayes.sampling import SamplerSettings
+from jointbayes.studies.calibration.data_set import DENSITY, DataSet, Job, analyse_packed
+from jointbayes.studies.calibration.kept import KeptDataSets, fingerprint
+from jointbayes.studies.calibration.result import Calibration
+from jointbayes.studies.calibration.simulation import require_simulable
+from jointbayes.studies.tasks import run_tasks
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["CalibrationProgress", "calibrate", "enough_for_ranks"]
+
+#: As a case's run, but ending with some 4000 effective draws, where a run asks for ends of intervals known to 2 %:
+#: far more than the 63 among which a truth is ranked need.
+_ENOUGH = {"check_every": 25, "tau_factor": 20.0, "tau_tolerance": 0.05, "end_tolerance": 0.05}
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationProgress:
+    """How far a calibration is: data sets that are done, those of them that were so before, and all."""
+
+    done: int
+    before: int
+    count: int
+
+
+def enough_for_ranks(settings: SamplerSettings) -> SamplerSettings:
+    """The settings of a case with a stop rule that asks for as many draws as ranks need: half of the time or less."""
+    return replace(settings, processes=1, **_ENOUGH)  # type: ignore[arg-type]  # each of its own type
+
+
+def calibrate(
+    case: Case | Problem,
+    n: int = 1000,
+    *,
+    seed: int | None = None,
+    data_from: Case | Problem | None = None,
+    settings: SamplerSettings | None = None,
+    directory: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    scheduler: "str | Client | None" = None,
+    executor: Executor | Callable[[], Executor] | None = None,
+    progress: Callable[[CalibrationProgress], None] | None = None,
+) -> Calibration:
+    """Judge the whole analysis of a case by simulated data whose truths are known.
+
+    Truths are drawn from the case's own priors, of the joint and of all else that is uncertain, and data from its own
+    likelihood at its own lines; each data set is analysed as the case's would be, from the search for the mode to the
+    draws, and the truth is ranked among the draws. If prior, likelihood and sampler are right the ranks are uniform,
+    for every quantity, whatever the data.
+
+    Parameters
+    ----------
+    case
+        The case, or the problem.
+    n
+        Number of data sets.
+    seed
+        By default the case's, 1 of a problem. Data set i is a function of seed and i alone.
+    data_from
+        Another case, or problem, that is measured alike: truths and data are its own, and `case` analyses them. So it
+        shows what an analysis is worth where another model is the right one.
+    settings
+        Of the sampler; by default the case's with `enough_for_ranks`.
+    directory
+        Where data sets that are done are kept: a calibration that was cut off goes on where it was. By default nowhere.
+    workers, scheduler, executor
+        On what data sets are analysed: see `run_tasks`. By default one process for each processor.
+    progress
+        Called with a `CalibrationProgress` at the beginning and after each data set.
+
+    Returns
+    -------
+    Calibration
+        ``.passed``, ``.verdict``, ``.quantities`` with ranks, bands and coverage, ``.summary()``.
+
+    Raises
+    ------
+    CaseError
+        If the directory holds data sets of another calibration.
+    ModelError
+        If no data can be drawn from the likelihood, nothing is uncertain, or not one data set could be analysed.
+    MeasurementError
+        If the other case measures other things.
+
+    References
+    ----------
+    Talts, S. et al. (2018). Validating Bayesian inference algorithms with simulation-based calibration.
+    arXiv:1804.06788
+    """
+    if n < 1:
+        raise ModelError(f"calibrate: found n = {n}; expected one data set at least; correct it")
+    job = _job(case, data_from, settings, seed)
+    kept = None
+    if directory is not None:
+        source = case if data_from is None else data_from
+        kept = KeptDataSets(Path(directory), fingerprint(case, source, job.settings, job.seed), len(job.names))
+    done = {} if kept is None else {i: one for i, one in kept.done.items() if i < n}
+    before, tell = len(done), progress or (lambda _progress: None)
+    tell(CalibrationProgress(before, before, n))
+    packed = _packed(job)
+    tasks = ((str(i), (packed, i)) for i in range(n) if i not in done)
+    for outcome in run_tasks(
+        analyse_packed,
+        tasks,
+        workers=workers,
+        scheduler=scheduler,
+        executor=executor,
+        preload=[analyse_packed.__module__],
+    ):
+        i = int(outcome.key)
+        if outcome.error is None:
+            done[i] = outcome.value
+            if kept is not None:
+                kept.add(outcome.value)
+        else:  # not kept: a worker may have died of something else, and is given another chance next time
+            done[i] = DataSet(i, 0.0, error=outcome.error)
+        tell(CalibrationProgress(len(done), before, n))
+    other = "" if job.source is job.analysis else job.source.name
+    return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)))
+
+
+def _job(
+    case: Case | Problem, data_from: Case | Problem | None, settings: SamplerSettings | None, seed: int | None
+) -> Job:
+    analysis, sampler, own_seed = _parts(case)
+    source = analysis if data_from is None else _parts(data_from)[0]
+    require_simulable(analysis, source)
+    # without what was computed from them so far, which every worker would be sent
+    analysis = replace(analysis)
+    source = analysis if data_from is None else replace(source)
+    job = Job(analysis, source, settings or enough_for_ranks(sampler), own_seed if seed is None else seed)
+    if not set(job.names) - {DENSITY}:
+        raise ModelError(
+            f"calibrate: found no quantity that {analysis.name} leaves open{'' if data_from is None else ' in both'}; "
+            "expected one at least; give it a prior"
+        )
+    return job
+
+
+def _parts(case: Case | Problem) -> tuple[Problem, SamplerSettings, int]:
+    if isinstance(case, Problem):
+        return case, SamplerSettings(), 1
+    return case.problem, case.sampler, case.spec.sampling.seed
+
+
+def _packed(job: Job) -> bytes:
+    try:
+        return pickle.dumps(job)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise ModelError(
+            f"calibrate: found a problem that cannot be sent to another process ({error}); expected priors and noise "
+            "models whose classes are defined at the top of a module; move them there"
+        ) from error

@@ -1,0 +1,129 @@
+"""Data sets that are done, one line of a file each: what was begun goes on where it was cut off."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from jointbayes.case.case import Case
+from jointbayes.errors import CaseError, printable
+from jointbayes.inference import Problem
+from jointbayes.posterior.fingerprint import run_fingerprint
+from jointbayes.sampling import SamplerSettings
+from jointbayes.studies.calibration.data_set import DRAWS, DataSet
+
+__all__ = ["KEPT", "KeptDataSets", "fingerprint"]
+
+#: Name of the file, by which the directory of a calibration is known.
+KEPT = "data_sets.jsonl"
+_SHOWN = 3  # differences in a message
+
+
+class KeptDataSets:
+    """The file of data sets that are done.
+
+    Its first line says what they depend on. Each further line is one data set, on the disk before the next is begun to
+    be written; a line that was cut off is passed over, and its data set is done again.
+
+    Parameters
+    ----------
+    directory
+        Where it is, or is to be.
+    head
+        What all data sets have in common, as `fingerprint` has it.
+    quantities
+        How many quantities are ranked.
+
+    Raises
+    ------
+    CaseError
+        If the file holds data sets that have something else in common: what differs.
+    """
+
+    def __init__(self, directory: Path, head: Mapping[str, str], quantities: int) -> None:
+        self._file, self.done = directory / KEPT, dict[int, DataSet]()
+        lines = self._file.read_bytes().split(b"\n") if self._file.exists() else []
+        found = _parsed(lines[0]) if lines else None
+        if found is None:  # nothing there, or not even its first line whole
+            directory.mkdir(parents=True, exist_ok=True)
+            self._file.write_text(json.dumps(dict(head)) + "\n", encoding="utf-8")
+            return
+        if found != head:
+            raise CaseError(
+                f"{self._file}: found data sets of another {_difference(found, head)}; expected those of this "
+                "calibration; choose another --out, or delete the directory"
+            )
+        for line in lines[1:]:
+            one = _data_set(_parsed(line), quantities)
+            if one is not None:
+                self.done[one.index] = one
+        if lines[-1]:
+            self._append("")
+
+    def add(self, one: DataSet) -> None:
+        """Keep one more."""
+        self._append(json.dumps(asdict(one)))
+        self.done[one.index] = one
+
+    def _append(self, line: str) -> None:
+        with self._file.open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def fingerprint(
+    analysis: Case | Problem, source: Case | Problem, settings: SamplerSettings, seed: int
+) -> dict[str, str]:
+    """What data sets depend on, part by part, in words of a message; `source` gives truths and data."""
+    parts = {**_parts(analysis, settings, seed), "number of ranked draws": str(DRAWS)}
+    if source is analysis:
+        return parts
+    whole = json.dumps(_parts(source, settings, seed), sort_keys=True)
+    return {**parts, "source of data": hashlib.sha256(whole.encode()).hexdigest()[:16]}
+
+
+def _parts(case: Case | Problem, settings: SamplerSettings, seed: int) -> dict[str, str]:
+    if isinstance(case, Problem):
+        return run_fingerprint(case, None, seed, settings)
+    return run_fingerprint(case.problem, case, seed, settings)
+
+
+def _difference(found: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (whatever JSON the file holds)
+    if not isinstance(found, dict):
+        return "kind"
+    names = sorted(name for name in {*head, *found} if found.get(name) != head.get(name))
+    return " and ".join(printable(name) for name in names[:_SHOWN]) + (" and more" if len(names) > _SHOWN else "")
+
+
+def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)
+    try:
+        return json.loads(line)
+    except ValueError:
+        return None
+
+
+def _data_set(found: Any, quantities: int) -> DataSet | None:  # noqa: ANN401 (any JSON)
+    """The data set of a line; None where it is none."""
+    try:
+        one = DataSet(
+            int(found["index"]),
+            float(found["seconds"]),
+            tuple(map(float, found["truth"])),
+            tuple(map(int, found["rank"])),
+            tuple(map(float, found["low"])),
+            tuple(map(float, found["high"])),
+            bool(found["converged"]),
+            bool(found["mode_agrees"]),
+            float(found["ess"]),
+            str(found["error"]),
+        )
+    except (KeyError, TypeError, ValueError):
+        return None
+    if one.error:
+        return one
+    each = (one.truth, one.rank, one.low, one.high)
+    return one if all(len(values) == quantities for values in each) else None

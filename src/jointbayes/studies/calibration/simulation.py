@@ -1,0 +1,129 @@
+"""Data sets for calibration: a truth from a problem's own prior, and measured values from its own likelihood.
+
+What a case takes from its measured values, the stated variance above all, stays as the case has it. A variance computed
+anew from each simulated FRF would be a function of the truth that the analysis takes as given: it would tell it where
+the resonances lie, and no prior knows of that.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.frf import FrfSet
+from jointbayes.inference import Problem
+from jointbayes.inference.residuals import PURE_NOISE
+from jointbayes.joint import joint_matrix
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+
+__all__ = ["require_simulable", "simulated_values", "with_values"]
+
+Array = NDArray[np.float64]
+
+
+def require_simulable(analysis: Problem, source: Problem) -> None:
+    """Refuse a problem whose data cannot be simulated, or another one whose data are not those that are analysed.
+
+    Parameters
+    ----------
+    analysis
+        The problem whose posteriors are judged.
+    source
+        The problem that gives truths and data; the same one, or another.
+
+    Raises
+    ------
+    ModelError
+        If the likelihood has a term that is a function of one's own.
+    MeasurementError
+        If the two measure other things: lines, outputs, inputs, quantity or number of natural frequencies.
+    """
+    for problem in (analysis, source):
+        if problem.extra_log_likelihood is not None:
+            raise ModelError(
+                f"calibrate: {problem.name} has a further term of the log likelihood, from which no data can be drawn; "
+                "expected a problem without; state what it says as a prior instead"
+            )
+    if source is analysis:
+        return
+    here, there = _measured(analysis.measurement), _measured(source.measurement)
+    other = [name for name, value in here.items() if value != there.get(name)]
+    if other:
+        raise MeasurementError(
+            f"calibrate: found that {source.name} has other {' and '.join(other)} than {analysis.name}; expected data "
+            "that are measured alike; give both cases the same"
+        )
+
+
+def _measured(measurement: Measurement) -> dict[str, object]:
+    """What must be the same of data for the one to stand for the other, in the words of a message."""
+    if isinstance(measurement, FrequencyMeasurement):
+        return {"data": "natural frequencies", "number of natural frequencies": measurement.frequency_hz.size}
+    frf = measurement.frf
+    lines = tuple(frf.frequency_hz.tolist())
+    return {"data": "FRFs", "quantity": frf.quantity, "outputs": frf.outputs, "inputs": frf.inputs, "lines": lines}
+
+
+def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
+    """What would be measured at a truth: the model's prediction there and noise of the problem's own noise model.
+
+    Parameters
+    ----------
+    problem
+        Gives model, noise model and stated variance; its measured values are not used but for log magnitudes, whose
+        stated spread depends on them.
+    theta
+        The truth, shape (d,).
+    rng
+        Draws the noise.
+
+    Returns
+    -------
+    ndarray
+        FRFs, shape (lines, outputs, inputs), or natural frequencies, shape (n,).
+
+    Raises
+    ------
+    MeasurementError
+        If the model has no finite FRF there.
+    """
+    prior, likelihood, measured = problem.prior, problem.log_posterior.likelihood, problem.measurement
+    factors = prior.factors(theta[None])
+    predicted = likelihood.predicted(joint_matrix(prior.stiffness(theta[None])), factors)[0]
+    if not np.isfinite(predicted).all():
+        raise MeasurementError(
+            "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "
+            "expected a structure with damping; state some"
+        )
+    lines, pairs = len(predicted), math.prod(predicted.shape[1:])
+    z = likelihood.noise.draw(rng, likelihood.hyper(factors), lines, pairs)[0].reshape(predicted.shape)
+    if isinstance(measured, FrequencyMeasurement):
+        return predicted + math.sqrt(2) * measured.sd_hz * z.real  # z = r/(√2 sd), as noise models have it
+    if problem.residual_kind == "complex":
+        return predicted + np.sqrt(measured.variance) * z
+    spread = np.minimum(measured.variance / (2 * np.abs(measured.frf.values) ** 2), PURE_NOISE)
+    return predicted * np.exp(np.sqrt(2 * spread) * z.real)
+
+
+def with_values(problem: Problem, values: NDArray[Any]) -> Problem:
+    """The problem with other measured values, and what it states of the noise as it is.
+
+    FRFs at the joint, which the likelihood does not contain and only the paper's iteration needs, are left out.
+
+    Raises
+    ------
+    MeasurementError
+        If the values are no possible measurement: natural frequencies out of order.
+    """
+    measured = problem.measurement
+    if isinstance(measured, FrequencyMeasurement):
+        return replace(problem, measurement=FrequencyMeasurement(values, measured.sd_hz))
+    old, variance = measured.frf, measured.variance
+    if problem.residual_kind == "log_magnitude":
+        variance = variance * np.abs(values / old.values) ** 2  # what is stated of ln|H| is variance/|H|²
+    frf = FrfSet(old.frequency_hz, values, old.outputs, old.inputs, old.quantity)
+    changed = FrfMeasurement(frf, variance, synthetic=True, variance_dof=measured.variance_dof)
+    return replace(problem, measurement=changed)

@@ -1,0 +1,286 @@
+"""Calibration of a case as a user asks for it: what is kept, what is refused, what is judged, what is written."""
+
+import csv
+import dataclasses
+import io
+import json
+import pickle
+from concurrent.futures import Executor, Future
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli.commands import main
+from jointbayes.errors import CaseError, MeasurementError, ModelError
+from jointbayes.studies.calibration import calibrate as driver
+from jointbayes.studies.calibration import data_set
+from jointbayes.studies.calibration.data_set import DENSITY, DRAWS, DataSet, analyse
+from jointbayes.studies.calibration.kept import KEPT, KeptDataSets
+from jointbayes.studies.calibration.report import calibration_table, ranks_csv
+from jointbayes.studies.calibration.result import FALSE_ALARM, Calibration
+from tests.studies.calibration_cases import FREQUENCIES, small_case, write_case
+
+SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
+COUNT = 4
+
+
+class Here(Executor):
+    """Runs each call at once, in this process."""
+
+    _max_workers = 1
+
+    def submit(self, function, /, *args, **kwargs):
+        done = Future()
+        done.set_result(function(*args, **kwargs))
+        return done
+
+
+def calibrated(count=COUNT, directory=None, case=None, **options):
+    options = {"settings": SETTINGS, "executor": Here(), **options}
+    return jb.calibrate(case or small_case(), count, directory=directory, **options)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("kept")
+    return directory, calibrated(directory=directory)
+
+
+def synthetic(rank_of, count=400, seed=1, names=("k11", "k12", "k22", DENSITY), **fields):
+    """A calibration whose ranks a function draws."""
+    rng = np.random.default_rng(seed)
+    sets = []
+    for i in range(count):
+        ranks = tuple(int(rank_of(rng)) for _ in names)
+        ones = (1.0,) * len(names)
+        sets.append(DataSet(i, 0.1, ones, ranks, (0.5,) * len(names), (1.5,) * len(names), True, True, 900.0, **fields))
+    return Calibration("case", "", 1, names, tuple(sets))
+
+
+def uniform(rng):
+    return rng.integers(0, DRAWS + 1)
+
+
+def test_quantities_are_those_that_the_prior_leaves_open(kept):
+    assert kept[1].names == ("k11", "k12", "k22", DENSITY)
+    signed = 'joint.parametrisation = "signed"\n'
+    text = (
+        small_case()
+        .text.replace("[prior.k12]", "[prior.rho]")
+        .replace(
+            'distribution = "log_normal"\nmedian = 5.0e6\nsd_log = 0.5',
+            'distribution = "uniform"\nlow = -0.9\nhigh = 0.9',
+        )
+    )
+    case = jb.case_from_text("signed", signed + text)
+    assert data_set.quantity_names(case.problem, case.problem) == ("k11", "k12", "k22", "rho", DENSITY)
+
+
+def test_a_log_density_is_ranked_only_where_both_cases_have_the_same_coordinates():
+    here = small_case("[uncertain.length]\nsd_percent = 0.5\n").problem
+    assert data_set.quantity_names(here, small_case().problem) == ("k11", "k12", "k22")
+
+
+def test_a_data_set_depends_on_seed_and_number_alone(kept):
+    job = driver._job(small_case(), None, SETTINGS, None)
+    again, other = analyse(job, 3), analyse(dataclasses.replace(job, seed=2), 3)
+    assert again.rank == kept[1].data_sets[3].rank
+    assert again.truth == kept[1].data_sets[3].truth
+    assert other.truth != again.truth
+    assert len({one.truth for one in kept[1].data_sets}) == COUNT
+
+
+def test_a_rank_is_the_share_of_draws_below_the_truth(kept):
+    for one in kept[1].data_sets:
+        for truth, rank, low, high in zip(one.truth, one.rank, one.low, one.high, strict=True):
+            assert (rank < 0.2 * DRAWS) or truth > low
+            assert (rank > 0.8 * DRAWS) or truth < high
+
+
+def test_what_is_done_is_not_done_again(kept, monkeypatch):
+    directory, first = kept
+    file = directory / KEPT
+    lines = file.read_text(encoding="utf-8").splitlines()
+    file.write_text("\n".join([*lines[:3], lines[3][:40]]), encoding="utf-8")  # cut off while it was written
+    asked = []
+
+    def known(_job, i):
+        asked.append(i)
+        return first.data_sets[i]
+
+    monkeypatch.setattr(data_set, "analyse", known)
+    again = calibrated(directory=directory)
+    assert sorted([*asked, *(json.loads(line)["index"] for line in lines[1:3])]) == [0, 1, 2, 3]
+    assert again.data_sets == first.data_sets
+    monkeypatch.undo()
+    assert calibrated(2, directory=directory).data_sets == first.data_sets[:2]
+    assert len(file.read_text(encoding="utf-8").splitlines()) == COUNT + 2  # the line cut off stays, and is passed over
+
+
+@pytest.mark.parametrize(
+    ("options", "part"),
+    [
+        ({"seed": 2}, "seed"),
+        ({"settings": dataclasses.replace(SETTINGS, walkers=18)}, "sampling.walkers"),
+        ({"data_from": small_case(name="other")}, "source of data"),
+        ({"case": small_case("[uncertain.length]\nsd_percent = 0.5\n")}, "uncertain.length.sd_percent"),
+    ],
+)
+def test_data_sets_of_another_calibration_are_not_mixed_in(kept, options, part):
+    before = (kept[0] / KEPT).read_bytes()
+    with pytest.raises(CaseError, match=f"data sets of another .*{part}.*; expected"):
+        calibrated(directory=kept[0], **options)
+    assert (kept[0] / KEPT).read_bytes() == before
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"[1, 2]\n{}\n", b"{}\n", b'{"seed": 1}\nnull\n'])
+def test_a_damaged_file_of_data_sets_is_begun_anew_or_refused_in_a_line(tmp_path, damage):
+    (tmp_path / KEPT).write_bytes(damage)
+    if damage.endswith(b"\n"):  # a whole first line, of something else
+        with pytest.raises(CaseError, match="expected those of this calibration"):
+            KeptDataSets(tmp_path, {"seed": "2"}, 4)
+    else:
+        assert KeptDataSets(tmp_path, {"seed": "2"}, 4).done == {}
+
+
+def test_an_analysis_that_fails_is_counted_and_not_left_out(monkeypatch):
+    def sometimes(problem, **options):
+        if sometimes.count % 2:
+            sometimes.count += 1
+            raise MeasurementError("on purpose")
+        sometimes.count += 1
+        return sample(problem, **options)
+
+    sample, sometimes.count = data_set.sample, 0
+    monkeypatch.setattr(data_set, "sample", sometimes)
+    found = calibrated()
+    assert (found.failed, len(found.analysed), len(found.data_sets)) == (2, 2, 4)
+    assert found.quantities[0].coverage.total == 4
+    assert "2 of 4 analyses failed" in found.notes[0]
+    assert found.errors == ("MeasurementError: on purpose",)
+
+
+def test_samplers_that_do_not_converge_are_ranked_and_counted():
+    rng = np.random.default_rng(4)
+    ranked = synthetic(uniform, count=60)
+    sets = tuple(dataclasses.replace(one, converged=bool(rng.integers(2))) for one in ranked.data_sets)
+    found = Calibration("case", "", 1, ranked.names, sets)
+    assert 0 < found.not_converged < 60
+    assert found.quantities[0].ranks.size == 60
+    assert "did not converge" in found.notes[0]
+    assert found.summary()["converged"] == 60 - found.not_converged
+
+
+def test_not_one_posterior_is_an_error_in_a_line():
+    with pytest.raises(ModelError, match=r"not one of 1 data sets .* on purpose"):
+        Calibration("case", "", 1, ("k11",), (DataSet(0, 0.0, error="on purpose"),))
+
+
+def test_right_analyses_fail_no_more_often_than_stated():
+    # independent quantities are the worst case of the bound: 0 to 5 failures of 100 hold all but 1 in 2000 of the cases
+    assert sum(not synthetic(uniform, count=30, seed=i).passed for i in range(100)) <= 5
+
+
+def test_bands_and_p_value_give_one_verdict():
+    for seed in range(20):
+        found = synthetic(lambda rng: min(DRAWS, rng.integers(0, DRAWS + 14)), count=40, seed=seed)
+        assert found.passed == (found.p_value > FALSE_ALARM)
+
+
+def test_a_wrong_analysis_fails_and_the_verdict_says_how():
+    found = synthetic(lambda rng: np.clip(round(31.5 + 1.6 * (uniform(rng) - 31.5)), 0, DRAWS))
+    assert not found.passed
+    assert found.verdict.startswith("NOT CALIBRATED: over 400 data sets the ranks of 4 of 4 quantities leave their")
+    assert "k22: posteriors are too narrow" in found.verdict
+    assert "OUTSIDE: posteriors are too narrow" in calibration_table(found).rows[0][1]
+
+
+def test_a_suspicious_calibration_passes_and_says_what_to_do():
+    seeds = (synthetic(uniform, count=30, seed=i) for i in range(200))
+    found = next(one for one in seeds if FALSE_ALARM < one.p_value < 0.05)
+    assert found.passed
+    assert "look at another seed" in found.verdict
+
+
+def test_a_directory_holds_report_numbers_and_ranks(kept, tmp_path):
+    found = kept[1]
+    jb.write_calibration(found, tmp_path / "out", small_case())
+    names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert names == {"report.html", "report.pdf", "summary.json", "ranks.csv", "case.toml", "figures/ranks.svg"}
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["data_sets"] == COUNT
+    assert summary["verdict"] == found.verdict
+    assert found.verdict.split(":")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_table_of_ranks_has_a_row_for_every_data_set_failed_or_not():
+    sets = (*synthetic(uniform, count=2).data_sets, DataSet(2, 0.1, error='no, "really"'))
+    found = Calibration("case", "", 1, ("k11", "k12", "k22", DENSITY), sets)
+    rows = list(csv.DictReader(io.StringIO(ranks_csv(found))))
+    assert [row["status"] for row in rows] == ["done", "done", "failed"]
+    assert int(rows[1]["k22.rank"]) == sets[1].rank[2]
+    assert rows[2]["error"] == 'no, "really"'
+    assert rows[2]["k11.rank"] == ""
+
+
+def test_a_job_is_sent_without_what_was_computed_from_it():
+    case = small_case()
+    case.problem.log_posterior(case.problem.prior.mean)
+    packed = driver._packed(driver._job(case, None, SETTINGS, None))
+    assert "log_posterior" not in vars(pickle.loads(packed).analysis)
+
+
+def test_natural_frequencies_are_calibrated_as_well():
+    found = calibrated(2, case=small_case(text=FREQUENCIES))
+    assert found.failed == 0
+    assert all(len(one.rank) == len(found.names) for one in found.data_sets)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--n", "0"], "--n"),
+        (["--data-from", "missing.toml"], "no such file"),
+        (["--data-from", "other.toml"], "other quantity"),
+        (["--out", "full"], "holds other files"),
+    ],
+)
+def test_bad_input_exits_2(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    write_case(tmp_path / "case.toml", small_case())
+    other = small_case().text.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"')
+    (tmp_path / "other.toml").write_text(other, encoding="utf-8")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes").touch()
+    result = CliRunner().invoke(main, ["calibrate", "case.toml", *arguments])
+    assert result.exit_code == 2
+    assert message in result.output
+    assert "Traceback" not in result.output
+    assert not (tmp_path / "reports").exists() or not list((tmp_path / "reports").rglob("report.html"))
+
+
+@pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
+def test_the_exit_code_tells_whether_the_analysis_is_calibrated(tmp_path, monkeypatch, passed, code):
+    monkeypatch.chdir(tmp_path)
+    write_case(tmp_path / "case.toml", small_case())
+    found = synthetic(uniform if passed else lambda _rng: 0)
+    monkeypatch.setattr(driver, "calibrate", lambda *_args, **_options: found)
+    result = CliRunner().invoke(main, ["calibrate", "case.toml"])
+    assert result.exit_code == code, result.output
+    assert ("NOT CALIBRATED" in result.output) == (not passed)
+    assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()
+
+
+def test_an_interrupted_calibration_says_that_it_goes_on(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_case(tmp_path / "case.toml", small_case())
+
+    def interrupted(*_args, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(driver, "calibrate", interrupted)
+    result = CliRunner().invoke(main, ["calibrate", "case.toml"])
+    assert result.exit_code == 130
+    assert "the same command goes on" in result.output

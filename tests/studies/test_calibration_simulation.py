@@ -1,0 +1,119 @@
+"""Simulated data come from the likelihood that judges them, and know nothing of the truth but that."""
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.joint import joint_matrix
+from jointbayes.studies.calibration.simulation import require_simulable, simulated_values, with_values
+from tests.studies.calibration_cases import FREQUENCIES, TEXT, noisier_case, small_case
+
+_DISCREPANCY = """
+[noise.discrepancy]
+scale_low = 0.3
+scale_high = 10.0
+length_low_hz = 10.0
+length_high_hz = 300.0
+"""
+
+CASES = {
+    "as stated": small_case(),
+    "nuisances": small_case("[uncertain.length]\nsd_percent = 0.5\n[uncertain.gain]\nsd_percent = 5.0\n"),
+    "scale": small_case('[noise]\nscale = "sampled"\n'),
+    "integrated": small_case('[noise]\nscale = "integrated"\n'),
+    "student": small_case('[noise]\ndistribution = "student_t"\n'),
+    "student, scale": small_case('[noise]\ndistribution = "student_t"\nscale = "sampled"\n'),
+    "proportional": small_case('[noise]\ndistribution = "proportional"\n'),
+    "discrepancy": small_case(_DISCREPANCY),
+    "discrepancy, scale": small_case('[noise]\nscale = "sampled"\n' + _DISCREPANCY),
+    "log magnitude": small_case('[noise]\nresiduals = "log_magnitude"\n'),
+    "log magnitude, student": small_case('[noise]\nresiduals = "log_magnitude"\ndistribution = "student_t"\n'),
+    "log magnitude, discrepancy": small_case('[noise]\nresiduals = "log_magnitude"\n' + _DISCREPANCY),
+    "accelerance": small_case(text=TEXT.replace("[data]", '[data]\nquantity = "accelerance"')),
+    "frequencies": small_case(text=FREQUENCIES),
+    "frequencies, scale": small_case('[noise]\nscale = "sampled"\n', text=FREQUENCIES),
+}
+COUNT = 300
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_the_score_at_the_truth_is_zero_in_the_mean(name):
+    # E ∇ ln L = 0 where data come from the likelihood, in each direction of θ, the noise's parameters among them
+    problem = CASES[name].problem
+    rng = np.random.default_rng(20)
+    scores = []
+    for theta in problem.prior.sample(rng, COUNT):
+        simulated = with_values(problem, simulated_values(problem, theta, rng))
+        step = 1e-5 * np.minimum(problem.prior.sd, 1.0)
+        around = np.concatenate([theta + np.diag(step), theta - np.diag(step)])
+        up, down = np.split(simulated.log_posterior.log_likelihood(around), 2)
+        scores.append((up - down) / (2 * step))
+    z = np.mean(scores, axis=0) / (np.std(scores, axis=0) / np.sqrt(COUNT))
+    assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_whitened_residuals_at_the_truth_have_unit_variance(name):
+    problem = CASES[name].problem
+    rng = np.random.default_rng(21)
+    squares, size = [], 0
+    for theta in problem.prior.sample(rng, 100):
+        simulated = with_values(problem, simulated_values(problem, theta, rng))
+        likelihood, factors = simulated.log_posterior.likelihood, problem.prior.factors(theta[None])
+        white = likelihood.white(joint_matrix(problem.prior.stiffness(theta[None])), factors)
+        squares.append(np.mean(white**2))
+        size = white.size
+    if name == "integrated":  # each data set has a scale of its own from a wide prior: 1/s² is a gamma of mean 1
+        assert 0.5 < np.median(squares) < 3
+        return
+    assert np.mean(squares) == pytest.approx(1.0, abs=5 * np.sqrt(2 / size / 100))
+
+
+def test_what_the_case_states_of_the_noise_knows_nothing_of_the_truth():
+    problem = jb.case_from_text("relative", TEXT.replace("relative = 0.0", "relative = 0.05")).problem
+    rng = np.random.default_rng(3)
+    theta = problem.prior.sample(rng, 1)[0]
+    simulated = with_values(problem, simulated_values(problem, theta, rng))
+    assert (simulated.measurement.variance == problem.measurement.variance).all()
+    assert not np.allclose(simulated.measurement.frf.values, problem.measurement.frf.values, rtol=1e-3)
+    assert simulated.noise is problem.noise
+    assert simulated.measurement.joint_frf is None
+
+
+def test_noise_less_data_are_the_prediction():
+    problem = small_case().problem
+    theta = problem.prior.mean
+    drawn = [simulated_values(problem, theta, np.random.default_rng(i)) for i in range(400)]
+    likelihood = problem.log_posterior.likelihood
+    predicted = likelihood.predicted(joint_matrix(problem.prior.stiffness(theta))[None])[0]
+    error = np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.measurement.variance / 400)
+    assert error.max() < 4.0
+
+
+def test_a_term_of_ones_own_is_refused():
+    from dataclasses import replace
+
+    problem = small_case().problem
+    own = replace(problem, extra_log_likelihood=lambda theta: np.zeros(len(theta)))
+    with pytest.raises(ModelError, match="no data can be drawn"):
+        require_simulable(own, own)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (TEXT.replace("f_step_hz = 20.0", "f_step_hz = 10.0"), "lines"),
+        (TEXT.replace('["5:y", "3:y"]', '["5:y"]'), "outputs"),
+        (TEXT.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"'), "quantity"),
+        (FREQUENCIES, "data"),
+    ],
+)
+def test_data_that_are_measured_otherwise_are_refused(text, what):
+    other = small_case(text=text, name="other").problem
+    with pytest.raises(MeasurementError, match=f"other has other .*{what}"):
+        require_simulable(small_case().problem, other)
+
+
+def test_data_of_another_noise_are_not():
+    require_simulable(small_case().problem, noisier_case(3.0).problem)
