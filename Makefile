@@ -57,6 +57,11 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.planning
+	$(BIN)/python -m benchmarks.long steps --count 1000000
+	$(BIN)/python -m benchmarks.long tasks --count 10000
+	$(BIN)/python -m benchmarks.long posteriors --count 1000
+	$(BIN)/python -m benchmarks.long runs --count 1000
+	$(BIN)/python -m benchmarks.modal_test --responses 200 --lines 10000 --format npz
 	$(BIN)/python -m benchmarks.coherence
 	$(BIN)/python -m benchmarks.population
 	$(BIN)/python -m benchmarks.files

@@ -179,7 +179,7 @@ def _reaching(
 
 def _draws(chains: Chains) -> Array:
     """Every draw after burn-in, shape (n, d), of at most some ten thousand."""
-    kept = chains.theta[:, chains.burn_in :]
+    kept = chains.theta[:, chains.held_burn_in :]
     every = max(1, kept[..., 0].size // (4 * (_FITTED + _HELD_OUT)))
     return kept[:, ::every].reshape(-1, kept.shape[-1])
 

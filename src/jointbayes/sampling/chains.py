@@ -67,9 +67,9 @@ class Chains:
 
     Parameters
     ----------
-    theta : ndarray, shape (ensembles, steps, walkers, d)
-        Positions after each step; the start is not among them.
-    log_density : ndarray, shape (ensembles, steps, walkers)
+    theta : ndarray, shape (ensembles, held, walkers, d)
+        Positions after each step, or after every so many of a long run; the start is not among them.
+    log_density : ndarray, shape (ensembles, held, walkers)
         Log-density at ``theta``.
     acceptance : ndarray, shape (ensembles,)
         Mean fraction of accepted proposals of each ensemble, over all steps.
@@ -91,6 +91,8 @@ class Chains:
         Every check of the stop rule; the last one is that of the last step.
     discarded : int
         Steps of earlier stages, which are not among these.
+    every : int
+        Distance of the positions in steps: 1 in a run of no more steps than are held.
     """
 
     theta: NDArray[np.float64]
@@ -105,6 +107,7 @@ class Chains:
     seconds: float
     history: tuple[Check, ...]
     discarded: int = 0
+    every: int = 1
 
     def __post_init__(self) -> None:
         for array in (self.theta, self.log_density, self.acceptance):
@@ -121,6 +124,11 @@ class Chains:
         return self.history[-1].burn_in
 
     @property
+    def held_burn_in(self) -> int:
+        """Number of first positions left out."""
+        return self.burn_in // self.every
+
+    @property
     def tau(self) -> NDArray[np.float64]:
         """Integrated autocorrelation time in steps, shape (d,)."""
         return self.history[-1].tau
@@ -133,8 +141,8 @@ class Chains:
     @property
     def ess(self) -> NDArray[np.float64]:
         """Effective sample size of all steps after burn-in, shape (d,)."""
-        ensembles, steps, walkers, _ = self.theta.shape
-        return effective_sample_size(ensembles * (steps - self.burn_in) * walkers, self.tau)
+        ensembles, held, walkers, _ = self.theta.shape
+        return effective_sample_size(ensembles * (held - self.held_burn_in) * walkers, self.tau / self.every)
 
     def draws(self, *, thinned: bool = True) -> Draws:
         """Return the draws after burn-in.
@@ -150,7 +158,7 @@ class Chains:
             Copies in chain order, walkers of one ensemble together.
         """
         ensembles, _, walkers, dimension = self.theta.shape
-        kept = slice(self.burn_in, None, self.thin if thinned else 1)
+        kept = slice(self.held_burn_in, None, max(1, self.thin // self.every) if thinned else 1)
         theta = np.swapaxes(self.theta[:, kept], 1, 2)
         log_density = np.swapaxes(self.log_density[:, kept], 1, 2)
         return Draws(

@@ -201,7 +201,7 @@ class UnfinishedRun:
             Write it whenever there is something new.
         """
         draws = self._draws.setdefault(number, _Draws())
-        rows = stage.blocks[draws.rows :]
+        rows = stage.rows_from(draws.rows)
         if not stage.blocks or not self._due(now=now) or draws.step + _steps(rows) != stage.step:
             return
         if not rows and number < len(self._stages) and len(self._stages[number]["checks"]) == len(stage.checks):
@@ -221,6 +221,10 @@ class UnfinishedRun:
             }
             self._stages[number:] = [entry]
             self._write()
+
+    def rows_on_disk(self, number: int) -> int:
+        """Rows of a stage's blocks that have been written."""
+        return self._draws[number].rows if number in self._draws else 0
 
     def discard(self) -> None:
         """Remove the directory: the run is finished, or was never begun."""

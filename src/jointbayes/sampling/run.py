@@ -138,6 +138,7 @@ def run_stage(
                     stage.check_if_due(settings, quantities)
                     verdict = stage.verdict(settings)
                     keep(now=bool(asked_to_stop) or is_done())
+                    stage.condense(stage.rows if keeper is None else keeper.rows_on_disk(streams.stage))
                 if progress is not None:
                     progress(stage.report(settings, verdict, time.perf_counter() - began))
     except KeyboardInterrupt:

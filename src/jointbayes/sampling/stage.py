@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.ensemble import Block, EnsembleState
+from jointbayes.sampling.held_steps import MOST_HELD, HeldSteps, spacing
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stopping import (
     Check,
@@ -41,13 +41,15 @@ class Stage:
     """A stage of a run in progress: the blocks of all ensembles so far, and what the checks found.
 
     ``blocks`` has one row per block, or per several that were read from a checkpoint, and one column per ensemble.
-    ``seconds`` is the time that was spent before this process went on with it.
+    ``seconds`` is the time that was spent before this process went on with it. Of a long stage ``held`` has the first
+    steps, of which not all are in memory any more, and ``blocks`` those that follow.
     """
 
     blocks: list[list[Block]] = field(default_factory=list)
     checks: list[Check] = field(default_factory=list)
     step: int = 0
     seconds: float = 0.0
+    held: HeldSteps = field(default_factory=HeldSteps)
 
     def verdict(self, settings: SamplerSettings) -> Verdict:
         """What the stop rule says of the last step, if it was looked at."""
@@ -81,13 +83,26 @@ class Stage:
         last = self.checks[-1].step if self.checks else 0
         if self.step == last or self.step != next_check(last, settings):
             return
-        theta = self.theta()
-        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None))
-        self.checks[-1] = with_end_error(settings, self.checks, theta, quantities)
+        every = spacing(self.step)
+        theta, _ = self.held.with_rows(self.blocks, every)
+        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, every, self.step))
+        self.checks[-1] = with_end_error(settings, self.checks, theta, quantities, every)
 
-    def theta(self) -> NDArray[np.float64]:
-        """All positions, shape (ensembles, steps, walkers, d)."""
-        return np.stack([np.concatenate([block.theta for block in one]) for one in self.by_ensemble()])
+    def condense(self, rows: int) -> None:
+        """Hold fewer of the steps of a long stage: of its first so many rows, which nobody else asks for any more."""
+        count = min(rows - self.held.rows, len(self.blocks) - 1)
+        if self.step > MOST_HELD and self.held.due(count):
+            self.held.take(self.blocks[:count], spacing(self.step))
+            del self.blocks[:count]
+
+    def rows_from(self, number: int) -> list[list[Block]]:
+        """Rows of blocks from a number on, none of which has been condensed."""
+        return self.blocks[number - self.held.rows :]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of blocks so far."""
+        return self.held.rows + len(self.blocks)
 
     def by_ensemble(self) -> list[tuple[Block, ...]]:
         """Blocks with one row per ensemble."""
@@ -95,7 +110,7 @@ class Stage:
 
     def move_acceptance(self) -> dict[str, float]:
         """Fraction of accepted proposals of each move that was made, over all ensembles."""
-        accepted, proposed = Counter[str](), Counter[str]()
+        accepted, proposed = sum(self.held.accepted, Counter[str]()), sum(self.held.proposed, Counter[str]())
         for block in chain.from_iterable(self.blocks):
             for name, count in block.moves.items():
                 accepted[name] += count.accepted
@@ -118,16 +133,20 @@ class Stage:
         """Close the stage, whose last block always ends in a check."""
         counts = [[count for block in one for count in block.moves.values()] for one in self.by_ensemble()]
         accepted = np.array([sum(count.accepted for count in one) for one in counts])
+        accepted += np.array([one.total() for one in self.held.accepted] or 0)
+        every = spacing(self.step)
+        theta, log_density = self.held.with_rows(self.blocks, every)
         return Chains(
-            theta=self.theta(),
-            log_density=np.stack([np.concatenate([b.log_density for b in one]) for one in self.by_ensemble()]),
+            theta=theta,
+            log_density=log_density,
             acceptance=accepted / (self.step * settings.walkers),
             move_acceptance=self.move_acceptance(),
             thin=thinning(self.checks[-1].tau),
             converged=verdict.converged,
             reason=verdict.reason,
-            singular=sum(block.singular for block in chain.from_iterable(self.blocks)),
+            singular=self.held.singular + sum(block.singular for block in chain.from_iterable(self.blocks)),
             evaluations=settings.ensembles * settings.walkers * (self.step + 1),
             seconds=seconds,
             history=tuple(self.checks),
+            every=every,
         )

@@ -115,7 +115,7 @@ class Verdict:
     reason: str
 
 
-def diagnose(theta: NDArray[np.float64], previous: Check | None) -> Check:
+def diagnose(theta: NDArray[np.float64], previous: Check | None, every: int = 1, steps: int | None = None) -> Check:
     """Compute τ and R̂ of the steps after burn-in.
 
     The burn-in is 5 τ of the previous check, at most half of the steps (and exactly half at the first check,
@@ -126,24 +126,28 @@ def diagnose(theta: NDArray[np.float64], previous: Check | None) -> Check:
 
     Parameters
     ----------
-    theta : ndarray, shape (ensembles, steps, walkers, d)
-        All steps so far.
+    theta : ndarray, shape (ensembles, held, walkers, d)
+        All steps so far, or every so many of a long run.
     previous : Check or None
         The check before this one.
+    every : int
+        Distance of these in steps.
+    steps : int, optional
+        Number of all steps; by default that of these.
 
     Returns
     -------
     Check
         τ and R̂ at this step.
     """
-    steps = theta.shape[1]
-    burn_in = steps // 2
-    if previous is not None and _BURN_IN_FACTOR * previous.tau_max < burn_in:
-        burn_in = math.ceil(_BURN_IN_FACTOR * previous.tau_max)
+    burn_in = theta.shape[1] // 2
+    if previous is not None and _BURN_IN_FACTOR * previous.tau_max < burn_in * every:
+        burn_in = math.ceil(_BURN_IN_FACTOR * previous.tau_max / every)
     kept = theta[:, burn_in:]
     tau = autocorrelation_time(kept)
-    every = max(thinning(tau), kept[..., 0].size // _RANKED_DRAWS)
-    return Check(step=steps, burn_in=burn_in, tau=tau, r_hat=split_r_hat(kept[:, ::every]))
+    ranked = max(thinning(tau), kept[..., 0].size // _RANKED_DRAWS)
+    r_hat = split_r_hat(kept[:, ::ranked])
+    return Check(step=steps or theta.shape[1], burn_in=burn_in * every, tau=tau * every, r_hat=r_hat)
 
 
 def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = None) -> EndError:
@@ -178,6 +182,7 @@ def with_end_error(
     checks: Sequence[Check],
     theta: NDArray[np.float64],
     quantities: Quantities | None = None,
+    every: int = 1,
 ) -> Check:
     """The last check with the error of the interval ends, if all the rest of the stop rule is met.
 
@@ -189,15 +194,17 @@ def with_end_error(
         Limits of the stop rule.
     checks : sequence of Check
         All checks so far, at least one.
-    theta : ndarray, shape (ensembles, steps, walkers, d)
-        All steps so far.
+    theta : ndarray, shape (ensembles, held, walkers, d)
+        All steps so far, or every so many of a long run.
     quantities : Quantities, optional
         As for :func:`worst_end_error`.
+    every : int
+        Distance of these in steps.
     """
     last = checks[-1]
     if _unmet(settings, checks):
         return last
-    return replace(last, end_error=worst_end_error(theta[:, last.burn_in :], quantities))
+    return replace(last, end_error=worst_end_error(theta[:, last.burn_in // every :], quantities))
 
 
 def thinning(tau: NDArray[np.float64]) -> int:
