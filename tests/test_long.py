@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.long import LIMITS, Held, excess, growth, watch
 
 import jointbayes as jb
-from benchmarks.long import LIMITS, Held, excess, growth, watch
 from jointbayes.case.case import case_from_text
 from tests.conftest import FEW_STEPS, cheap_text
 
@@ -24,7 +24,7 @@ def leak_memory(_):
 
 
 def leak_files(_):
-    kept.append(open("/dev/null"))  # noqa: SIM115, PTH123 (left open on purpose)
+    kept.append(open("/dev/null"))  # noqa: SIM115 (left open on purpose)
 
 
 @pytest.mark.parametrize(
