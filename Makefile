@@ -68,6 +68,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.killed
 	$(BIN)/python -m benchmarks.campaign
 	$(BIN)/python -m tests.fuzz all --together 3600
+	JOINTBAYES_EXAMPLES=5000 $(BIN)/python -m pytest tests/test_public_domain.py
 
 clean:  ## remove environments, caches and builds; reports/ stays
 	rm -rf .venv .venv-* site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis

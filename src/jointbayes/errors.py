@@ -1,5 +1,12 @@
 """The errors a user may see: each is one line that says where, what, what is expected and what to do."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 __all__ = [
     "CaseError",
     "CheckpointError",
@@ -98,3 +105,32 @@ class ReportInterruptedError(KeyboardInterrupt):
 
 class TerminatedError(KeyboardInterrupt):
     """The program was asked to end by SIGTERM."""
+
+
+def array_of(given: object, kind: type, what: str, error: type[JointBayesError]) -> NDArray[Any]:
+    """A copy of what a user gave, as an array of floats or complex numbers.
+
+    Parameters
+    ----------
+    given
+        Array, list or number.
+    kind
+        ``float`` or ``complex``.
+    what
+        What it is to be, for the message.
+    error
+        Raised where it is no array of such numbers: text, lists of different length, complex numbers for floats.
+    """
+    import numpy as np
+
+    try:
+        found = np.array(given)
+        if found.dtype.kind not in ("biuf" if kind is float else "biufc") and found.dtype != object:
+            raise TypeError
+        with np.errstate(over="ignore"):
+            if kind is float and np.iscomplexobj(found):
+                raise TypeError
+            return found.astype(kind)
+    except (TypeError, ValueError, OverflowError):
+        numbers = "real numbers" if kind is float else "numbers"
+        raise error(f"{what}: found no array of {numbers}; expected one; convert it before") from None

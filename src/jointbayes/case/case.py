@@ -234,6 +234,8 @@ def _build(
         )
         require_lowest(stated, recipe, joint, measurement)
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
+        tell("prior")
+        prior.log_density(prior.mean[None])  # that there is a joint at all
     return Case(name, text, spec, problem, problem)
 
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.errors import MeasurementError
+from jointbayes.errors import MeasurementError, array_of
 
 __all__ = ["FrfSet", "Quantity", "quantity_factor"]
 
@@ -104,7 +105,7 @@ class FrfSet:
             raise MeasurementError(
                 f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it or leave it out"
             )
-        if self.averages is not None and self.averages < 1:
+        if self.averages is not None and not (isinstance(self.averages, Integral) and self.averages >= 1):
             raise MeasurementError(f"FRF set: found {self.averages} averages; expected 1 or more")
 
     @property
@@ -142,8 +143,8 @@ class FrfSet:
 
 
 def read_only(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
-    """Copy of an array that cannot be written to."""
-    out: NDArray[Any] = np.array(array, dtype=dtype)
+    """Copy of an array of numbers that cannot be written to."""
+    out = array_of(array, complex if dtype is np.complex128 else float, "data", MeasurementError)
     out.setflags(write=False)
     return out
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, array_of
 from jointbayes.inference.likelihood import Likelihood
 from jointbayes.inference.prior import JointPrior
 from jointbayes.joint import STIFFNESS_PATTERN, joint_matrix
@@ -44,9 +44,23 @@ class LogPosterior:
         self._parametrisation = prior.parametrisation
 
     def __call__(self, theta: ArrayLike) -> Array:
-        """Log density, shape (n,), of θ, shape (n, d); −inf outside the prior's support and where H is not finite."""
-        t = np.atleast_2d(np.asarray(theta, dtype=float))
-        out = self.prior.log_density(t)
+        """Log density, shape (n,), of θ, shape (n, d); −inf outside the prior's support and where H is not finite.
+
+        Raises
+        ------
+        ModelError
+            If θ has another shape, or is no array of numbers.
+        """
+        given = (
+            theta if isinstance(theta, np.ndarray) and theta.dtype == float else array_of(theta, float, "θ", ModelError)
+        )
+        t = np.atleast_2d(given)
+        if t.ndim != 2 or t.shape[1] != len(self.prior.names):
+            raise ModelError(
+                f"θ: found shape {given.shape}; expected (n, {len(self.prior.names)}), a row for each joint"
+            )
+        with np.errstate(over="ignore", invalid="ignore"):  # far outside the support
+            out = self.prior.log_density(t)
         inside = np.isfinite(out)
         if inside.any():
             value = self.log_likelihood(t[inside])

@@ -20,6 +20,9 @@ _OWN_DRAWS = 2**16
 _OWN_QUANTILES = (np.arange(_OWN_DRAWS) + 0.5) / _OWN_DRAWS
 
 
+_WIDEST = 1e100  # of a coordinate: squares of what is below stay finite
+
+
 @dataclass(frozen=True, slots=True)
 class Normal:
     """Normal prior on one coordinate (ln k, so log-normal in k).
@@ -34,13 +37,13 @@ class Normal:
     sd: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.mean) and math.isfinite(self.sd) and self.sd > 0):
+        if not (abs(self.mean) < _WIDEST and 1 / _WIDEST < self.sd < _WIDEST):
             raise ModelError(f"prior: found mean {self.mean:g}, sd {self.sd:g}; expected a finite mean and sd > 0")
 
     @classmethod
     def from_decades(cls, guess: float, decades: float) -> Self:
         """Half-informative prior: a guess of k that is right to within so many decades either way, 95 % sure."""
-        if not (guess > 0 and decades > 0):
+        if not (0 < guess < math.inf and 0 < decades < math.inf):
             raise ModelError(f"prior: found guess {guess:g}, decades {decades:g}; expected both above 0")
         return cls(math.log(guess), decades * math.log(10) / _NORMAL_95)
 
@@ -85,13 +88,13 @@ class Uniform:
     high: float
 
     def __post_init__(self) -> None:
-        if not -math.inf < self.low < self.high < math.inf:
+        if not -_WIDEST < self.low < self.high < _WIDEST:
             raise ModelError(f"prior: found low {self.low:g}, high {self.high:g}; expected finite low < high")
 
     @classmethod
     def of_logarithm(cls, low: float, high: float) -> Self:
         """Uniform in ln k between two stiffnesses: nothing is known but the range."""
-        if not 0 < low < high:
+        if not 0 < low < high < math.inf:
             raise ModelError(f"prior: found low {low:g}, high {high:g}; expected 0 < low < high")
         return cls(math.log(low), math.log(high))
 

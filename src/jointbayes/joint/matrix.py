@@ -9,7 +9,7 @@ frequency response functions, section 3 (K^J with k11, k12, k22 at one translati
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, array_of
 
 __all__ = [
     "STIFFNESS_PATTERN",
@@ -45,6 +45,9 @@ def symmetric_changes(r: int) -> Array:
     return (unit + unit.swapaxes(1, 2)) / 2
 
 
+_MOST = 1e150  # of a stiffness: its square stays finite
+
+
 def is_positive_semidefinite(stiffness: ArrayLike) -> NDArray[np.bool_]:
     """Whether a joint (k11, k12, k22), shape (..., 3), is positive semidefinite, shape (...)."""
     k11, k12, k22 = np.moveaxis(np.asarray(stiffness, dtype=float), -1, 0)
@@ -64,8 +67,11 @@ def check_positive_semidefinite(stiffness: ArrayLike) -> None:
     ModelError
         If a number is not finite, k11 or k22 is negative, or k12² > k11 k22.
     """
-    k11, k12, k22 = (float(k) for k in np.asarray(stiffness, dtype=float))
-    if not np.isfinite([k11, k12, k22]).all():
+    given = array_of(stiffness, float, "joint", ModelError)
+    if given.shape != (3,):
+        raise ModelError(f"joint: found stiffnesses of shape {given.shape}; expected k11, k12 and k22: shape (3,)")
+    k11, k12, k22 = given.tolist()
+    if not (np.abs([k11, k12, k22]) < _MOST).all():
         raise ModelError(f"joint: found k11 = {k11:g}, k12 = {k12:g}, k22 = {k22:g}; expected finite numbers")
     if not is_positive_semidefinite(stiffness):
         raise ModelError(

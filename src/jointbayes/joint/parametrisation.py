@@ -120,9 +120,11 @@ class Parametrisation(ABC):
             If a joint has no such coordinates.
         """
         k = np.asarray(stiffness, dtype=float)
-        if not self.describes(k).all():
+        with np.errstate(all="ignore"):
+            theta = self._coordinates(k) if self.describes(k).all() else None
+        if theta is None or not np.isfinite(theta).all():
             raise ModelError(f"joint in {self.key} coordinates: found stiffness {k.tolist()}; expected {self.expected}")
-        return self._coordinates(k)
+        return theta
 
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite, shape (...); θ has shape (..., d)."""

@@ -94,8 +94,10 @@ class FrequencyMeasurement:
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
         object.__setattr__(self, "sd_hz", read_only(self.sd_hz))
-        if self.frequency_hz.ndim != 1 or self.frequency_hz.shape != self.sd_hz.shape:
-            raise MeasurementError("natural frequencies: expected as many standard deviations as frequencies")
+        if self.frequency_hz.ndim != 1 or self.frequency_hz.size == 0 or self.frequency_hz.shape != self.sd_hz.shape:
+            raise MeasurementError(
+                "natural frequencies: expected a list of at least one, and as many standard deviations as frequencies"
+            )
         if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
             raise MeasurementError(
                 f"natural frequencies: found {self.frequency_hz.tolist()} Hz; "

@@ -26,6 +26,9 @@ __all__ = ["DIRECTIONS", "BeamMaterial", "beam", "bending_element"]
 DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
 
 
+_MOST = 1e100  # of a modulus in Pa or a density in kg/m³: finite, also times a length
+
+
 @dataclass(frozen=True, slots=True)
 class BeamMaterial:
     """Isotropic material: Young's modulus E in Pa, Poisson's ratio ν, density ρ in kg/m³."""
@@ -35,7 +38,7 @@ class BeamMaterial:
     density: float
 
     def __post_init__(self) -> None:
-        if not (self.youngs_modulus > 0 and self.density > 0 and -1 < self.poissons_ratio < 0.5):
+        if not (0 < self.youngs_modulus < _MOST and 0 < self.density < _MOST and -1 < self.poissons_ratio < 0.5):
             raise ModelError(
                 f"material: found E = {self.youngs_modulus:g} Pa, nu = {self.poissons_ratio:g}, "
                 f"rho = {self.density:g} kg/m3; expected E > 0, -1 < nu < 0.5, rho > 0; correct the material"

@@ -223,12 +223,18 @@ def _kept(beams: _BeamsOf, shape: tuple[int, ...], motions: bytes, forced: tuple
     return _interpolated(family, given, None if forced is None else np.array(forced, dtype=bool))
 
 
+#: Of more modes than these no table is accurate enough: rounding in the highest is all that is left.
+_MOST_TABULATED = 60
+
+
 def _interpolated(family: BeamFamily, motions: Array, forced: Forced = None) -> FreeModes:
     turned = _rotations(family.nominal.dofs, motions)
     modes, reach = family.nominal.modes(), family.reach_of_modes_hz
     reduction = Reduction(modes.eigenvalues.size, motions)
     if reach is not None:
         reduction = Reduction.below(reach, modes, motions, forced)
+        if reduction.kept > _MOST_TABULATED:
+            return _ScaledModes(family, _BeamModes(family, reduction), turned)
     # the last terms are the least smooth over the ranges, and the least needed
     for terms in (reduction.terms, reduction.terms - 1):
         beams = _BeamModes(family, replace(reduction, terms=terms))

@@ -1,5 +1,6 @@
 """Damping laws of a structure; a joint itself carries no damping, as in the paper."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -77,7 +78,7 @@ class LossFactor(DampingLaw):
     loss_factor: float
 
     def __post_init__(self) -> None:
-        if not self.loss_factor >= 0.0:
+        if not 0.0 <= self.loss_factor < math.inf:
             raise ModelError(f"loss factor: found {self.loss_factor:g}; expected 0 or more; correct it")
 
     @property
@@ -98,7 +99,7 @@ class Rayleigh(DampingLaw):
     beta: float
 
     def __post_init__(self) -> None:
-        if not (self.alpha >= 0.0 and self.beta >= 0.0):
+        if not (0.0 <= self.alpha < math.inf and 0.0 <= self.beta < math.inf):
             raise ModelError(
                 f"Rayleigh damping: found alpha {self.alpha:g} 1/s and beta {self.beta:g} s; "
                 "expected both 0 or more; correct them"

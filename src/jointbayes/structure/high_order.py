@@ -218,7 +218,7 @@ def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share:
     for order in _ORDERS:
         most = _MOST_ELEMENTS if best is None else math.ceil(best[0] * best[1] / order) - 1
         doubled = (n for n in (2**k for k in range(13)) if n >= most or accurate(n, order))
-        enough_of_them = next(doubled)
+        enough_of_them = next(doubled, most + 1)
         if enough_of_them > most or (enough_of_them == most and not accurate(most, order)):
             continue
         fewer = range(enough_of_them // 2 + 1, enough_of_them)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, array_of
 from jointbayes.structure.damping import DampingLaw
 
 __all__ = ["Modes", "Structure", "mode_shift"]
@@ -65,12 +65,15 @@ class Structure:
     def __post_init__(self) -> None:
         n = len(self.dofs)
         object.__setattr__(self, "dofs", tuple(self.dofs))
+        if n == 0:
+            raise ModelError("structure: found no DOF; expected at least one; give labels, and matrices of their size")
         if len(set(self.dofs)) != n:
             raise ModelError("structure: found a DOF label twice; expected each label once; rename it")
         for name in ("stiffness", "mass"):
             given = getattr(self, name)
             # a copy, so that the caller's arrays stay writable; sparse ones are made dense
-            matrix = np.array(given.toarray() if hasattr(given, "toarray") else given, dtype=float)
+            dense = given.toarray() if hasattr(given, "toarray") else given
+            matrix = array_of(dense, float, f"structure: {name}", ModelError)
             object.__setattr__(self, name, matrix)
             if matrix.shape != (n, n):
                 raise ModelError(

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 #: A beam of so many DOFs has a hundred modes below the highest line: no test is made so, but units are mistaken.
 MOST_DOFS = 500
+_HIGHEST_HZ = 1e20  # with squares and products that stay finite
 _MOST_AT_A_POINT = 10  # nodes from one point to the next that are there for the point's sake
 
 
@@ -129,6 +130,11 @@ def mesh_through(
         If the frequency is too high for the beam.
     """
     places = sorted({1, points, *numbers})
+    if not (0 <= top_hz <= _HIGHEST_HZ and places[0] >= 1 and places[-1] <= points):
+        raise ModelError(
+            f"beam: found the points {places[0]} to {places[-1]} and lines up to {top_hz:g} Hz; expected points from 1 "
+            f"to {points} and lines up to {_HIGHEST_HZ:g} Hz; correct them"
+        )
     positions = [shape.length * (n - 1) / (points - 1) for n in places]
     planes = shape.planes[: 1 if dofs_per_node == 2 else 2]
     spans = spans_between(positions, planes, 2 * np.pi * top_hz, extra_order)

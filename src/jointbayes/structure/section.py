@@ -15,6 +15,14 @@ from jointbayes.errors import ModelError
 __all__ = ["Section"]
 
 
+#: Sizes beyond these are none of this world, m; their fourth powers stay finite.
+_SMALLEST, _LARGEST = 1e-15, 1e15
+
+
+def _possible(size: float) -> bool:
+    return _SMALLEST <= size <= _LARGEST
+
+
 @dataclass(frozen=True, slots=True)
 class Section:
     """Cross-section in the (y, z) plane of a beam along x.
@@ -50,7 +58,7 @@ class Section:
         ModelError
             If not 0 ≤ inner < outer.
         """
-        if not 0.0 <= inner_diameter < outer_diameter:
+        if not (0.0 <= inner_diameter < outer_diameter and _possible(outer_diameter)):
             raise ModelError(
                 f"section: found outer diameter {outer_diameter:g} m and inner diameter {inner_diameter:g} m; "
                 "expected 0 <= inner < outer; correct the diameters"
@@ -72,7 +80,7 @@ class Section:
         ModelError
             If a side is not positive.
         """
-        if min(width, height) <= 0.0:
+        if not (_possible(width) and _possible(height)):
             raise ModelError(
                 f"section: found width {width:g} m and height {height:g} m; expected both above zero; correct the sides"
             )
@@ -88,7 +96,7 @@ class Section:
         ModelError
             If the walls do not fit: 0 < 2 wall < min(width, height) is needed.
         """
-        if not 0.0 < 2 * wall < min(width, height):
+        if not (_possible(width) and _possible(height) and _possible(wall) and 2 * wall < min(width, height)):
             raise ModelError(
                 f"section: found a wall of {wall:g} m in a {width:g} m x {height:g} m box; "
                 "expected 0 < 2 wall < the smaller side; correct the wall or use a solid rectangle"

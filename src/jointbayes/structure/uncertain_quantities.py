@@ -1,7 +1,9 @@
 """A beam as a recipe: everything its matrices are made from, each quantity open to a factor."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Literal
 
 import numpy as np
@@ -20,6 +22,8 @@ __all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "ElementKind", "is_damping_rati
 #: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
 ElementKind = Literal["converged", "paper"]
 
+_LEAST, _MOST, _MOST_SPANS = 1e-6, 1e6, 10_000  # of a length in m, a mass in kg, a coefficient; and equal spans
+_DOF = re.compile(r"([1-9]\d{0,6}(?:\.\d+)?):(?:x|y|z|rx|ry|rz)")
 _HALF_WAVES = 10.0  # along the beam: what a mesh without a stated frequency is made for
 _RICHER, _RICHER_OF_MANY = 4, 1  # polynomial orders that a reference has more; between many points one says enough
 
@@ -87,6 +91,29 @@ class BeamRecipe:
     accelerometer_dofs: tuple[str, ...] = ()
     element: ElementKind = "converged"
     richer: bool = False
+
+    def __post_init__(self) -> None:
+        masses, kappa = (self.accelerometer_mass, self.added_mass), self.shear_coefficient
+        if not (_LEAST <= self.length <= _MOST and all(0 <= mass <= _MOST for mass in masses)):
+            raise ModelError(
+                f"beam: found a length of {self.length:g} m and accelerometers of {masses[0]:g} + {masses[1]:g} kg; "
+                "expected a finite length above 0 and masses of at least 0; correct them"
+            )
+        if not (kappa is None or _LEAST <= kappa <= _MOST):
+            raise ModelError(
+                f"beam: found a shear coefficient of {kappa:g}; expected one above 0, about 0.9; correct it"
+            )
+        if not (isinstance(self.elements, Integral) and 1 <= self.elements <= _MOST_SPANS):
+            raise ModelError(
+                f"beam: found {self.elements} elements; expected a whole number from 1 to {_MOST_SPANS}; correct it"
+            )
+        for label in (*self.supports, *self.accelerometer_dofs):
+            named = _DOF.fullmatch(label)
+            if named is None or float(named[1]) > self.elements + 1:
+                raise ModelError(
+                    f"beam: found the DOF {label!r}; expected node:direction with a node from 1 to "
+                    f"{self.elements + 1}; correct it"
+                )
 
     @property
     def lumped(self) -> "BeamRecipe":

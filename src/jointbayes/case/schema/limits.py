@@ -69,6 +69,7 @@ TABLE = (
     _of("relative floor", 1e-15, 1e3),
     _of("sd_relative force_noise response_noise", 1e-15, 10.0),
     _of("gain", 1e-12, 1e12),
+    _of("coherence", 1e-6, 1.0),
     _of("threshold", 1e-30, 1e3),
     _of("line_weight", 1e-6, 10.0),
     _of("block_s pretrigger_s force_window_s", 1e-9, 1e6),
