@@ -232,3 +232,28 @@ def test_the_error_of_a_table_without_elastic_modes_below_is_a_number():
     modes = Modes(np.array([0.0, 0.0, 1.0]), np.eye(3))
     table = ModeTable(lambda _numbers: (modes, mass), np.eye(3)[:, :2], [(-1.0, 1.0)], [2])
     assert table.error(lambda _numbers: (modes, mass)) < 1e-12
+
+
+def test_modes_that_change_places_are_not_tabulated_at_more_and_more_points():
+    solved = []
+
+    def modes_at(numbers):
+        solved.append(tuple(numbers))
+        jump = 1.0 if numbers[0] > 0.1 else 0.0
+        return Modes(np.array([1.0 + jump, 3.0 + jump]), np.eye(2)), np.eye(2)
+
+    assert mode_table.tabulated(modes_at, np.eye(2)[:, :1], [(-1.0, 1.0)]) is None
+    assert len(solved) < 4 + 6 + 8 + 11 + 15
+
+
+def test_of_more_modes_than_any_table_holds_none_is_made(monkeypatch):
+    def none(*_arguments):
+        raise AssertionError("a table was begun")
+
+    wire = BeamRecipe(0.383, Section.circle(5e-5), STEEL, ModalDamping((0.01,)))
+    ranges = {"length": (-0.03, 0.03)}
+    family = BeamFamily(wire, ranges).at(("1:y", "1:rz", "11:y"), 2500.0)
+    monkeypatch.setattr("jointbayes.structure.beam_family.tabulated", none)
+    motions = np.eye(family.nominal.n_dofs)[:, :2]
+    eigenvalues, _ = family.free_modes(motions)(np.ones((1, 1)))
+    assert eigenvalues.shape[1] > 60
