@@ -169,7 +169,7 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
         [sys.executable, script], capture_output=True, text=True, timeout=60, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
-    assert "WorkerError: workers: found that 3 processes or more in a row ended" in ended.stderr
+    assert "WorkerError: workers: found that 3 processes or more ended" in ended.stderr
 
 
 @pytest.mark.parametrize(

@@ -113,8 +113,8 @@ class LocalCrew:
     def _fill(self) -> None:
         if self._stillborn >= _STILLBORN:
             raise WorkerError(
-                f"workers: found that {_STILLBORN} processes or more in a row ended before they were ready; expected "
-                'them to last; put the calls of a script under if __name__ == "__main__":, and look whether memory is short'
+                f"workers: found that {_STILLBORN} processes or more ended before any was ready; expected them "
+                'to last; put the calls of a script under if __name__ == "__main__":, and look whether memory is short'
             )
         while len(self._workers) < self._count:
             self._workers.append(_born(self._context))
