@@ -1,7 +1,6 @@
 """A sample of `make science`: ranks of truths from the prior are uniform, and a wrong analysis is found out."""
 
 import json
-from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
@@ -17,22 +16,11 @@ from jointbayes.joint import joint_matrix
 from jointbayes.studies.calibration import data_set
 from jointbayes.studies.calibration.data_set import DENSITY
 from jointbayes.studies.calibration.simulation import simulated_values
-from tests.studies.calibration_cases import noisier_case, small_case, write_case
+from tests.studies.calibration_cases import Here, noisier_case, small_case, write_case
 
 pytestmark = pytest.mark.science
 
 COUNT = 30
-
-
-class Here(Executor):
-    """Runs each call at once, in this process, where tests can change what is called."""
-
-    _max_workers = 1
-
-    def submit(self, function, /, *args, **kwargs):
-        done = Future()
-        done.set_result(function(*args, **kwargs))
-        return done
 
 
 @pytest.fixture(scope="module")

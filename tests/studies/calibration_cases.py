@@ -1,6 +1,7 @@
 """Cases for the tests of calibration: few lines, so that an analysis takes a fraction of a second."""
 
 import re
+from concurrent.futures import Executor, Future
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
@@ -63,3 +64,14 @@ def write_case(path, case: jb.Case):
     """Its file, for the command line."""
     path.write_text(case.text, encoding="utf-8")
     return path
+
+
+class Here(Executor):
+    """Runs each call at once, in this process, where tests can change what is called."""
+
+    _max_workers = 1
+
+    def submit(self, function, /, *args, **kwargs):
+        done = Future()
+        done.set_result(function(*args, **kwargs))
+        return done

@@ -5,7 +5,6 @@ import dataclasses
 import io
 import json
 import pickle
-from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
@@ -20,21 +19,10 @@ from jointbayes.studies.calibration.data_set import DENSITY, DRAWS, DataSet, ana
 from jointbayes.studies.calibration.kept import KEPT, KeptDataSets
 from jointbayes.studies.calibration.report import calibration_table, ranks_csv
 from jointbayes.studies.calibration.result import FALSE_ALARM, Calibration
-from tests.studies.calibration_cases import FREQUENCIES, small_case, write_case
+from tests.studies.calibration_cases import FREQUENCIES, Here, small_case, write_case
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
 COUNT = 4
-
-
-class Here(Executor):
-    """Runs each call at once, in this process."""
-
-    _max_workers = 1
-
-    def submit(self, function, /, *args, **kwargs):
-        done = Future()
-        done.set_result(function(*args, **kwargs))
-        return done
 
 
 def calibrated(count=COUNT, directory=None, case=None, **options):
