@@ -12,7 +12,7 @@ from jointbayes.errors import printable
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
-from jointbayes.report.figures import legend_above, svg
+from jointbayes.report.canvas import legend_above, svg
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.thinning import extremes
 

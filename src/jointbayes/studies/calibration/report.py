@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 from matplotlib.figure import Figure as Canvas
 
-from jointbayes.report.figures import panels, svg
+from jointbayes.report.canvas import panels, svg
 from jointbayes.report.format import number
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
 from jointbayes.studies.calibration.data_set import DRAWS

@@ -12,7 +12,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from jointbayes.report.figures import legend_above, panels, room_for, svg
+from jointbayes.report.canvas import legend_above, panels, room_for, svg
 from jointbayes.report.format import number
 from jointbayes.report.markup import format_numbers
 from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESSES
 from jointbayes.posterior.evidence import PARETO_LIMIT
-from jointbayes.report.figures import panels, room_for, svg
+from jointbayes.report.canvas import panels, room_for, svg
 from jointbayes.report.format import number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.information.directions import spread_in_words
-from jointbayes.report.figures import legend_above, panels, room_for, svg
+from jointbayes.report.canvas import legend_above, panels, room_for, svg
 from jointbayes.report.format import number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table

@@ -1,0 +1,108 @@
+"""A canvas for figures as SVG text, and what goes onto every one of them: style, margins, logarithmic axes, legends."""
+
+import io
+import re
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.text import Text
+from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation, NullFormatter
+
+from jointbayes.report.markup import SUPERSCRIPTS, clean
+
+__all__ = ["legend_above", "logarithmic", "panels", "room_for", "svg"]
+
+_POWER = re.compile(r"\^\{([-\d]+)\}")
+_BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
+_RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
+_STYLE: Any = {
+    "svg.fonttype": "path",
+    "text.parse_math": False,  # a label may be a user's, and dollars in it are dollars
+    "svg.hashsalt": "jointbayes",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+
+
+def svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
+    """SVG text of what `draw` puts on a canvas of so many inches."""
+    with rc_context(_STYLE):
+        canvas = Canvas(figsize=(width, height))
+        draw(canvas)
+        for axis in (axis for axes in canvas.axes for axis in (axes.xaxis, axes.yaxis)):
+            if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
+                axis.set_major_formatter(_in_characters(axis.get_major_formatter()))
+                axis.set_minor_formatter(_in_characters(axis.get_minor_formatter()))
+        for text in canvas.findobj(Text):
+            text.set_text(clean(text.get_text()))  # else a control character in a label breaks the drawing
+        buffer = io.StringIO()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)  # a box stands for it
+            canvas.savefig(buffer, format="svg", metadata={"Date": None})
+    # a hundredth of a point is finer than any page shows
+    return _BEYOND_HUNDREDTHS.sub("", clean(buffer.getvalue()))
+
+
+def _in_characters(formatter: Any) -> Formatter:  # noqa: ANN401 (matplotlib is untyped here)
+    """A formatter whose formulas, powers of ten, are written in characters."""
+    if not isinstance(formatter, LogFormatterSciNotation):
+        return formatter
+
+    def text(value: float, place: int | None) -> str:
+        formula = formatter(value, place).removeprefix("$\\mathdefault{").removesuffix("}$").replace("\\times", "×")
+        return _POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), formula)
+
+    shown = FuncFormatter(text)
+    shown.set_locs = formatter.set_locs  # type: ignore[method-assign]  # by which it decides what to label
+    return shown
+
+
+def panels(
+    canvas: Canvas,
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    left: float = 0.72,
+    bottom: float = 0.45,
+    top: float = 0.12,
+    apart: tuple[float, float] = (0.1, 0.1),
+    **options: Any,  # noqa: ANN401 (those of Figure.subplots)
+) -> Any:  # noqa: ANN401 (array of Axes, shape (rows, columns))
+    """Axes on a canvas, shape (rows, columns), with margins and room between rows and columns in inches.
+
+    Laid out by hand: a layout that looks for itself draws every figure a second time.
+    """
+    width, height = canvas.get_size_inches()
+    each = (height - bottom - top - (rows - 1) * apart[0]) / rows
+    wide = (width - left - _RIGHT - (columns - 1) * apart[1]) / columns
+    place = {"left": left / width, "right": 1 - _RIGHT / width, "bottom": bottom / height, "top": 1 - top / height}
+    room = {"hspace": apart[0] / each, "wspace": apart[1] / wide}
+    return canvas.subplots(rows, columns, squeeze=False, gridspec_kw=place | room, **options)
+
+
+def logarithmic(axes: Axes) -> None:
+    """Make the vertical axis logarithmic, its powers of ten written in characters: formulas take long to set."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(lambda value, _: "10" + f"{np.log10(value):.0f}".translate(SUPERSCRIPTS))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def room_for(labels: Sequence[str]) -> float:
+    """Left margin, inches, for labels of the vertical axis."""
+    return 0.3 + 0.07 * max(map(len, labels))
+
+
+def legend_above(axes: Axes) -> None:
+    """A legend in one line above the axes, which need a top margin of 0.3 inches."""
+    axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
