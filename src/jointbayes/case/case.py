@@ -221,6 +221,7 @@ def _build(
         noise, of_noise = noise_of(spec.noise, measurement)
         tell("prior")
         prior = prior_of(spec, recipe, measurement, of_noise)
+        prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
         tell("structure")
         problem = Problem(
             family_of(recipe, prior),
@@ -234,8 +235,6 @@ def _build(
         )
         require_lowest(stated, recipe, joint, measurement)
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
-        tell("prior")
-        prior.log_density(prior.mean[None])  # that there is a joint at all
     return Case(name, text, spec, problem, problem)
 
 
