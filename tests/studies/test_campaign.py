@@ -236,7 +236,7 @@ class TestDriver:
         index = pretend(tmp_path, rows)
         out = tmp_path / "out"
         found = kept_rows(out)
-        Index(out, [found["c0"]])._stream.close()
+        Index(out, [found["c0"]])
         lines = "".join(
             json.dumps(found[key], default=datetime.datetime.isoformat) + "\n" for key in ("c1", "c2")
         )  # fmt: skip
@@ -244,6 +244,11 @@ class TestDriver:
         assert pretend(tmp_path, rows).equals(index)
         assert [tries(tmp_path, f"c{i}") for i in range(4)] == [1, 1, 1, 2]
         assert not (out / LINES).exists()
+
+    def test_row_behind_a_torn_one_is_known_after_another_kill(self, tmp_path):
+        (tmp_path / LINES).write_text('{"key": "c0", "sta')
+        Index(tmp_path).add({"key": "c0", "status": "done", "order": 0, "date": None})
+        assert kept_rows(tmp_path).keys() == {"c0"}
 
     def test_index_that_is_written_now_and_then_loses_nothing(self, tmp_path, monkeypatch):
         monkeypatch.setattr("jointbayes.studies.campaign.index._APART", 0.0)

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ from jointbayes.inference import Problem
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.data_set import DRAWS, DataSet
+from jointbayes.studies.json_lines import append_line, read_lines
 
 __all__ = ["KEPT", "KeptDataSets", "fingerprint"]
 
@@ -45,34 +45,26 @@ class KeptDataSets:
 
     def __init__(self, directory: Path, head: Mapping[str, str], quantities: int) -> None:
         self._file, self.done = directory / KEPT, dict[int, DataSet]()
-        lines = self._file.read_bytes().split(b"\n") if self._file.exists() else []
-        found = _parsed(lines[0]) if lines else None
+        found, *rest = read_lines(self._file) or [None]
         if found is None:  # nothing there, or not even its first line whole
             directory.mkdir(parents=True, exist_ok=True)
-            self._file.write_text(json.dumps(dict(head)) + "\n", encoding="utf-8")
+            self._file.unlink(missing_ok=True)
+            append_line(self._file, dict(head))
             return
         if found != head:
             raise CaseError(
                 f"{self._file}: found data sets of another {_difference(found, head)}; expected those of this "
                 "calibration; choose another --out, or delete the directory"
             )
-        for line in lines[1:]:
-            one = _data_set(_parsed(line), quantities)
+        for line in rest:
+            one = _data_set(line, quantities)
             if one is not None:
                 self.done[one.index] = one
-        if lines[-1]:
-            self._append("")
 
     def add(self, one: DataSet) -> None:
         """Keep one more."""
-        self._append(json.dumps(asdict(one)))
+        append_line(self._file, asdict(one))
         self.done[one.index] = one
-
-    def _append(self, line: str) -> None:
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-            file.flush()
-            os.fsync(file.fileno())
 
 
 def fingerprint(
@@ -97,13 +89,6 @@ def _difference(found: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (wh
         return "kind"
     names = sorted(name for name in {*head, *found} if found.get(name) != head.get(name))
     return " and ".join(printable(name) for name in names[:_SHOWN]) + (" and more" if len(names) > _SHOWN else "")
-
-
-def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)
-    try:
-        return json.loads(line)
-    except ValueError:
-        return None
 
 
 def _data_set(found: Any, quantities: int) -> DataSet | None:  # noqa: ANN401 (any JSON)

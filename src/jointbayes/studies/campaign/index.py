@@ -5,15 +5,14 @@ last. The index is written anew, whole, now and then.
 """
 
 import datetime
-import json
-import os
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jointbayes.errors import MeasurementError, WriteError
+from jointbayes.errors import MeasurementError
 from jointbayes.studies.campaign.cases import INDEX
+from jointbayes.studies.json_lines import append_line, read_lines
 from jointbayes.whole_file import whole_file
 
 __all__ = ["FAILED", "KILLED", "LINES", "Index", "Row", "kept_rows"]
@@ -54,21 +53,14 @@ class Index:
         self._tables = [_as_table(list(rows))]  # a tenth of what the rows take as dictionaries
         self._new: list[Row] = []
         self.write()
-        self._stream = self._lines.open("ab")
 
     def add(self, row: Row) -> None:
         """Add the row of a case that has ended, and put it on the disk."""
-        line = json.dumps(row, ensure_ascii=False, default=datetime.datetime.isoformat)
-        try:
-            self._stream.write(line.encode() + b"\n")
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-        except OSError as error:
-            raise _unwritten(self._lines, error) from error
+        append_line(self._lines, row)
         self._new.append(row)
         if time.monotonic() - self._written > max(_APART, _SHARE * self._took):
             self.write()
-            self._stream.truncate(0)
+            self._lines.write_bytes(b"")
 
     def write(self) -> None:
         """Write the index, whole, in the order of the campaign's table."""
@@ -92,7 +84,6 @@ class Index:
     def close(self) -> None:
         """Write what is not written, and remove the lines, which say no more than the index."""
         self.write()
-        self._stream.close()
         self._lines.unlink(missing_ok=True)
 
 
@@ -116,12 +107,7 @@ def kept_rows(directory: Path) -> dict[str, Row]:
                 f"{directory / INDEX}: found no index of a campaign in it ({type(error).__name__}); expected the one "
                 "that was written there; remove it, and all cases are done again, or choose another --out"
             ) from error
-    if (directory / LINES).exists():
-        for line in (directory / LINES).read_bytes().splitlines():
-            try:
-                rows.append(json.loads(line))
-            except ValueError:
-                continue  # the process died as it wrote the last one: its case is done again
+    rows += read_lines(directory / LINES)  # of a line that was cut off the case is done again
     return {row["key"]: row for row in rows if isinstance(row, dict) and "key" in row and "status" in row}
 
 
@@ -142,10 +128,3 @@ def _kind(name: str) -> str:
 def _ready(row: Mapping[str, Any]) -> Row:
     date = row.get("date")
     return {**row, "date": datetime.datetime.fromisoformat(date) if isinstance(date, str) else date}
-
-
-def _unwritten(path: Path, error: OSError) -> WriteError:
-    return WriteError(
-        f"{path}: found that it cannot be written ({error.strerror or error}); expected a place with room; make room, "
-        "and start the campaign again: what is done is not done again"
-    )

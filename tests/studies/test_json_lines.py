@@ -1,0 +1,32 @@
+"""Lines of JSON survive whatever ends the process that writes them."""
+
+import datetime
+
+import pytest
+
+from jointbayes.errors import WriteError
+from jointbayes.studies.json_lines import append_line, read_lines
+
+
+def test_lines_read_back_as_they_were_and_dates_as_text(tmp_path):
+    assert read_lines(tmp_path / "lines") == []
+    append_line(tmp_path / "lines", {"a": [1.5, None], "name": "ü\udc9b\n"})
+    append_line(tmp_path / "lines", {"day": datetime.datetime(2026, 3, 31, 14, 5)})
+    first, second, end = read_lines(tmp_path / "lines")
+    assert first == {"a": [1.5, None], "name": "ü\udc9b\n"}
+    assert second == {"day": "2026-03-31T14:05:00"}
+    assert end is None
+
+
+def test_line_that_was_cut_off_takes_no_other_with_it(tmp_path):
+    append_line(tmp_path / "lines", {"i": 0})
+    for cut in (b'{"i": 1', b"\xff"):
+        with (tmp_path / "lines").open("ab") as stream:
+            stream.write(cut)
+        append_line(tmp_path / "lines", {"i": 2})
+    assert [line for line in read_lines(tmp_path / "lines") if line is not None] == [{"i": 0}, {"i": 2}, {"i": 2}]
+
+
+def test_line_that_cannot_be_written_is_an_error_in_a_line(tmp_path):
+    with pytest.raises(WriteError, match="expected a place with room"):
+        append_line(tmp_path / "missing" / "lines", {})
