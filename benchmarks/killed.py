@@ -3,7 +3,7 @@
 Every run is of the same small case, with a checkpoint after each block of steps, and is killed once or more: some after
 a random time, some at a random one of the calls that force to the disk, rename, remove or cut a file, just before it or
 just after. Then it is resumed until it ends by itself. Its posterior must be that of an undisturbed run bit for bit,
-every file readable, and nothing left beside the result. Most runs are children of one warm process, some the program
+every file readable, and nothing left beside the result. Most runs are forks of one warm process, some the program
 itself. The table goes into docs/resume.md.
 """
 
@@ -24,7 +24,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-import jointbayes.workflow  # noqa: F401  (children are forked with all of it loaded)
 from benchmarks.record import environment
 
 __all__ = ["main", "trials"]
@@ -94,7 +93,11 @@ def _attempt(kind: str, arguments: list[str], kill: Kill | None) -> int:
             process.kill()
             return process.wait()
     at_call = int(kill[1]) if kill and kill[0] == "call" else None
-    child = multiprocessing.get_context("fork").Process(target=_child, args=(arguments, at_call))
+    # forks of a process of its own that has loaded all and started no thread: a lock held by a thread of this one would
+    # stay held in its forks
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["benchmarks.killed", "jointbayes.workflow"])
+    child = context.Process(target=_child, args=(arguments, at_call))
     child.start()
     child.join(after)
     if child.is_alive():

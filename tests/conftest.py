@@ -1,5 +1,6 @@
 """The paper's beam and joint, and the cases of the repository."""
 
+import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,10 @@ from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
+
+# A shell's background job ignores interrupts, and whatever it starts would: the tests that send one could not see it.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)  # Table 1

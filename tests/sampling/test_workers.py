@@ -4,7 +4,6 @@ import dataclasses
 import multiprocessing
 import os
 import pickle
-import signal
 import subprocess
 import sys
 from functools import partial
@@ -132,8 +131,6 @@ def test_ctrl_c_ends_the_run_and_its_processes(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # a shell's background job ignores interrupts, and all that it starts would
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "running\n"
