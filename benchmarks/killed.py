@@ -30,7 +30,7 @@ __all__ = ["main", "trials"]
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "resume.md"
 CASE = Path(__file__).resolve().parents[1] / "configs" / "clamped_beam_frequencies_360mm.toml"
-SMALLER = (("elements = 10", "elements = 4"), ("walkers = 48", "walkers = 8"))
+SMALLER = (("elements = 10", "elements = 4"), ("walkers = 48", "walkers = 8"), ("max_steps = 20000", "max_steps = 500"))
 #: What a process may be killed at.
 CALLS = ("fsync", "replace", "rename", "unlink", "rmdir", "truncate")
 _MOST_CALLS = {"sample": 90, "run": 180}  # of them in a run, about

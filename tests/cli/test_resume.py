@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.sampling import UnfinishedRun
-from tests.conftest import cheap_frequencies_text
+from tests.conftest import cheap_frequencies_text, edited
 
 EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
 #: The command line; it sends itself a signal when the sampler has come so far, as a user or a batch system does.
@@ -44,7 +44,7 @@ def names(folder):
 def config(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "clamp.toml"
-    path.write_text(cheap_frequencies_text(), encoding="utf-8")
+    path.write_text(edited(cheap_frequencies_text(), ("max_steps = 20000", "max_steps = 300")), encoding="utf-8")
     return path
 
 
@@ -161,7 +161,7 @@ def test_too_little_room_is_found_before_any_work(config, tmp_path, monkeypatch)
 
 @pytest.mark.science
 def test_killed_runs_come_to_the_same_posterior_and_leave_nothing():
-    for command, kind, count in (("sample", "fork", 6), ("run", "fork", 3), ("sample", "program", 1)):
+    for command, kind, count in (("sample", "fork", 4), ("run", "fork", 2), ("sample", "program", 1)):
         found = trials(count, command, kind, 3)
         assert (found["identical"], found["unreadable"], found["with leftovers"]) == (count, 0, 0), found
 
