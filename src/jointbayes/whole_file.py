@@ -16,12 +16,24 @@ try:
 except ImportError:  # Windows: scraps are not swept, and whether another run is at work on a directory is not known
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["claimed", "exchanged", "scratch_directory", "swept", "sync_directory", "whole_file", "write_whole_file"]
+__all__ = [
+    "LOCK",
+    "alone_in",
+    "claimed",
+    "exchanged",
+    "scratch_directory",
+    "swept",
+    "sync_directory",
+    "whole_file",
+    "write_whole_file",
+]
 
 _LONGEST = 100  # characters of the target's name in that of its scratch file; names end at 255 bytes
 #: Names of what is being written; a process that is alive holds a lock on it.
 _SCRATCH = re.compile(r"\..*\.[0-9a-f]{8}\.jointbayes", re.DOTALL)
-_LOCK, _OLD = "lock", "old"
+#: Name of the file in a directory that is locked while a process is at work in it.
+LOCK = "lock"
+_OLD = "old"
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of Linux
 _swept: set[str] = set()  # directories in which this process has swept
 
@@ -97,7 +109,7 @@ def scratch_directory(target: Path) -> Iterator[Path]:
         except FileExistsError:
             continue
         with suppress(FileNotFoundError):  # another process has swept it before it was claimed
-            lock = claimed(scratch / _LOCK)
+            lock = claimed(scratch / LOCK)
             if lock is not None:
                 break
     try:
@@ -176,6 +188,28 @@ def claimed(path: Path, *, surely: bool = False) -> int | None:
         os.close(lock)  # whoever had it before has removed it meanwhile
 
 
+@contextmanager
+def alone_in(directory: Path) -> Iterator[None]:
+    """Keep other processes out of a directory; the lock ends with the process, however that ends.
+
+    Raises
+    ------
+    WriteError
+        If another one is at work there.
+    """
+    path = directory / LOCK
+    lock = claimed(path)
+    if lock is None:
+        raise WriteError(
+            f"{directory}: found another process at work in it; expected one at a time; wait, or choose another --out"
+        )
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(lock)
+
+
 def swept(folder: Path, *, once: bool = False) -> None:
     """Remove what processes that died while they wrote into a directory have left there.
 
@@ -211,7 +245,7 @@ def sync_directory(folder: Path) -> None:
 
 def _sweep(scrap: Path, *, is_directory: bool) -> None:
     if is_directory:
-        lock = claimed(scrap / _LOCK, surely=True)
+        lock = claimed(scrap / LOCK, surely=True)
     else:
         lock = os.open(scrap, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
         if not _locked(lock, surely=True):

@@ -12,13 +12,14 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, MeasurementError, ModelError
+from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteError
 from jointbayes.studies.calibration import calibrate as driver
 from jointbayes.studies.calibration import data_set
 from jointbayes.studies.calibration.data_set import DENSITY, DRAWS, DataSet, analyse
 from jointbayes.studies.calibration.kept import KEPT, KeptDataSets
 from jointbayes.studies.calibration.report import calibration_table, ranks_csv
 from jointbayes.studies.calibration.result import FALSE_ALARM, Calibration
+from jointbayes.whole_file import alone_in
 from tests.studies.calibration_cases import FREQUENCIES, Here, small_case, write_case
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
@@ -121,6 +122,12 @@ def test_data_sets_of_another_calibration_are_not_mixed_in(kept, options, part):
     with pytest.raises(CaseError, match=f"data sets of another .*{part}.*; expected"):
         calibrated(directory=kept[0], **options)
     assert (kept[0] / KEPT).read_bytes() == before
+
+
+def test_two_calibrations_in_one_directory_are_refused(kept):
+    with alone_in(kept[0]), pytest.raises(WriteError, match="found another process at work in it"):
+        calibrated(directory=kept[0])
+    assert not (kept[0] / "lock").exists()
 
 
 @pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"[1, 2]\n{}\n", b"{}\n", b'{"seed": 1}\nnull\n'])

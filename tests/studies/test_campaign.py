@@ -14,10 +14,11 @@ import jointbayes as jb
 from jointbayes.case.toml_writer import toml_text
 from jointbayes.cli.commands import main
 from jointbayes.studies.campaign.cases import INDEX
-from jointbayes.studies.campaign.directory import campaign_lock, require_campaign_directory
+from jointbayes.studies.campaign.directory import require_campaign_directory
 from jointbayes.studies.campaign.index import LINES, Index, kept_rows
 from jointbayes.studies.campaign.run import case_seed, run_cases
 from jointbayes.studies.campaign.table import read_cases
+from jointbayes.whole_file import alone_in
 from tests.conftest import CONFIGS
 from tests.studies.task_functions import pretend_case
 
@@ -301,17 +302,17 @@ class TestDirectory:
     @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
     def test_one_process_at_a_time(self, tmp_path):
         program = (
-            "import sys; from pathlib import Path; from jointbayes.studies.campaign.directory import campaign_lock\n"
-            "with campaign_lock(Path(sys.argv[1])): print('in', flush=True)"
+            "import sys; from pathlib import Path; from jointbayes.whole_file import alone_in\n"
+            "with alone_in(Path(sys.argv[1])): print('in', flush=True)"
         )
-        with campaign_lock(tmp_path):
+        with alone_in(tmp_path):
             ended = subprocess.run(
                 [sys.executable, "-c", program, tmp_path], capture_output=True, text=True, check=False,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             )  # fmt: skip
         assert "found another process at work in it" in ended.stderr
         assert not list(tmp_path.iterdir())
-        with campaign_lock(tmp_path):
+        with alone_in(tmp_path):
             pass
 
     def test_campaign_without_index_or_case_says_so(self, tmp_path):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jointbayes.case.case import Case
 from jointbayes.errors import ModelError
@@ -17,6 +17,7 @@ from jointbayes.studies.calibration.kept import KeptDataSets, fingerprint
 from jointbayes.studies.calibration.result import Calibration
 from jointbayes.studies.calibration.simulation import require_simulable
 from jointbayes.studies.tasks import run_tasks
+from jointbayes.whole_file import alone_in
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -95,6 +96,8 @@ def calibrate(
         If no data can be drawn from the likelihood, nothing is uncertain, or not one data set could be analysed.
     MeasurementError
         If the other case measures other things.
+    WriteError
+        If another process is at work in the directory.
 
     References
     ----------
@@ -104,23 +107,35 @@ def calibrate(
     if n < 1:
         raise ModelError(f"calibrate: found n = {n}; expected one data set at least; correct it")
     job = _job(case, data_from, settings, seed)
-    kept = None
-    if directory is not None:
+    engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
+    tell = progress or (lambda _progress: None)
+    if directory is None:
+        done = _done(job, n, None, tell, engine)
+    else:
+        target = Path(directory)
+        target.mkdir(parents=True, exist_ok=True)
         source = case if data_from is None else data_from
-        kept = KeptDataSets(Path(directory), fingerprint(case, source, job.settings, job.seed), len(job.names))
+        with alone_in(target):
+            kept = KeptDataSets(target, fingerprint(case, source, job.settings, job.seed), len(job.names))
+            done = _done(job, n, kept, tell, engine)
+    other = "" if job.source is job.analysis else job.source.name
+    return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)))
+
+
+def _done(
+    job: Job,
+    n: int,
+    kept: KeptDataSets | None,
+    tell: Callable[[CalibrationProgress], None],
+    engine: dict[str, Any],
+) -> dict[int, DataSet]:
+    """The first n data sets by number: those that are kept, and the others."""
     done = {} if kept is None else {i: one for i, one in kept.done.items() if i < n}
-    before, tell = len(done), progress or (lambda _progress: None)
+    before = len(done)
     tell(CalibrationProgress(before, before, n))
     packed = _packed(job)
     tasks = ((str(i), (packed, i)) for i in range(n) if i not in done)
-    for outcome in run_tasks(
-        analyse_packed,
-        tasks,
-        workers=workers,
-        scheduler=scheduler,
-        executor=executor,
-        preload=[analyse_packed.__module__],
-    ):
+    for outcome in run_tasks(analyse_packed, tasks, preload=[analyse_packed.__module__], **engine):
         i = int(outcome.key)
         if outcome.error is None:
             done[i] = outcome.value
@@ -129,8 +144,7 @@ def calibrate(
         else:  # not kept: a worker may have died of something else, and is given another chance next time
             done[i] = DataSet(i, 0.0, error=outcome.error)
         tell(CalibrationProgress(len(done), before, n))
-    other = "" if job.source is job.analysis else job.source.name
-    return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)))
+    return done
 
 
 def _job(

@@ -1,8 +1,6 @@
 """The directory of a campaign: what is in it, and who may write to it."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 from jointbayes.errors import CaseError, MeasurementError, WriteError
 from jointbayes.studies.campaign.cases import DONE, INDEX
 from jointbayes.studies.campaign.index import LINES
-from jointbayes.whole_file import claimed
+from jointbayes.whole_file import LOCK
 
 if TYPE_CHECKING:
     from jointbayes.posterior import Posterior
 
-__all__ = ["Campaign", "campaign_lock", "require_campaign_directory"]
+__all__ = ["Campaign", "require_campaign_directory"]
 
-_LOCK = "lock"
-_BEGUN = {_LOCK, "cases", LINES}  # what a campaign that was cut off before its first index may have left
+_BEGUN = {LOCK, "cases", LINES}  # what a campaign that was cut off before its first index may have left
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,25 +94,3 @@ def require_campaign_directory(directory: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise WriteError(f"{target}: found that it cannot be written ({error.strerror}); {remedy}") from error
     return target
-
-
-@contextmanager
-def campaign_lock(directory: Path) -> Iterator[None]:
-    """Keep other processes of this machine out of a campaign's directory; the lock ends with the process.
-
-    Raises
-    ------
-    WriteError
-        If another one is at work there.
-    """
-    path = directory / _LOCK
-    lock = claimed(path)
-    if lock is None:
-        raise WriteError(
-            f"{directory}: found another process at work in it; expected one at a time; wait, or choose another --out"
-        )
-    try:
-        yield
-    finally:
-        path.unlink(missing_ok=True)
-        os.close(lock)

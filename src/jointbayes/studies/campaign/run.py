@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import ModelError
 from jointbayes.studies.campaign.cases import DONE
-from jointbayes.studies.campaign.directory import Campaign, campaign_lock, require_campaign_directory
+from jointbayes.studies.campaign.directory import Campaign, require_campaign_directory
 from jointbayes.studies.campaign.index import FAILED, KILLED, Index, Row, kept_rows
 from jointbayes.studies.campaign.table import CampaignCase, read_cases
 from jointbayes.studies.campaign.work import CaseWork, do_case
 from jointbayes.studies.tasks import Outcome, run_tasks
-from jointbayes.whole_file import swept
+from jointbayes.whole_file import alone_in, swept
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -131,7 +131,7 @@ def campaign(
     target = require_campaign_directory(directory)
     if not draws > 0 or not 0 <= seed < 2**32:
         raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
-    with campaign_lock(target):
+    with alone_in(target):
         settings: dict[str, Any] = {
             "workers": workers,
             "executor": executor,
