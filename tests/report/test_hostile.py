@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import datetime
 import shutil
 import subprocess
 
@@ -12,13 +13,26 @@ import jointbayes as jb
 from jointbayes.measurement.channels import ChannelUse
 from jointbayes.measurement.provenance import MeasuredFile, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord
+from jointbayes.posterior.evidence import Evidence
+from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
+from jointbayes.studies.calibration.data_set import DataSet
+from jointbayes.studies.calibration.report import build_calibration_report
+from jointbayes.studies.calibration.result import Calibration
 from jointbayes.studies.campaign.report import write_campaign_report
+from jointbayes.studies.comparison.report import build_comparison_report
+from jointbayes.studies.comparison.result import Candidate, Comparison
+from jointbayes.studies.planning.case_candidates import candidates_of
+from jointbayes.studies.planning.first_look import Linearised
+from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
+from jointbayes.studies.planning.plan import Plan, PlannedMeasurement
+from jointbayes.studies.planning.report import build_plan_report
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
 from tests.studies.campaign_directory import campaign_directory, write_index
 
 pytestmark = pytest.mark.science
+DATE = datetime.date(2026, 1, 2)
 
 
 def hostile(posterior, text):
@@ -118,6 +132,39 @@ def test_a_hostile_campaign_runs_nothing_and_asks_for_nothing(tmp_path):
     with (directory / "joints.csv").open(encoding="utf-8", newline="") as table:
         serials = [row["serial"] for row in csv.DictReader(table)]
     assert serials == [f"'={text}"] * 12
+
+
+def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
+    with beacons() as (port, asked):
+        text = in_page(port)
+        stiffness, evidence = np.array([1e30, 0.0, 2e5]), Evidence(-3.0, 0.01, 0.2, text, 100, 50.0)
+        candidates = tuple(
+            Candidate(name, text, "rotation", ("k22",), stiffness, evidence, (), None, text) for name in (text, "b")
+        )
+        numbers = DataSet(0, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0)
+        failed = DataSet(1, 0.1, error=text)
+        now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
+        measured = tuple(
+            PlannedMeasurement((dataclasses.replace(one, name=text, words=text, position=text),),
+                               Linearised((text,), np.array([0.5])), Simulation((now,)))
+            for one in candidates_of(cheap_case)[:2]
+        )  # fmt: skip
+        for place, report in (
+            ("compare", build_comparison_report(Comparison(candidates, 1, text).summary(), DATE)),
+            (
+                "calibrate",
+                build_calibration_report(Calibration(text, text, 1, ("k11",), (numbers, failed)), text, DATE),
+            ),
+            ("plan", build_plan_report(Plan(text, text, 1, "k12", now, measured, False, text).summary(), DATE)),
+        ):
+            path = tmp_path / f"{place}.html"
+            path.write_text(render_html(report), encoding="utf-8")
+            render_pdf(report)
+            page, said = opened(path, tmp_path)
+            assert 'id="pwned"' not in page, place
+            assert (asked, said) == ([], ""), place
+            assert "{{7*7}}" in page, place
+            assert "\u202e" not in page, place
 
 
 def test_the_browser_would_show_a_script_that_runs(tmp_path):

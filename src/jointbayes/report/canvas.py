@@ -15,10 +15,11 @@ from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation,
 
 from jointbayes.report.markup import SUPERSCRIPTS, clean
 
-__all__ = ["legend_above", "logarithmic", "panels", "room_for", "svg"]
+__all__ = ["legend_above", "logarithmic", "margin_labels", "panels", "svg"]
 
 _POWER = re.compile(r"\^\{([-\d]+)\}")
 _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
+_LONGEST = 40  # characters of a label on the vertical axis
 _RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
 _STYLE: Any = {
     "svg.fonttype": "path",
@@ -98,9 +99,11 @@ def logarithmic(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def room_for(labels: Sequence[str]) -> float:
-    """Left margin, inches, for labels of the vertical axis."""
-    return 0.3 + 0.07 * max(map(len, labels))
+def margin_labels(labels: Sequence[str]) -> tuple[list[str], float]:
+    """Labels of the vertical axis, long ones cut in the middle, and the left margin that they need in inches."""
+    half = _LONGEST // 2
+    short = [one if len(one) <= _LONGEST else f"{one[: half - 1]}…{one[-half:]}" for one in labels]
+    return short, 0.3 + 0.07 * max(map(len, short))
 
 
 def legend_above(axes: Axes) -> None:

@@ -12,7 +12,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from jointbayes.report.canvas import legend_above, panels, room_for, svg
+from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.format import number
 from jointbayes.report.markup import format_numbers
 from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
@@ -165,8 +165,8 @@ def ranking_figure(quantity: ChartedQuantity, labels: Sequence[str]) -> str:
         return _ranked_curve(quantity, ends)
 
     def draw(canvas: Canvas) -> None:
-        named = [labels[i] if len(labels[i]) <= 24 else f"{labels[i][:23]}…" for i in order]
-        axes = panels(canvas, left=room_for(named))[0, 0]
+        named, margin = margin_labels([labels[i] for i in order])
+        axes = panels(canvas, left=margin)[0, 0]
         place = np.arange(len(order))
         axes.hlines(place, ends[:, 0], ends[:, 2], color=_BLUE, lw=1.2)
         axes.plot(ends[:, 1], place, "o", ms=4, color=_BLUE)

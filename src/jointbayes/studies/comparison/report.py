@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.joint import STIFFNESS_NAMES, STIFFNESSES
 from jointbayes.posterior.evidence import PARETO_LIMIT
-from jointbayes.report.canvas import panels, room_for, svg
+from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.format import number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table
@@ -138,7 +138,8 @@ def _evidences(labels: Sequence[str], log_z: NDArray[np.float64], error: NDArray
     """
 
     def draw(canvas: Canvas) -> None:
-        axes = panels(canvas, left=room_for(labels), top=0.3)[0, 0]
+        short, margin = margin_labels(labels)
+        axes = panels(canvas, left=margin, top=0.3)[0, 0]
         blue, orange = SERIES_COLOURS[:2]
         best, place = log_z.max(), np.arange(log_z.size)
         seen = log_z >= best - _REACH
@@ -153,7 +154,7 @@ def _evidences(labels: Sequence[str], log_z: NDArray[np.float64], error: NDArray
             axes.annotate(f"{end:g}", (best - end / 2, 1.0), xycoords=("data", "axes fraction"), ha="center",
                           va="bottom", fontsize=8, color="0.4")  # fmt: skip
         axes.set_xlim(best - 1.05 * _REACH, best + 0.08 * _REACH)
-        axes.set_yticks(place, list(labels))
+        axes.set_yticks(place, short)
         axes.set_ylim(log_z.size - 0.5, -0.5)
         axes.set_xlabel("ln Z; dashed: 2 ln B against the best")
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.information.directions import spread_in_words
-from jointbayes.report.canvas import legend_above, panels, room_for, svg
+from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.format import number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
@@ -111,8 +111,8 @@ def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
     """One line for each measurement, best on top, on a logarithmic axis."""
 
     def draw(canvas: Canvas) -> None:
-        labels = [" + ".join(e["names"]) for e in entries]
-        axes = panels(canvas, left=room_for(labels), top=0.3)[0, 0]
+        labels, margin = margin_labels([" + ".join(e["names"]) for e in entries])
+        axes = panels(canvas, left=margin, top=0.3)[0, 0]
         place = np.arange(len(entries))[::-1]
         colour = SERIES_COLOURS[0]
         for y, entry in zip(place, entries, strict=True):
