@@ -56,7 +56,7 @@ def write_table(path: Path, n: int, cheap: bool = False) -> Path:
 
 
 class Killer(threading.Thread):
-    """Kills a worker picked at random: every so many seconds, or each time that so many more cases are done."""
+    """Kills a worker: one at random every so many seconds, or the oldest each time that so many more cases are done."""
 
     def __init__(self, workers: Callable[[], list[int]], seconds: float | None, cases: int | None) -> None:
         super().__init__(daemon=True)
@@ -75,8 +75,11 @@ class Killer(threading.Thread):
             self._kill()
 
     def _kill(self) -> None:
-        with suppress(IndexError, ProcessLookupError, psutil.NoSuchProcess):
-            psutil.Process(self._rng.choice(self._workers())).send_signal(signal.SIGKILL)
+        with suppress(IndexError, ValueError, ProcessLookupError, psutil.NoSuchProcess):
+            found = [psutil.Process(pid) for pid in self._workers()]
+            if self._cases is not None:  # kills so close: the newest may be at the case that the last one interrupted
+                found = [min(found, key=psutil.Process.create_time)]
+            self._rng.choice(found).send_signal(signal.SIGKILL)
             self.kills += 1
 
     def stop(self) -> None:
