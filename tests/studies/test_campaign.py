@@ -1,3 +1,4 @@
+import dataclasses
 import datetime
 import json
 import os
@@ -18,6 +19,7 @@ from jointbayes.studies.campaign.directory import require_campaign_directory
 from jointbayes.studies.campaign.index import LINES, Index, kept_rows
 from jointbayes.studies.campaign.run import case_seed, run_cases
 from jointbayes.studies.campaign.table import read_cases
+from jointbayes.studies.campaign.work import CaseWork, do_case
 from jointbayes.whole_file import alone_in
 from tests.conftest import CONFIGS
 from tests.studies.task_functions import pretend_case
@@ -346,12 +348,25 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
     assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
     campaign = jb.Campaign(tmp_path / "out")
     (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]
-    alone = jb.sample(jb.case_from_text("b", case.read()[0]), seed=case_seed(1, "b"))
+    whole = jb.case_from_text("b", case.read()[0])
+    alone = jb.sample(whole, seed=case_seed(1, "b"), settings=whole.sampler.for_one_of_many())
     brief, row = alone.brief(), campaign.index.loc["b"]
     assert {name: row[name] for name in brief} == brief
     kept = campaign.posterior("b")
     assert np.array_equal(kept.theta, alone.with_fewer_draws(4000).theta)
     assert kept.record.case_name == "b"
+
+
+def test_full_campaign_samples_as_long_as_a_run(tmp_path):
+    (case,) = read_cases([table_of(tmp_path, SMALL)], BASE)[:1]
+    whole = jb.case_from_text(case.key, case.read()[0])
+    few = CaseWork(case.key, whole.text, str(CONFIGS), 7, str(tmp_path / "few.nc"), 10**6)
+    full = dataclasses.replace(few, file=str(tmp_path / "full.nc"), full=True)
+    do_case(few)
+    do_case(full)
+    alone = jb.sample(whole, seed=7)
+    assert jb.load_posterior(full.file).theta.tobytes() == alone.theta.tobytes()
+    assert len(jb.load_posterior(few.file).theta) < len(alone.theta)
 
 
 def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(tmp_path):

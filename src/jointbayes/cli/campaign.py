@@ -37,6 +37,7 @@ _LINES_APART = 30.0  # seconds between two lines where there is no terminal
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of the campaign; by default 1.")
 @click.option("--draws", type=click.IntRange(200), default=4000, help="Draws kept of each case; by default 4000.")
+@click.option("--full", is_flag=True, help="Sample each case as long as `run` does, not only for 4000 effective draws.")
 @click.option("--limit", "seconds", type=click.FloatRange(min=0, min_open=True), help="Longest time for a case, s.")
 @outside_option
 @click.option("--again", is_flag=True, help="Try cases again that killed their workers.")
@@ -48,6 +49,7 @@ def campaign(
     scheduler: str | None,
     seed: int,
     draws: int,
+    full: bool,
     seconds: float | None,
     again: bool,
 ) -> None:
@@ -67,8 +69,8 @@ def campaign(
             progress(now)
 
         ended = sample_all(
-            cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, seconds=seconds,
-            again=again, progress=tell, allow_outside=outside_allowed(),
+            cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, full=full,
+            seconds=seconds, again=again, progress=tell, allow_outside=outside_allowed(),
         )  # fmt: skip
     _write_report(ended)
     _exit_by(ended)

@@ -100,7 +100,9 @@ def plan(
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes; by default one for each processor.")
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
-@click.option("--full", is_flag=True, help="Sample each data set as long as `run` does, not only enough for ranks.")
+@click.option(
+    "--full", is_flag=True, help="Sample each data set as long as `run` does, not only for 4000 effective draws."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/NAME-calibration.")
 @seed_option
 def calibrate(

@@ -22,11 +22,7 @@ from jointbayes.whole_file import alone_in
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["CalibrationProgress", "calibrate", "enough_for_ranks"]
-
-#: As a case's run, but ending with some 4000 effective draws, where a run asks for ends of intervals known to 2 %:
-#: far more than the 63 among which a truth is ranked need.
-_ENOUGH = {"check_every": 25, "tau_factor": 20.0, "tau_tolerance": 0.05, "end_tolerance": 0.05}
+__all__ = ["CalibrationProgress", "calibrate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +32,6 @@ class CalibrationProgress:
     done: int
     before: int
     count: int
-
-
-def enough_for_ranks(settings: SamplerSettings) -> SamplerSettings:
-    """The settings of a case with a stop rule that asks for as many draws as ranks need: half of the time or less."""
-    return replace(settings, processes=1, **_ENOUGH)  # type: ignore[arg-type]  # each of its own type
 
 
 def calibrate(
@@ -75,7 +66,7 @@ def calibrate(
         Another case, or problem, that is measured alike: truths and data are its own, and `case` analyses them. So it
         shows what an analysis is worth where another model is the right one.
     settings
-        Of the sampler; by default the case's with `enough_for_ranks`.
+        Of the sampler; by default `SamplerSettings.for_one_of_many` of the case's: truths are ranked among 63 draws.
     directory
         Where data sets that are done are kept: a calibration that was cut off goes on where it was. By default nowhere.
     workers, scheduler, executor
@@ -156,7 +147,7 @@ def _job(
     # without what was computed from them so far, which every worker would be sent
     analysis = replace(analysis)
     source = analysis if data_from is None else replace(source)
-    job = Job(analysis, source, settings or enough_for_ranks(sampler), own_seed if seed is None else seed)
+    job = Job(analysis, source, settings or sampler.for_one_of_many(), own_seed if seed is None else seed)
     if not set(job.names) - {DENSITY}:
         raise ModelError(
             f"calibrate: found no quantity that {analysis.name} leaves open{'' if data_from is None else ' in both'}; "

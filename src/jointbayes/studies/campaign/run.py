@@ -80,6 +80,7 @@ def campaign(
     scheduler: "str | Client | None" = None,
     seed: int = 1,
     draws: int = 4000,
+    full: bool = False,
     seconds: float | None = None,
     again: bool = False,
     allow_outside: bool = False,
@@ -108,6 +109,8 @@ def campaign(
         Of the campaign; each case has one of its own from this and its key. A row's ``sampling.seed`` goes before.
     draws
         Draws kept in each file at most; the index is of all draws.
+    full
+        Sample each case as long as a run of its own does, see `SamplerSettings.for_one_of_many`.
     seconds
         Longest time for a case; one that takes longer counts as one that killed its worker.
     again
@@ -139,8 +142,8 @@ def campaign(
             "seconds": seconds,
         }
         run_cases(
-            found, target, seed=seed, draws=draws, again=again, allow_outside=allow_outside, progress=progress,
-            **settings,
+            found, target, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
+            progress=progress, **settings,
         )  # fmt: skip
     return Campaign(target)
 
@@ -152,6 +155,7 @@ def run_cases(
     seed: int,
     draws: int,
     again: bool,
+    full: bool = False,
     progress: Callable[[CampaignProgress], None],
     allow_outside: bool = False,
     do: Callable[[CaseWork], Row] = do_case,
@@ -169,7 +173,7 @@ def run_cases(
         row = earlier.get(case.key)
         if row is not None and (row["status"] == DONE or (row["status"] == KILLED and not again)):
             text, files, of_seed = _content(case, seed)
-            if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws) and _has_file(directory, row):
+            if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws, full) and _has_file(directory, row):
                 kept[case.key] = {**row, "order": case.order, "serial": case.serial, "date": case.date}
     tries = {key: int(row.get("attempts") or 0) for key, row in earlier.items() if row["status"] != DONE}
     index = Index(directory, kept.values())
@@ -177,7 +181,7 @@ def run_cases(
     by_key = {case.key: case for case in cases if case.key not in kept}
     del kept, earlier
     marks: dict[str, tuple[str, int]] = {}  # fingerprint and seed of each case under way
-    tasks = _tasks(tuple(by_key.values()), directory, seed, draws, marks, allow_outside)
+    tasks = _tasks(tuple(by_key.values()), directory, seed, draws, full, marks, allow_outside)
     try:
         outcomes = run_tasks(do, tasks, watch=count.running, preload=_PRELOAD, **workers)
         with closing(outcomes):  # type: ignore[type-var]  # a generator
@@ -198,8 +202,8 @@ def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]
     return text, case.files(spec), spec.sampling.seed if own else case_seed(seed, case.key)
 
 
-def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int) -> str:
-    return CampaignCase.fingerprint(text, files, _FORM, version("jointbayes"), seed, draws)
+def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int, full: bool) -> str:
+    return CampaignCase.fingerprint(text, files, _FORM, version("jointbayes"), seed, draws, full)
 
 
 def _has_file(directory: Path, row: Row) -> bool:
@@ -211,15 +215,16 @@ def _tasks(
     directory: Path,
     seed: int,
     draws: int,
+    full: bool,
     marks: dict[str, tuple[str, int]],
     allow_outside: bool,
 ) -> Iterator[tuple[str, tuple[CaseWork]]]:
     for case in cases:
         text, files, of_seed = _content(case, seed)
-        marks[case.key] = _fingerprint(text, files, of_seed, draws), of_seed
+        marks[case.key] = _fingerprint(text, files, of_seed, draws, full), of_seed
         file = str((directory / "cases" / f"{case.key}.nc").absolute())
         home = str(case.path.absolute().parent)
-        yield case.key, (CaseWork(case.key, text, home, of_seed, file, draws, allow_outside),)
+        yield case.key, (CaseWork(case.key, text, home, of_seed, file, draws, allow_outside, full),)
 
 
 def _row(case: CampaignCase, outcome: Outcome, directory: Path, seed: int) -> Row:

@@ -29,6 +29,8 @@ class CaseWork:
         Draws to keep in it at most.
     allow_outside
         Whether its measurement files may lie outside that directory.
+    full
+        Whether to sample it as long as a run of its own.
     """
 
     key: str
@@ -38,6 +40,7 @@ class CaseWork:
     file: str
     draws: int
     allow_outside: bool = False
+    full: bool = False
 
 
 def do_case(work: CaseWork) -> dict[str, Cell]:
@@ -56,7 +59,8 @@ def do_case(work: CaseWork) -> dict[str, Cell]:
     begin = time.monotonic()
     case = case_from_text(work.key, work.text, directory=work.directory, allow_outside=work.allow_outside)
     # the cases are what is spread over processes; the draws are the same
-    posterior = sample(case, work.seed, settings=replace(case.sampler, processes=1))
+    settings = replace(case.sampler, processes=1) if work.full else case.sampler.for_one_of_many()
+    posterior = sample(case, work.seed, settings=settings)
     row = posterior.brief()
     posterior.with_fewer_draws(work.draws).save(Path(work.file))
     return {"seconds": time.monotonic() - begin, **row}
