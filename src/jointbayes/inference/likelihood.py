@@ -187,7 +187,8 @@ class FrfLikelihood(Likelihood):
         """Scores of the noise model, shape (batch, m)."""
         # E|z|² = 1 of a complex residual, half of it in each part
         scores = self.noise.scores(self.standardised(stiffness, factors), self.hyper(factors))
-        white = columns_of(scores, 2 if self.kind == "complex" else 1).reshape(len(scores), -1)
+        white = columns_of(scores, 2 if self.kind == "complex" else 1)
+        white = white.reshape(len(scores), math.prod(white.shape[1:]))  # also of no joint at all
         white *= math.sqrt(2)
         return white
 
