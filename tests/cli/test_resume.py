@@ -162,13 +162,13 @@ def test_too_little_room_is_found_before_any_work(config, tmp_path, monkeypatch)
 def test_killed_runs_come_to_the_same_posterior_and_leave_nothing():
     # a process of its own: the runs are forks of it, and this one has threads
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.killed", "--count", "8", "--seed", "3", "--no-page"],
+        [sys.executable, "-m", "benchmarks.killed", "--count", "4", "--seed", "3", "--no-page"],
         cwd=CONFIGS.parent, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     *_, last = done.stdout.split("| all ")
     runs, _by_time, _at_call, *rest = (int(cell) for cell in last.strip(" |\n").split("|"))
-    assert (runs, rest) == (8, [8, 0, 0])
+    assert (runs, rest) == (4, [4, 0, 0])
 
 
 @pytest.mark.science
