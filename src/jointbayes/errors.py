@@ -20,15 +20,15 @@ __all__ = [
     "WorkerError",
     "WriteError",
     "printable",
-    "why_unreadable",
+    "path_fault",
 ]
 
 #: What `str.isspace` is true of and a terminal does not show as a blank.
 _NO_BLANKS = "\t\n\v\f\r\x1c\x1d\x1e\x1f\x85\u2028\u2029"
 
 
-def why_unreadable(error: OSError | ValueError) -> str:
-    """Why a path could not be opened; a path with a null byte is a ValueError, which every Python words otherwise."""
+def path_fault(error: OSError | ValueError) -> str:
+    """What is wrong with a path; a null byte in it is a ValueError, which every Python words otherwise."""
     return (error.strerror or str(error)) if isinstance(error, OSError) else "embedded null byte"
 
 

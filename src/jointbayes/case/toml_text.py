@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jointbayes.errors import CaseError, why_unreadable
+from jointbayes.errors import CaseError, path_fault
 
 __all__ = ["KeyPath", "fault_line", "fault_start", "key_lines", "line_of", "parse_toml", "read_text", "similar"]
 
@@ -234,5 +234,5 @@ def read_text(path: str | os.PathLike[str]) -> str:
         line = error.object.count(b"\n", 0, error.start) + 1
         found, remedy = "not UTF-8 text", "save the file as UTF-8"
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        found, remedy = f"cannot be read ({why_unreadable(error)})", "check the path and its permissions"
+        found, remedy = f"cannot be read ({path_fault(error)})", "check the path and its permissions"
     raise CaseError(fault_line(name, line, "file", found, "expected a case file in TOML, UTF-8", remedy))

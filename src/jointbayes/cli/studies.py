@@ -121,8 +121,6 @@ def calibrate(
     """
     case = load(config)
     source = load(data_from) if data_from is not None else None
-    from dataclasses import replace
-
     from jointbayes.report.run_directory import require_writable
     from jointbayes.studies.calibration.calibrate import calibrate as judged
     from jointbayes.studies.calibration.directory import CALIBRATION_MARK, write_calibration
@@ -141,7 +139,7 @@ def calibrate(
         count,
         seed=seed,
         data_from=source,
-        settings=replace(case.sampler, processes=1) if full else None,
+        settings=case.sampler.for_one_of_many(full=full),
         directory=directory,
         workers=workers,
         scheduler=scheduler,

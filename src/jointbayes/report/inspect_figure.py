@@ -1,6 +1,5 @@
 """Quick look at measured FRFs and hits: magnitude, phase, coherence, and each hit's force."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,9 +59,7 @@ def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hit
             grid = canvas.add_gridspec(rows, _HITS_IN_A_ROW, hspace=0.7, wspace=0.3, **place)
             _draw_hits(grid.subplots(squeeze=False), drawn)
 
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)  # of labels in any script
-        return svg(draw, 7.4, height)
+    return svg(draw, 7.4, height)
 
 
 def _draw_frfs(panels: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode]) -> None:  # noqa: ANN401 (array)

@@ -81,13 +81,16 @@ class SamplerSettings:
         self._require_between("r_hat_max", 1.0, math.inf)
         self._require_between("end_tolerance", 0.0, math.inf)
 
-    def for_one_of_many(self) -> "SamplerSettings":
+    def for_one_of_many(self, *, full: bool = False) -> "SamplerSettings":
         """The same for one of many analyses, on one process: a stop rule that asks for some 4000 effective draws.
 
         The ends of a 95 % credible interval are then known to 5 % of its half width, where a run of its own asks for
-        2 %; it takes half of the time or less.
+        2 %; it takes half of the time or less. With `full` the stop rule stays that of a run of its own.
         """
-        return replace(self, processes=1, check_every=25, tau_factor=20.0, tau_tolerance=0.05, end_tolerance=0.05)
+        alone = replace(self, processes=1)
+        if full:
+            return alone
+        return replace(alone, check_every=25, tau_factor=20.0, tau_tolerance=0.05, end_tolerance=0.05)
 
     def require_dimension(self, dimension: int) -> None:
         """Check that the walkers are enough for a density of this many parameters.

@@ -5,7 +5,7 @@ import stat
 import zipfile
 from pathlib import Path
 
-from jointbayes.errors import MeasurementError, why_unreadable
+from jointbayes.errors import MeasurementError, path_fault
 from jointbayes.measurement.formats.limits import MOST_BYTES
 
 __all__ = ["detect_format"]
@@ -66,7 +66,7 @@ def _head(path: Path) -> bytes:
     except FileNotFoundError:
         raise MeasurementError(f"{path}: found no such file; {expected}") from None
     except (OSError, ValueError) as error:  # of other kinds, and a NUL in the path
-        reason = why_unreadable(error)
+        reason = path_fault(error)
         raise MeasurementError(f"{str(path)[:300]}: found that it cannot be read ({reason}); {expected}") from None
 
 

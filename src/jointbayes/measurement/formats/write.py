@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from jointbayes.errors import MeasurementError, WriteError
+from jointbayes.errors import MeasurementError, WriteError, path_fault
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.formats.arrays.layout import arrays_of
 from jointbayes.measurement.formats.arrays.write import write_hdf5, write_mat73, write_matlab, write_npz
@@ -101,7 +101,7 @@ def _require_possible(path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         return
     except (OSError, ValueError) as error:  # too long, and a NUL in it
-        reason = getattr(error, "strerror", None) or error
+        reason = path_fault(error)
         raise WriteError(
             f"{str(path)[:300]}: found that it cannot be written ({reason}); expected the path of a file; correct it"
         ) from None

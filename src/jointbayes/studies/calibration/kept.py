@@ -31,7 +31,7 @@ class KeptDataSets:
     Parameters
     ----------
     directory
-        Where it is, or is to be.
+        In which it is, or is to be.
     head
         What all data sets have in common, as `fingerprint` has it.
     quantities
@@ -47,7 +47,6 @@ class KeptDataSets:
         self._file, self.done = directory / KEPT, dict[int, DataSet]()
         found, *rest = read_lines(self._file) or [None]
         if found is None:  # nothing there, or not even its first line whole
-            directory.mkdir(parents=True, exist_ok=True)
             self._file.unlink(missing_ok=True)
             append_line(self._file, dict(head))
             return

@@ -14,7 +14,7 @@ from jointbayes.case.files import require_inside
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.toml_text import read_text, similar
-from jointbayes.errors import CaseError, why_unreadable
+from jointbayes.errors import CaseError, path_fault
 from jointbayes.studies.campaign.overrides import read_base
 
 __all__ = ["CampaignCase", "read_cases"]
@@ -185,7 +185,7 @@ def _cells(table: Path) -> Iterator[tuple[int, list[str]]]:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise CaseError(f"{table}:{line}: found no UTF-8 text; expected a table in CSV; save it as UTF-8") from None
     except (OSError, ValueError) as error:
-        reason = why_unreadable(error)
+        reason = path_fault(error)
         raise CaseError(f"{table}: found that it cannot be read ({reason}); expected a table in CSV") from None
     first = text.split("\n", 1)[0]
     separator = max(",;\t", key=first.count)

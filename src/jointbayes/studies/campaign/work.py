@@ -1,7 +1,7 @@
 """What a worker does for one case: sample, judge, write one file, return one row."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from jointbayes.posterior.brief import Cell
@@ -59,8 +59,7 @@ def do_case(work: CaseWork) -> dict[str, Cell]:
     begin = time.monotonic()
     case = case_from_text(work.key, work.text, directory=work.directory, allow_outside=work.allow_outside)
     # the cases are what is spread over processes; the draws are the same
-    settings = replace(case.sampler, processes=1) if work.full else case.sampler.for_one_of_many()
-    posterior = sample(case, work.seed, settings=settings)
+    posterior = sample(case, work.seed, settings=case.sampler.for_one_of_many(full=work.full))
     row = posterior.brief()
     posterior.with_fewer_draws(work.draws).save(Path(work.file))
     return {"seconds": time.monotonic() - begin, **row}
