@@ -20,7 +20,7 @@ from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
 
-__all__ = ["DIRECTIONS", "BeamMaterial", "beam", "bending_element"]
+__all__ = ["DIRECTIONS", "BeamMaterial", "beam", "bending_element", "spatial_element"]
 
 #: Directions of the DOFs of a node, by their number.
 DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
@@ -174,6 +174,10 @@ def beam(
     return Structure(stiffness, mass, damping, dofs)
 
 
+#: Rows of (x, y, z, rx, ry, rz) at both ends of the two-node element that a beam of so many DOFs per node has.
+_ROWS = {2: (1, 5, 7, 11), 5: (0, 1, 2, 4, 5, 6, 7, 8, 10, 11)}
+
+
 def _element(
     length: float,
     section: Section,
@@ -183,24 +187,53 @@ def _element(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Element matrices, shape (2 dofs_per_node, 2 dofs_per_node)."""
     cowper_y, cowper_z = section.shear_coefficient(material.poissons_ratio)
-    kappa_y = shear_coefficient or cowper_y
-    kappa_z = shear_coefficient or cowper_z
-    in_plane = bending_element(length, material, section.area, section.inertia_z, kappa_y)
-    if dofs_per_node == 2:
-        return in_plane
-    out_of_plane = bending_element(length, material, section.area, section.inertia_y, kappa_z)
+    whole = spatial_element(length, section, material, shear_coefficient or cowper_y, shear_coefficient or cowper_z)
+    rows = np.ix_(_ROWS[dofs_per_node], _ROWS[dofs_per_node])
+    stiffness, mass = (matrix[rows] for matrix in whole)
+    return stiffness, mass
+
+
+def spatial_element(
+    length: float, section: Section, material: BeamMaterial, along_y: float, along_z: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The paper's two-node element with its torsion, DOFs (x, y, z, rx, ry, rz) at either end.
+
+    Parameters
+    ----------
+    length
+        Element length, m.
+    section, material
+        Cross-section and material.
+    along_y, along_z
+        Shear coefficients κ.
+
+    Returns
+    -------
+    stiffness, mass : ndarray, shape (12, 12), consistent
+
+    References
+    ----------
+    Przemieniecki (1968), sec. 5.6 and 11.5
+    """
+    in_plane = bending_element(length, material, section.area, section.inertia_z, along_y)
+    out_of_plane = bending_element(length, material, section.area, section.inertia_y, along_z)
     rod = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([[2.0, 1.0], [1.0, 2.0]])
     axial = (
         material.youngs_modulus * section.area / length * rod[0],
         material.density * section.area * length / 6 * rod[1],
     )
-    # rows of (x, y, z, ry, rz) at both nodes that each part acts on; ry = -∂w/∂x turns the sign of the slope
+    twist = (
+        material.shear_modulus * (section.torsion or 0.0) / length * rod[0],
+        material.density * (section.inertia_y + section.inertia_z) * length / 6 * rod[1],
+    )
+    # ry = -∂w/∂x turns the sign of the slope
     sign = np.diag([1.0, -1.0, 1.0, -1.0])
     out = []
-    for along, xy, xz in zip(axial, in_plane, out_of_plane, strict=True):
-        full = np.zeros((10, 10))
-        full[np.ix_([0, 5], [0, 5])] = along
-        full[np.ix_([1, 4, 6, 9], [1, 4, 6, 9])] = xy
-        full[np.ix_([2, 3, 7, 8], [2, 3, 7, 8])] = sign @ xz @ sign
+    for along, about, xy, xz in zip(axial, twist, in_plane, out_of_plane, strict=True):
+        full = np.zeros((12, 12))
+        full[np.ix_([0, 6], [0, 6])] = along
+        full[np.ix_([3, 9], [3, 9])] = about
+        full[np.ix_([1, 5, 7, 11], [1, 5, 7, 11])] = xy
+        full[np.ix_([2, 4, 8, 10], [2, 4, 8, 10])] = sign @ xz @ sign
         out.append(full)
     return out[0], out[1]

@@ -15,9 +15,9 @@ SIAM Journal on Numerical Analysis 42(2), 553-575. DOI 10.1137/S0036142903423460
 import bisect
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -32,7 +32,10 @@ __all__ = [
     "Span",
     "bar_matrices",
     "beam_matrices",
+    "cheapest_elements",
+    "condensed_to_ends",
     "element_error",
+    "element_points",
     "node_positions",
     "spans_between",
 ]
@@ -95,6 +98,11 @@ def _reference(order: int) -> tuple[Array, Array, Array, Array]:
         2 * (slope * weighted).T @ slope,
         (slope * weighted).T @ value,
     )
+
+
+def element_points(order: int) -> Array:
+    """Nodes of an element of unit length, shape (p + 1,)."""
+    return _reference(order)[0]
 
 
 def _bending_element(length: float, order: int, plane: BeamPlane) -> tuple[Array, Array]:
@@ -169,9 +177,16 @@ def _condensed(length: float, order: int, plane: BeamPlane, omega: float) -> Arr
     stiffness, mass = _bending_element(length, order, plane)
     scale = np.tile([1.0, 1 / length], order + 1)
     dynamic = (stiffness + omega**2 * mass) * np.outer(scale, scale)
-    order_of = np.r_[0, 1, 2 * order, 2 * order + 1, 2 : 2 * order]  # the ends first
+    return condensed_to_ends(dynamic, 2)
+
+
+def condensed_to_ends(dynamic: Array, per_node: int) -> Array:
+    """An element's dynamic stiffness seen from its two end nodes, shape (2 per_node, 2 per_node)."""
+    last, ends = len(dynamic) - per_node, 2 * per_node
+    order_of = np.r_[:per_node, last : last + per_node, per_node:last]  # the ends first
     sorted_: Array = dynamic[order_of][:, order_of]
-    condensed: Array = sorted_[:4, :4] - sorted_[:4, 4:] @ np.linalg.solve(sorted_[4:, 4:], sorted_[4:, :4])
+    inner = sorted_[ends:, ends:]
+    condensed: Array = sorted_[:ends, :ends] - sorted_[:ends, ends:] @ np.linalg.solve(inner, sorted_[ends:, :ends])
     return (condensed + condensed.T) / 2
 
 
@@ -214,6 +229,18 @@ def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share:
     def accurate(elements: int, order: int) -> bool:
         return max(element_error(length / elements, order, plane, omega, share) for plane in planes) <= enough
 
+    best = cheapest_elements(accurate)
+    if best is None:
+        raise ModelError(
+            f"beam: found a frequency of {omega / (2 * math.pi):g} Hz for a beam with {length:g} m between points; "
+            "expected one at which the wavelength is not thousands of times shorter; correct units of length, "
+            "material or frequency"
+        )
+    return best
+
+
+def cheapest_elements(accurate: Callable[[int, int], bool]) -> tuple[int, int] | None:
+    """Number of elements and order that are accurate and need the fewest nodes; None if thousands are not enough."""
     best: tuple[int, int] | None = None
     for order in _ORDERS:
         most = _MOST_ELEMENTS if best is None else math.ceil(best[0] * best[1] / order) - 1
@@ -222,11 +249,5 @@ def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share:
         if enough_of_them > most or (enough_of_them == most and not accurate(most, order)):
             continue
         fewer = range(enough_of_them // 2 + 1, enough_of_them)
-        best = fewer.start + bisect.bisect_left(fewer, True, key=partial(accurate, order=order)), order
-    if best is None:
-        raise ModelError(
-            f"beam: found a frequency of {omega / (2 * math.pi):g} Hz for a beam with {length:g} m between points; "
-            "expected one at which the wavelength is not thousands of times shorter; correct units of length, "
-            "material or frequency"
-        )
+        best = fewer.start + bisect.bisect_left(fewer, True, key=lambda n, p=order: accurate(n, p)), order
     return best

@@ -1,9 +1,11 @@
-"""Cross-sections of beams: area, second moments of area and Cowper's shear coefficient.
+"""Cross-sections of beams: area, second moments of area, torsion constant and Cowper's shear coefficient.
 
 References
 ----------
 Cowper, G. R. (1966). The shear coefficient in Timoshenko's beam theory. Journal of Applied
 Mechanics 33(2), 335-340. DOI 10.1115/1.3625046
+Timoshenko, S. P., Goodier, J. N. (1970). Theory of Elasticity, 3rd ed., art. 109 (torsion of a rectangle) and
+art. 116 (of thin tubes). McGraw-Hill.
 """
 
 import math
@@ -37,12 +39,19 @@ class Section:
         Second moments of area about y and z, m⁴; `inertia_z` governs bending in the x-y plane.
     cowper
         Coefficients (a_y, b_y, a_z, b_z) of Cowper's κ = (1 + ν)/(a + bν) for shear along y and z.
+    torsion
+        Torsion constant J, m⁴; None where it is not known, which only members that twist mind.
+    shape, dimensions
+        Name of the constructor and what it was given, m: what a taper goes between.
     """
 
     area: float
     inertia_y: float
     inertia_z: float
     cowper: tuple[float, float, float, float]
+    torsion: float | None = None
+    shape: str = ""
+    dimensions: tuple[float, ...] = ()
 
     @classmethod
     def circle(cls, diameter: float) -> Self:
@@ -69,7 +78,8 @@ class Section:
         a = (7 * (1 + m2) ** 2 + 20 * m2) / (6 * (1 + m2) ** 2)
         b = (6 * (1 + m2) ** 2 + 12 * m2) / (6 * (1 + m2) ** 2)
         area = math.pi / 4 * (outer_diameter**2 - inner_diameter**2)
-        return cls(area, inertia, inertia, (a, b, a, b))
+        polar = 2 * inertia  # a circle does not warp
+        return cls(area, inertia, inertia, (a, b, a, b), polar, "tube", (outer_diameter, inner_diameter))
 
     @classmethod
     def rectangle(cls, width: float, height: float) -> Self:
@@ -85,11 +95,13 @@ class Section:
                 f"section: found width {width:g} m and height {height:g} m; expected both above zero; correct the sides"
             )
         a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), whatever the aspect ratio
-        return cls(width * height, height * width**3 / 12, width * height**3 / 12, (a, b, a, b))
+        torsion = _torsion_of_rectangle(max(width, height), min(width, height))
+        inertia_y, inertia_z = height * width**3 / 12, width * height**3 / 12
+        return cls(width * height, inertia_y, inertia_z, (a, b, a, b), torsion, "rectangle", (width, height))
 
     @classmethod
     def box(cls, width: float, height: float, wall: float) -> Self:
-        """Hollow rectangle with walls of one thickness, outer sides in m; κ for thin walls.
+        """Hollow rectangle with walls of one thickness, outer sides in m; κ and J for thin walls.
 
         Raises
         ------
@@ -104,11 +116,15 @@ class Section:
         outer, inner = cls.rectangle(width, height), cls.rectangle(width - 2 * wall, height - 2 * wall)
         a_y, b_y = _cowper_thin_box(width - wall, height - wall)
         a_z, b_z = _cowper_thin_box(height - wall, width - wall)
+        flange, web = width - wall, height - wall  # sides at mid-wall
         return cls(
             outer.area - inner.area,
             outer.inertia_y - inner.inertia_y,
             outer.inertia_z - inner.inertia_z,
             (a_y, b_y, a_z, b_z),
+            2 * wall * (flange * web) ** 2 / (flange + web),  # Bredt: 4 (enclosed area)² / ∮ ds/t
+            "box",
+            (width, height, wall),
         )
 
     def scaled(self, size: float, shear: float = 1.0) -> "Section":
@@ -123,7 +139,35 @@ class Section:
             raise ModelError(f"section: found factors {size:g} of size and {shear:g} of κ; expected both above zero")
         a_y, b_y, a_z, b_z = (c / shear for c in self.cowper)
         area, bending = self.area * size**2, size**4
-        return Section(area, self.inertia_y * bending, self.inertia_z * bending, (a_y, b_y, a_z, b_z))
+        return Section(
+            area,
+            self.inertia_y * bending,
+            self.inertia_z * bending,
+            (a_y, b_y, a_z, b_z),
+            None if self.torsion is None else self.torsion * bending,
+            self.shape,
+            tuple(d * size for d in self.dimensions),
+        )
+
+    def between(self, other: "Section", share: float) -> "Section":
+        """Section at a share of the way to another one of the same shape, every dimension changing linearly.
+
+        Raises
+        ------
+        ModelError
+            If the two are of different shapes, or one was not made by a constructor.
+        """
+        if self == other or share == 0:
+            return self
+        if not self.shape or self.shape != other.shape:
+            raise ModelError(
+                f"section: found a taper from {self.shape or 'a section of given constants'} to "
+                f"{other.shape or 'a section of given constants'}; expected two sections of one shape (a circle is a "
+                "tube without a bore); make it of two members"
+            )
+        ends = zip(self.dimensions, other.dimensions, strict=True)
+        made: Section = getattr(Section, self.shape)(*((1 - share) * a + share * b for a, b in ends))
+        return made
 
     def shear_coefficient(self, poissons_ratio: float) -> tuple[float, float]:
         """Cowper's κ for shear along y and along z.
@@ -145,3 +189,9 @@ def _cowper_thin_box(flange: float, web: float) -> tuple[float, float]:
     a = 12 + 72 * m + 150 * m**2 + 90 * m**3 + 10 * n**2 * (3 * m + 3 * m**2)
     b = 11 + 66 * m + 135 * m**2 + 90 * m**3 + 10 * n**2 * m
     return a / scale, b / scale
+
+
+def _torsion_of_rectangle(long: float, short: float) -> float:
+    """J = a b³ (1/3 − 64/π⁵ b/a Σ tanh(nπa/2b)/n⁵), n = 1, 3, 5 …, sides a ≥ b: Timoshenko & Goodier, art. 109."""
+    series = sum(math.tanh(n * math.pi * long / (2 * short)) / n**5 for n in range(1, 200, 2))
+    return long * short**3 * (1 / 3 - 64 / math.pi**5 * short / long * series)

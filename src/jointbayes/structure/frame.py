@@ -1,0 +1,339 @@
+"""What a frame is made from: bodies of straight members between points in space, with masses at points."""
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import ModelError, printable
+from jointbayes.structure.beam import BeamMaterial
+from jointbayes.structure.section import Section
+
+__all__ = ["SPATIAL", "Body", "Member", "PointMass", "Station", "Vector"]
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+#: Directions of the DOFs of a point of a frame.
+SPATIAL = ("x", "y", "z", "rx", "ry", "rz")
+_NOWHERE: Vector = (0.0, 0.0, 0.0)
+_FARTHEST, _HEAVIEST = 1e6, 1e9  # m, and kg or kg m²
+_SHORTEST = 1e-9  # a member in relation to the distance of its points from the origin, or in m
+_PARALLEL = 1e-6  # sine of the angle below which two directions are one
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+_MOST_FILLED = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A row of straight Timoshenko beams, each fixed to the next.
+
+    Parameters
+    ----------
+    points
+        Names of the points it runs through. Where two that follow each other are whole numbers, such as 1 and 11, and
+        no point has a number between, those between stand for equally spaced points on the line.
+    section, material
+        Cross-section and material.
+    end_section
+        Section at the last point, to which every dimension changes linearly with the length; None: uniform.
+    shear_coefficient
+        κ for shear along the height and along the width, or one for both; None takes Cowper's.
+    up
+        Direction in which the section's height lies, as far as it is perpendicular to the member. None: in a member
+        along z that of y, in others perpendicular to z, so that members in the x-y plane have their height in it.
+    offsets
+        From the first and the last point to where the beam's axis begins and ends, m: rigid links. Points between have
+        what lies between.
+
+    Raises
+    ------
+    ModelError
+        If there are fewer than two points, or a number is not possible.
+    """
+
+    points: tuple[str, ...]
+    section: Section
+    material: BeamMaterial
+    end_section: Section | None = None
+    shear_coefficient: float | tuple[float, float] | None = None
+    up: Vector | None = None
+    offsets: tuple[Vector, Vector] = (_NOWHERE, _NOWHERE)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", tuple(str(point) for point in self.points))
+        first, last = self.offsets
+        object.__setattr__(self, "offsets", (_vector(first, "an offset"), _vector(last, "an offset")))
+        if self.up is not None:
+            object.__setattr__(self, "up", _vector(self.up, "the direction of the height"))
+        if len(self.points) < 2 or any(a == b for a, b in itertools.pairwise(self.points)):
+            raise ModelError(
+                f"frame: found a member through {', '.join(self.points) or 'no points'}; expected two points or more, "
+                "none of them twice in a row; correct the member"
+            )
+        if not all(1e-6 <= kappa <= 1e6 for kappa in self.kappas or ()):
+            raise ModelError(
+                f"frame: found the shear coefficient {self.shear_coefficient}; expected one above 0, about 0.9"
+            )
+        if self.end_section is not None:
+            self.section.between(self.end_section, 0.5)
+
+    @property
+    def kappas(self) -> tuple[float, float] | None:
+        """κ for shear along the height and along the width; None takes Cowper's."""
+        kappa = self.shear_coefficient
+        return (float(kappa), float(kappa)) if isinstance(kappa, int | float) else kappa
+
+    @property
+    def eccentric(self) -> bool:
+        """Whether its axis lies beside its points."""
+        return self.offsets != (_NOWHERE, _NOWHERE)
+
+    def axes(self, along: Array) -> Array:
+        """Local axes, one a row, of a beam in direction `along`.
+
+        Raises
+        ------
+        ModelError
+            If the height is to lie along the member.
+        """
+        x = along / np.linalg.norm(along)
+        if self.up is not None:
+            up = np.array(self.up) / np.linalg.norm(self.up)
+        else:
+            up = np.cross([0.0, 0.0, 1.0], x)
+            up = np.array([0.0, 1.0, 0.0]) if np.linalg.norm(up) < _PARALLEL else up
+        y = up - (up @ x) * x
+        if np.linalg.norm(y) < _PARALLEL:
+            raise ModelError(
+                f"frame: found up = {list(self.up or ())} along the member {self.points[0]} to {self.points[-1]}; "
+                "expected a direction across it, in which the section's height lies; correct it"
+            )
+        y = y / np.linalg.norm(y)
+        return np.stack([x, y, np.cross(x, y)])
+
+
+@dataclass(frozen=True, slots=True)
+class PointMass:
+    """A rigid mass at a point.
+
+    Parameters
+    ----------
+    point
+        Name of the point.
+    mass
+        Mass, kg.
+    inertia
+        Moments of inertia about its own centre along x, y, z, or six with the products xy, yz, xz of the inertia
+        matrix behind them, kg m².
+    offset
+        From the point to its centre, m.
+
+    Raises
+    ------
+    ModelError
+        If the mass is negative, or no body has such an inertia.
+    """
+
+    point: str
+    mass: float
+    inertia: tuple[float, ...] = _NOWHERE
+    offset: Vector = _NOWHERE
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", str(self.point))
+        object.__setattr__(self, "inertia", tuple(float(number) for number in self.inertia))
+        object.__setattr__(self, "offset", _vector(self.offset, "an offset"))
+        numbers = (self.mass, *self.inertia)
+        possible = all(abs(number) <= _HEAVIEST for number in numbers) and len(self.inertia) in (3, 6)
+        if possible:
+            matrix = self.inertia_matrix
+            possible = self.mass >= 0 and np.linalg.eigvalsh(matrix).min() >= -1e-12 * np.abs(matrix).max(initial=0.0)
+        if not possible:
+            raise ModelError(
+                f"frame: found a mass of {self.mass:g} kg with the inertia {list(self.inertia)} kg m2 at point "
+                f"{self.point}; expected a mass of at least 0 and three moments of inertia, or six with xy, yz, xz, "
+                "of a matrix that is positive semidefinite; correct them"
+            )
+
+    @property
+    def inertia_matrix(self) -> Array:
+        """Inertia about its own centre, shape (3, 3)."""
+        xx, yy, zz, xy, yz, xz = (*self.inertia, 0.0, 0.0, 0.0)[:6]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A point of a member: its name, where the member's axis is, what lies between, and the share of the length there.
+
+    `numbered` is whether it only has its place by its number, so that no element need end there.
+    """
+
+    point: str
+    place: Vector
+    offset: Vector
+    share: float
+    numbered: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Members that hold together, and masses at their points.
+
+    Parameters
+    ----------
+    points
+        Place of each point in m by its name or number: a mapping, or pairs.
+    members
+        What lies between them.
+    masses
+        Rigid masses at points.
+
+    Raises
+    ------
+    ModelError
+        If a member or mass names a point that does not exist, a member has no length, or not all hang together.
+    """
+
+    points: tuple[tuple[str, Vector], ...]
+    members: tuple[Member, ...]
+    masses: tuple[PointMass, ...] = ()
+
+    def __post_init__(self) -> None:
+        pairs: Iterable[tuple[object, object]] = (
+            self.points.items() if isinstance(self.points, Mapping) else self.points
+        )
+        named = tuple((str(name), _vector(place, f"the place of point {name}")) for name, place in pairs)
+        object.__setattr__(self, "points", named)
+        object.__setattr__(self, "members", tuple(self.members))
+        object.__setattr__(self, "masses", tuple(self.masses))
+        self._require_names()
+        for member in self.members:
+            for one, other in itertools.pairwise(self.stations(member)):
+                gap = np.subtract(other.place, one.place)
+                if not np.linalg.norm(gap) > _SHORTEST * max(1.0, np.linalg.norm(one.place)):
+                    raise ModelError(
+                        f"frame: found no length between the points {one.point} and {other.point} of a member; "
+                        "expected two places; correct a point or an offset"
+                    )
+                member.axes(gap)
+        places = [name for name, _ in self.all_points]
+        twice = next((name for name in places if places.count(name) > 1), None) if len(set(places)) < len(places) else 0
+        if twice:
+            raise ModelError(
+                f"frame: found the point {twice} on two members that count through it; expected each number once; "
+                "give the points of one of them places of their own"
+            )
+        self._require_one_piece()
+
+    def _require_names(self) -> None:
+        names = [name for name, _ in self.points]
+        for name in names:
+            if not _NAME.fullmatch(name) or names.count(name) > 1:
+                raise ModelError(
+                    f"frame: found the point {printable(name)!r}{' twice' * (names.count(name) > 1)}; expected names "
+                    "of letters, digits, _ and -, each once; rename it"
+                )
+        if not self.members:
+            raise ModelError("frame: found a body without members; expected at least one; state a member")
+        for point in [*(p for member in self.members for p in member.points), *(mass.point for mass in self.masses)]:
+            if point not in names:
+                raise ModelError(
+                    f"frame: found a member or mass at point {printable(point)!r}; expected one of "
+                    f"{', '.join(names[:12])}; correct the name or state the point's place"
+                )
+
+    def _require_one_piece(self) -> None:
+        reached, rest = set(self.members[0].points), list(self.members[1:])
+        while touching := [member for member in rest if reached & set(member.points)]:
+            reached.update(*(member.points for member in touching))
+            rest = [member for member in rest if member not in touching]
+        alone = [name for name, _ in self.points if name not in reached]
+        if alone:
+            raise ModelError(
+                f"frame: found the points {', '.join(alone[:12])} without a member that connects them to "
+                f"{self.members[0].points[0]}; expected a body in one piece; connect them or make them another body"
+            )
+
+    def stations(self, member: Member) -> tuple[Station, ...]:
+        """The points along one of its members, those with a number between among them."""
+        places = {name: np.array(place) for name, place in self.points}
+        names: list[str] = [member.points[0]]
+        for one, other in itertools.pairwise(member.points):
+            for name, share in _between(one, other, frozenset(places)):
+                places[name] = (1 - share) * places[one] + share * places[other]
+                names.append(name)
+            names.append(other)
+        along = np.array([np.linalg.norm(places[b] - places[a]) for a, b in itertools.pairwise(names)])
+        whole = along.sum()
+        shares = np.concatenate([[0.0], np.cumsum(along) / (whole if whole > 0 else 1.0)])
+        shares[-1] = 1.0
+        first, last = (np.array(offset) for offset in member.offsets)
+        found = []
+        for name, share in zip(names, shares.tolist(), strict=True):
+            offset = (1 - share) * first + share * last
+            place = places[name] + offset
+            found.append(Station(name, _tuple(place), _tuple(offset), share, name not in member.points))
+        return tuple(found)
+
+    @property
+    def all_points(self) -> tuple[tuple[str, Vector], ...]:
+        """Name and place of every point, those that members count through among them."""
+        counted = [
+            (station.point, _tuple(np.subtract(station.place, station.offset)))
+            for member in self.members
+            for station in self.stations(member)
+            if station.numbered
+        ]
+        return (*self.points, *counted)
+
+    @property
+    def straight(self) -> bool:
+        """Whether all its members lie on one line and nothing sticks out, so that its length is one number."""
+        places = np.array([place for _, place in self.points])
+        off = [*(m.eccentric for m in self.members), *(any(m.inertia) or any(m.offset) for m in self.masses)]
+        return not any(off) and np.linalg.matrix_rank(places - places[0], tol=1e-9 * np.abs(places).max()) == 1
+
+
+def _between(one: str, other: str, known: frozenset[str]) -> list[tuple[str, float]]:
+    """Names and shares of the points that are counted between two, if these are numbers and none of them has a place.
+
+    Raises
+    ------
+    ModelError
+        If they are too many.
+    """
+    if not (one.isdecimal() and other.isdecimal()):
+        return []
+    start, end = int(one), int(other)
+    count, step = abs(end - start), 1 if end > start else -1
+    if count > _MOST_FILLED:
+        raise ModelError(
+            f"frame: found a member from point {one} to {other}; expected at most {_MOST_FILLED} numbers between; "
+            "name them otherwise"
+        )
+    names = [str(start + step * i) for i in range(1, count)]
+    return [] if known.intersection(names) else [(name, i / count) for i, name in enumerate(names, 1)]
+
+
+def _vector(value: object, what: str) -> Vector:
+    try:
+        x, y, z = (float(number) for number in value)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise ModelError(f"frame: found {value!r:.60} for {what}; expected three numbers x, y, z; correct it") from None
+    if not all(math.isfinite(number) and abs(number) <= _FARTHEST for number in (x, y, z)):
+        raise ModelError(
+            f"frame: found {[x, y, z]} for {what}; expected numbers up to {_FARTHEST:g} m; correct it or its unit"
+        )
+    return x, y, z
+
+
+def _tuple(vector: Array) -> Vector:
+    x, y, z = vector.tolist()
+    return x, y, z
+

@@ -1,0 +1,257 @@
+"""How a frame is cut into elements, and their sparse assembly: nodes at the points that matter, and elements so rich
+that no mesh shows below a frequency.
+"""
+
+import itertools
+import math
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.frame import SPATIAL, Body, Vector
+from jointbayes.structure.frame_element import (
+    FIELDS,
+    Stretch,
+    end_transformation,
+    local_matrices,
+    mass_matrix,
+    paper_matrices,
+    part_matrices,
+)
+from jointbayes.structure.high_order import ACCURACY, cheapest_elements, condensed_to_ends, element_points
+
+__all__ = ["MOST_DOFS", "BodyMesh", "Segment", "assembled", "mesh_of", "segments_of"]
+
+Array = NDArray[np.float64]
+
+#: Beyond so many DOFs of one body dense modes take minutes: units are mistaken, or it is no frame of beams.
+MOST_DOFS = 6000
+_RICHER = 4  # orders by which the element is richer that another is compared with
+_ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element leaves
+_HIGHEST_HZ = 1e20
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A straight beam between two points of a body.
+
+    Parameters
+    ----------
+    points
+        Their names.
+    axes
+        Local axes, one a row.
+    offsets
+        From each point to the beam's end, m.
+    stretch
+        What the beam is made of.
+    """
+
+    points: tuple[str, str]
+    axes: tuple[Vector, Vector, Vector]
+    offsets: tuple[Vector, Vector]
+    stretch: Stretch
+
+
+@dataclass(frozen=True, slots=True)
+class BodyMesh:
+    """Elements of a body: of each segment their number and order; order 0 is the paper's two-node element."""
+
+    segments: tuple[Segment, ...]
+    elements: tuple[tuple[int, int], ...]
+
+
+def segments_of(body: Body, used: Collection[str] | None = None) -> tuple[Segment, ...]:
+    """The straight beams of a body, which end at its points.
+
+    Parameters
+    ----------
+    body
+        The body.
+    used
+        Of the points that only have their place by their number those where something acts or is observed; None: all.
+    """
+    found = []
+    for member in body.members:
+        kept = [s for s in body.stations(member) if not s.numbered or used is None or s.point in used]
+        for one, other in itertools.pairwise(kept):
+            gap = np.subtract(other.place, one.place)
+            end = member.end_section or member.section
+            sections = (member.section.between(end, share) for share in (one.share, other.share))
+            stretch = Stretch(float(np.linalg.norm(gap)), member.material, *sections, member.kappas)
+            x, y, z = ((float(a), float(b), float(c)) for a, b, c in member.axes(gap))
+            found.append(Segment((one.point, other.point), (x, y, z), (one.offset, other.offset), stretch))
+    return tuple(found)
+
+
+def mesh_of(
+    segments: Sequence[Segment], directions: Sequence[str], top_hz: float | None, extra_order: int = 0
+) -> BodyMesh:
+    """Elements that are exact up to a frequency in Hz; None takes the paper's element, one for each segment.
+
+    Parameters
+    ----------
+    segments
+        Straight beams of a body.
+    directions
+        Those of `SPATIAL` in which points move.
+    extra_order
+        Polynomial orders more than that takes: for a reference.
+
+    Raises
+    ------
+    ModelError
+        If the frequency is too high for the body.
+    """
+    if top_hz is None:
+        return BodyMesh(tuple(segments), ((1, 0),) * len(segments))
+    if not 0 <= top_hz <= _HIGHEST_HZ:
+        raise ModelError(f"frame: found lines up to {top_hz:g} Hz; expected up to {_HIGHEST_HZ:g} Hz; correct them")
+    elements, nodes = [], 1
+    for segment in segments:
+        count, order = _cheapest(segment.stretch, _moving_fields(segment, directions), 2 * math.pi * top_hz)
+        elements.append((count, order + extra_order))
+        nodes += count * (order + extra_order)
+    if nodes * len(directions) > MOST_DOFS:
+        lengths = [segment.stretch.length for segment in segments]
+        raise ModelError(
+            f"frame: found members of {min(lengths):g} to {max(lengths):g} m and lines up to {top_hz:g} Hz, which "
+            f"take {nodes * len(directions)} DOFs; expected at most {MOST_DOFS}; lower the frequencies, or correct the "
+            "units of length and material"
+        )
+    return BodyMesh(tuple(segments), tuple(elements))
+
+
+def _moving_fields(segment: Segment, directions: Sequence[str]) -> tuple[str, ...]:
+    """Those of `FIELDS` that move where points move in some directions only."""
+    free = np.array([direction in directions for direction in SPATIAL])
+    axes = np.abs(np.array(segment.axes)) > 1e-9
+    moves = np.concatenate([axes @ free[:3], axes @ free[3:]])
+    return tuple(field for field, motions in FIELDS.items() if any(moves[motion] for motion in motions))
+
+
+@lru_cache(maxsize=1024)
+def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float) -> tuple[int, int]:
+    """Number of elements and order that are accurate enough for these motions up to ω and need the fewest nodes."""
+    at = stretch.rigidities(np.array([0.0, 1.0]))
+    # shear strain is a difference of two slopes: in a thin beam rounding leaves no more of it than this
+    slender = max(float((at.shear_y / at.bending_z).max()), float((at.shear_z / at.bending_y).max()))
+    rounding = _ROUNDING * np.finfo(float).eps * slender * stretch.length**2 * any(len(f) == 2 for f in fields)
+    enough = max(ACCURACY, rounding)
+
+    def accurate(elements: int, order: int) -> bool:
+        # of a taper the first and the last element are the thinnest and the steepest
+        ends = {0, elements - 1} if stretch.tapered else {0}
+        parts = [stretch.part(i / elements, (i + 1) / elements) for i in ends]
+        return all(_error(part, order, field, omega) <= enough for part in parts for field in fields)
+
+    best = cheapest_elements(accurate)
+    if best is None:
+        raise ModelError(
+            f"frame: found a frequency of {omega / (2 * math.pi):g} Hz for a member with {stretch.length:g} m between "
+            "points; expected one at which the wavelength is not thousands of times shorter; correct units of length, "
+            "material or frequency"
+        )
+    return best
+
+
+def _error(stretch: Stretch, order: int, field: str, omega: float) -> float:
+    """Largest relative error of an element's energy for motions that fall off as e^(−ωt), seen from its ends.
+
+    As `jointbayes.structure.high_order.element_error`, for each of the motions; that of a taper has a part that
+    does not fall with ω, and is not scaled down with it.
+    """
+    length, rigid = stretch.length, stretch.rigidities(np.array([0.0, 1.0]))
+    bending = rigid.bending_z if field == "xy" else rigid.bending_y
+    velocity = np.sqrt({"axial": rigid.axial / rigid.mass, "torsion": rigid.torsion / rigid.polar}.get(field, 0.0))
+    waves = np.max(velocity) / length if len(FIELDS[field]) == 1 else np.max(np.sqrt(bending / rigid.mass)) / length**2
+    at = max(omega, float(waves))  # a wave number of at least 1/length: below it rounding would hide the error
+    coarse, fine = (_condensed(stretch, p, field, at) for p in (order, order + _RICHER))
+    error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
+    return error if stretch.tapered else error * (omega / at) ** 2
+
+
+def _condensed(stretch: Stretch, order: int, field: str, omega: float) -> Array:
+    stiffness, mass = part_matrices(stretch, order, field)
+    per_node = len(FIELDS[field])
+    scale = np.tile([1.0, 1 / stretch.length][:per_node], order + 1)
+    return condensed_to_ends((stiffness + omega**2 * mass) * np.outer(scale, scale), per_node)
+
+
+def assembled(
+    body: Body, mesh: BodyMesh, factors: tuple[float, float, float, float, float], loads: Iterable[tuple[str, float]]
+) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
+    """Sparse stiffness and mass of a body with six DOFs at each of its nodes, and the nodes' names.
+
+    Parameters
+    ----------
+    body, mesh
+        The body and its elements.
+    factors
+        On E, ρ, length, every dimension of the sections, κ.
+    loads
+        Points and the masses in kg that sit there, beside those of the body.
+    """
+    nodes = {name: i for i, name in enumerate(_ends(mesh))}
+    triplets = _Triplets()
+    for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
+        per, stretch = max(order, 1), segment.stretch.scaled(*factors)
+        inner = [f"~{number}~{i}" for i in range(1, count * per)]
+        first = len(nodes)
+        nodes |= {name: first + i for i, name in enumerate(inner)}
+        row = np.array([nodes[segment.points[0]], *range(first, first + len(inner)), nodes[segment.points[1]]])
+        turns = _turns(segment, len(row))
+        for i in range(count):
+            part = stretch.part(i / count, (i + 1) / count)
+            stiffness, mass = local_matrices(part, order) if order else paper_matrices(part)
+            inside = slice(i * per, (i + 1) * per + 1)
+            turn = linalg.block_diag(*turns[inside])
+            triplets.add(row[inside], turn.T @ stiffness @ turn, turn.T @ mass @ turn)
+    none, nowhere = np.zeros((6, 6)), np.zeros(3)
+    for heavy in body.masses:
+        offset = np.array(heavy.offset)
+        triplets.add([nodes[heavy.point]], none, mass_matrix(heavy.mass, heavy.inertia_matrix, offset))
+    for point, load in loads:
+        triplets.add([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere))
+    return *triplets.matrices(6 * len(nodes)), tuple(nodes)
+
+
+def _ends(mesh: BodyMesh) -> dict[str, None]:
+    """Points at which segments end, in the order in which they come."""
+    return dict.fromkeys(point for segment in mesh.segments for point in segment.points)
+
+
+def _turns(segment: Segment, count: int) -> list[Array]:
+    """From the motion of each node along a segment, global, to that of the beam's axis, in local axes."""
+    axes = np.array(segment.axes)
+    first, last = (end_transformation(axes, np.array(offset)) for offset in segment.offsets)
+    inner = end_transformation(axes, np.zeros(3))
+    return [first, *[inner] * (count - 2), last]
+
+
+class _Triplets:
+    """Entries of a stiffness and of a mass matrix, added up in the end."""
+
+    def __init__(self) -> None:
+        self._rows: list[NDArray[np.intp]] = []
+        self._columns: list[NDArray[np.intp]] = []
+        self._values: list[tuple[Array, Array]] = []
+
+    def add(self, nodes: Sequence[int] | NDArray[np.intp], stiffness: Array, mass: Array) -> None:
+        dofs = (6 * np.asarray(nodes)[:, None] + np.arange(6)).ravel()
+        rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
+        self._rows.append(rows.ravel())
+        self._columns.append(columns.ravel())
+        # an element's matrices are symmetric but for the last bits of its turn
+        self._values.append((((stiffness + stiffness.T) / 2).ravel(), ((mass + mass.T) / 2).ravel()))
+
+    def matrices(self, size: int) -> tuple[sparse.csr_array, sparse.csr_array]:
+        rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
+        both = (np.concatenate(values) for values in zip(*self._values, strict=True))
+        first, second = (sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsr() for values in both)
+        return first, second

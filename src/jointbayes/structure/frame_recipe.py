@@ -1,0 +1,269 @@
+"""A frame as a recipe: everything its matrices are made from, each quantity open to a factor."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from jointbayes.errors import ModelError, printable
+from jointbayes.structure.beam import BeamMaterial
+from jointbayes.structure.damping import DampingLaw
+from jointbayes.structure.frame import SPATIAL, Body, Vector
+from jointbayes.structure.frame_mesh import BodyMesh, Segment, assembled, mesh_of, segments_of
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
+
+__all__ = ["BODY_QUANTITIES", "FrameMesh", "FrameRecipe"]
+
+Array = NDArray[np.float64]
+FrameMesh = tuple[BodyMesh, ...]
+"""Elements of each body."""
+
+#: Quantities that a body may have of its own, as ``"tool.density"``, or all bodies together, in the order of `assembled`.
+BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
+_OF_ALL = ("accelerometer_mass", "damping_ratio", "loss_factor")
+_BODY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
+_HALF_WAVES = 10.0  # along the longest segment: what a mesh without a stated frequency is made for
+_RICHER = 4  # polynomial orders that a reference has more
+_MOST_MASS = 1e6  # kg
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRecipe:
+    """What a frame is made from: one body or several, which joints alone connect.
+
+    A DOF is ``"point:direction"``, of several bodies ``"body.point:direction"``, in global axes.
+
+    Parameters
+    ----------
+    bodies
+        A `Body`; or several by their names, as a mapping or as pairs.
+    damping
+        Damping law.
+    directions
+        In which points move: the others of x, y, z, rx, ry, rz are held everywhere. ``("x", "y", "rz")`` is a plane
+        frame.
+    supports
+        DOFs held fixed.
+    accelerometer_mass, added_mass, accelerometer_dofs
+        As of `BeamRecipe`: masses in kg that move in all translations of the points of these DOFs.
+    element
+        ``"converged"``, or ``"paper"`` for one of its two-node elements between each two points.
+    richer
+        Whether elements are four orders richer than it takes: a reference for others. No matter to the paper's element.
+
+    Raises
+    ------
+    ModelError
+        If a name or DOF is not possible.
+
+    Examples
+    --------
+    >>> from jointbayes.structure import BeamMaterial, Body, Member, ModalDamping, Section
+    >>> bar = Member(("a", "b"), Section.circle(0.02), BeamMaterial(2.1e11, 0.3, 7800.0))
+    >>> frame = FrameRecipe(Body({"a": (0, 0, 0), "b": (0.4, 0.3, 0)}, (bar,)), ModalDamping((0.01,)))
+    >>> (frame.structure().modes().frequency_hz[:6] < 1e-3).all().item()
+    True
+    """
+
+    bodies: tuple[tuple[str, Body], ...]
+    damping: DampingLaw
+    directions: tuple[str, ...] = SPATIAL
+    supports: tuple[str, ...] = ()
+    accelerometer_mass: float = 0.0
+    added_mass: float = 0.0
+    accelerometer_dofs: tuple[str, ...] = ()
+    element: ElementKind = "converged"
+    richer: bool = False
+
+    def __post_init__(self) -> None:
+        given = self.bodies
+        pairs = [("", given)] if isinstance(given, Body) else given.items() if isinstance(given, Mapping) else given
+        object.__setattr__(self, "bodies", tuple((name, body) for name, body in pairs))
+        for name in ("directions", "supports", "accelerometer_dofs"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        names = [name for name, _ in self.bodies]
+        wrong = [name for name in names if names.count(name) > 1 or not _BODY_NAME.fullmatch(name)]
+        if wrong != ([""] if names == [""] else []) or not names:
+            raise ModelError(
+                f"frame: found the bodies {printable(', '.join(map(str, names))) or 'none'}; expected names of "
+                "letters, digits, _ and - that begin with a letter, each once; rename them"
+            )
+        if not self.directions or not set(self.directions) <= set(SPATIAL):
+            raise ModelError(
+                f"frame: found the directions {', '.join(self.directions)}; expected some of {', '.join(SPATIAL)}"
+            )
+        if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
+            raise ModelError(
+                f"frame: found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg; expected "
+                "masses of at least 0; correct them"
+            )
+        for label in (*self.supports, *self.accelerometer_dofs):
+            self.require_dof(label)
+
+    @property
+    def positions(self) -> dict[str, Vector]:
+        """Place of every point, m, by its name with that of its body."""
+        return {f"{_prefix(name)}{point}": place for name, body in self.bodies for point, place in body.all_points}
+
+    def require_dof(self, label: str) -> None:
+        """Refuse a DOF that no point has.
+
+        Raises
+        ------
+        ModelError
+            If there is no such point, or no point moves so.
+        """
+        point, _, direction = label.partition(":")
+        places = self.positions
+        if point not in places or direction not in self.directions:
+            raise ModelError(
+                f"frame: found the DOF {printable(label)!r}; expected a point, such as {next(iter(places))}, and one "
+                f"of the directions {', '.join(self.directions)}; correct the label"
+            )
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Quantities that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on."""
+        own = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
+        return (*BODY_QUANTITIES, *own, *_OF_ALL)
+
+    def require_quantity(self, name: str) -> None:
+        """Refuse a quantity that the frame does not have.
+
+        Raises
+        ------
+        ModelError
+            If the name is unknown, or a body's length is not one number.
+        """
+        if name not in self.quantities and not is_damping_ratio(name) and not is_mode_frequency(name):
+            raise ModelError(
+                f"frame: found uncertain quantity {printable(name)!r}; expected one of {', '.join(self.quantities)}"
+            )
+        owner, _, quantity = name.rpartition(".")
+        bent = [n or "the frame" for n, body in self.bodies if (not owner or owner == n) and not body.straight]
+        if quantity == "length" and bent:
+            raise ModelError(
+                f"frame: found the uncertain quantity {name!r} where {', '.join(bent)} has members in several "
+                "directions, offsets or inertias at points; expected a straight body, whose length is one number; "
+                "make the quantity that of a straight body"
+            )
+
+    def body_factors(self, number: int, factors: Mapping[str, float]) -> tuple[float, float, float, float, float]:
+        """Factors on E, ρ, length, section size and κ of a body, those of all bodies among them."""
+        name, _ = self.bodies[number]
+        own = [factors.get(f"{name}.{q}", 1.0) if name else 1.0 for q in BODY_QUANTITIES]
+        e, rho, length, size, shear = (
+            o * factors.get(q, 1.0) for o, q in zip(own, BODY_QUANTITIES, strict=True)
+        )  # fmt: skip
+        return e, rho, length, size, shear
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> FrameMesh:
+        """Elements that are exact up to a frequency and end where something acts or is observed.
+
+        Parameters
+        ----------
+        dofs
+            Labels of such DOFs, beside supports and accelerometers; None takes all points.
+        top_hz
+            Highest frequency, Hz; None that of ten half waves along each straight beam, the stiffest of them.
+
+        Raises
+        ------
+        ModelError
+            If the frequency is too high for the frame.
+        """
+        used = None if dofs is None else {d.split(":")[0] for d in (*dofs, *self.supports, *self.accelerometer_dofs)}
+        each = []
+        for name, body in self.bodies:
+            prefix = _prefix(name)
+            own = None if used is None else {p.removeprefix(prefix) for p in used if p.startswith(prefix)}
+            each.append(segments_of(body, None if self.element == "paper" else own))
+        extra = _RICHER if self.richer else 0
+        if self.element == "paper":
+            return tuple(mesh_of(segments, self.directions, None) for segments in each)
+        top = max(map(_half_waves_hz, (s for segments in each for s in segments))) if top_hz is None else top_hz
+        return tuple(mesh_of(segments, self.directions, top, extra) for segments in each)
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: FrameMesh | None = None) -> Structure:
+        """Assemble the frame with its quantities multiplied by factors, 1 where none is given; bodies as blocks.
+
+        Parameters
+        ----------
+        factors
+            By name, see `quantities`.
+        mesh
+            Elements, as `mesh` gives them; None takes those through all points.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown or a quantity becomes impossible.
+        """
+        given = dict(factors or {})
+        for name in given:
+            self.require_quantity(name)
+        load = self.accelerometer_mass * given.get("accelerometer_mass", 1.0) + self.added_mass
+        meshes = mesh or self.mesh()
+        parts = [
+            self.matrices(number, self.body_factors(number, given), load, meshes[number])
+            for number in range(len(self.bodies))
+        ]
+        stiffness, mass = (sparse.block_diag([part[i] for part in parts], format="csr") for i in range(2))
+        labels = tuple(label for part in parts for label in part[2])
+        return Structure(stiffness, mass, self.damping.scaled(given), labels)
+
+    def matrices(
+        self, number: int, factors: tuple[float, float, float, float, float], load: float, mesh: BodyMesh
+    ) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
+        """Sparse stiffness and mass of one body with its supports, and the labels of its DOFs.
+
+        Parameters
+        ----------
+        number
+            Which body.
+        factors
+            See `body_factors`.
+        load
+            Mass of each accelerometer with what is added to it, kg.
+        mesh
+            Its elements.
+        """
+        name, body = self.bodies[number]
+        prefix = _prefix(name)
+        loaded = dict.fromkeys(d.split(":")[0] for d in self.accelerometer_dofs if ":r" not in d)
+        own = {point for point, _ in body.all_points}
+        here = [p.removeprefix(prefix) for p in loaded if p.startswith(prefix) and p.removeprefix(prefix) in own]
+        stiffness, mass, nodes = assembled(body, mesh, factors, [(point, load) for point in here])
+        labels = [f"{prefix}{node}:{direction}" for node in nodes for direction in SPATIAL]
+        held = set(self.supports)
+        free = [i for i, d in enumerate(labels) if d.rpartition(":")[2] in self.directions and d not in held]
+        return stiffness[free][:, free], mass[free][:, free], tuple(labels[i] for i in free)
+
+    @property
+    def lumped(self) -> "FrameRecipe":
+        """The same frame, all mass at an accelerometer's place taken for the accelerometer's."""
+        return replace(self, accelerometer_mass=self.accelerometer_mass + self.added_mass, added_mass=0.0)
+
+    @property
+    def materials(self) -> tuple[BeamMaterial, ...]:
+        """Materials of all members."""
+        return tuple(member.material for _, body in self.bodies for member in body.members)
+
+
+def _prefix(name: str) -> str:
+    return f"{name}." if name else ""
+
+
+def _half_waves_hz(segment: Segment) -> float:
+    """Frequency at which so many half waves of bending fit a straight beam: of a slender one, or of pure shear."""
+    at = segment.stretch.rigidities(np.array([0.0, 1.0]))
+    wave_number = _HALF_WAVES * np.pi / segment.stretch.length
+    planes = ((at.bending_y, at.shear_z), (at.bending_z, at.shear_y))
+    slow = [
+        np.minimum(wave_number**2 * np.sqrt(b / at.mass), wave_number * np.sqrt(s / at.mass)).min() for b, s in planes
+    ]
+    return float(max(slow)) / (2 * np.pi)
