@@ -253,7 +253,7 @@ def test_of_more_modes_than_any_table_holds_none_is_made(monkeypatch):
     wire = BeamRecipe(0.383, Section.circle(5e-5), STEEL, ModalDamping((0.01,)))
     ranges = {"length": (-0.03, 0.03)}
     family = BeamFamily(wire, ranges).at(("1:y", "1:rz", "11:y"), 2500.0)
-    monkeypatch.setattr("jointbayes.structure.beam_family.tabulated", none)
+    monkeypatch.setattr("jointbayes.structure.shape_modes.tabulated", none)
     motions = np.eye(family.nominal.n_dofs)[:, :2]
     eigenvalues, _ = family.free_modes(motions)(np.ones((1, 1)))
     assert eigenvalues.shape[1] > 60

@@ -4,6 +4,9 @@ from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.beam_family import BeamFamily
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
 from jointbayes.structure.family import Discretisation, FixedFamily, FreeModes, StructureFamily, as_family
+from jointbayes.structure.frame import Body, Member, PointMass
+from jointbayes.structure.frame_family import FrameFamily
+from jointbayes.structure.frame_recipe import FrameRecipe
 from jointbayes.structure.matrices import Modes, Structure, mode_shift
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.section import Section
@@ -21,12 +24,18 @@ __all__ = [
     "Section",
     "beam",
     "bending_element",
+    # frames
+    "Body",
+    "FrameRecipe",
+    "Member",
+    "PointMass",
     # uncertain structures
     "STRUCTURE_QUANTITIES",
     "BeamFamily",
     "BeamRecipe",
     "Discretisation",
     "FixedFamily",
+    "FrameFamily",
     "FreeModes",
     "StructureFamily",
     "as_family",

@@ -25,7 +25,7 @@ from jointbayes.structure.frame_element import (
 )
 from jointbayes.structure.high_order import ACCURACY, cheapest_elements, condensed_to_ends, element_points
 
-__all__ = ["MOST_DOFS", "BodyMesh", "Segment", "assembled", "mesh_of", "segments_of"]
+__all__ = ["MOST_DOFS", "BodyFactors", "BodyMesh", "Segment", "assembled", "mesh_of", "segments_of"]
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,18 @@ class Segment:
     axes: tuple[Vector, Vector, Vector]
     offsets: tuple[Vector, Vector]
     stretch: Stretch
+
+
+@dataclass(frozen=True, slots=True)
+class BodyFactors:
+    """Factors on a body's E, ρ, length, every dimension of its sections, κ, and on its masses at points."""
+
+    youngs_modulus: float = 1.0
+    density: float = 1.0
+    length: float = 1.0
+    section_size: float = 1.0
+    shear_coefficient: float = 1.0
+    masses: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,23 +196,24 @@ def _condensed(stretch: Stretch, order: int, field: str, omega: float) -> Array:
 
 
 def assembled(
-    body: Body, mesh: BodyMesh, factors: tuple[float, float, float, float, float], loads: Iterable[tuple[str, float]]
+    body: Body, mesh: BodyMesh, factors: BodyFactors, loads: Iterable[tuple[str, float]]
 ) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
     """Sparse stiffness and mass of a body with six DOFs at each of its nodes, and the nodes' names.
 
     Parameters
     ----------
-    body, mesh
-        The body and its elements.
-    factors
-        On E, ρ, length, every dimension of the sections, κ.
+    body, mesh, factors
+        The body, its elements, and factors on its quantities.
     loads
         Points and the masses in kg that sit there, beside those of the body.
     """
     nodes = {name: i for i, name in enumerate(_ends(mesh))}
     triplets = _Triplets()
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
-        per, stretch = max(order, 1), segment.stretch.scaled(*factors)
+        per = max(order, 1)
+        stretch = segment.stretch.scaled(
+            factors.youngs_modulus, factors.density, factors.length, factors.section_size, factors.shear_coefficient
+        )
         inner = [f"~{number}~{i}" for i in range(1, count * per)]
         first = len(nodes)
         nodes |= {name: first + i for i, name in enumerate(inner)}
@@ -215,7 +228,8 @@ def assembled(
     none, nowhere = np.zeros((6, 6)), np.zeros(3)
     for heavy in body.masses:
         offset = np.array(heavy.offset)
-        triplets.add([nodes[heavy.point]], none, mass_matrix(heavy.mass, heavy.inertia_matrix, offset))
+        mass = mass_matrix(heavy.mass, heavy.inertia_matrix, offset)
+        triplets.add([nodes[heavy.point]], none, factors.masses * mass)
     for point, load in loads:
         triplets.add([nodes[point]], none, mass_matrix(load, np.zeros((3, 3)), nowhere))
     return *triplets.matrices(6 * len(nodes)), tuple(nodes)

@@ -12,7 +12,7 @@ from jointbayes.errors import ModelError, printable
 from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.frame import SPATIAL, Body, Vector
-from jointbayes.structure.frame_mesh import BodyMesh, Segment, assembled, mesh_of, segments_of
+from jointbayes.structure.frame_mesh import BodyFactors, BodyMesh, Segment, assembled, mesh_of, segments_of
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 FrameMesh = tuple[BodyMesh, ...]
 """Elements of each body."""
 
-#: Quantities that a body may have of its own, as ``"tool.density"``, or all bodies together, in the order of `assembled`.
+#: Quantities that a body may have of its own, as ``"tool.density"``, or all bodies together: those of `BodyFactors`.
 BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
 _OF_ALL = ("accelerometer_mass", "damping_ratio", "loss_factor")
 _BODY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
@@ -152,14 +152,22 @@ class FrameRecipe:
                 "make the quantity that of a straight body"
             )
 
-    def body_factors(self, number: int, factors: Mapping[str, float]) -> tuple[float, float, float, float, float]:
-        """Factors on E, ρ, length, section size and κ of a body, those of all bodies among them."""
+    def body_factors(self, number: int, factors: Mapping[str, float]) -> BodyFactors:
+        """Factors on the quantities of a body, those of all bodies among them."""
         name, _ = self.bodies[number]
-        own = [factors.get(f"{name}.{q}", 1.0) if name else 1.0 for q in BODY_QUANTITIES]
-        e, rho, length, size, shear = (
-            o * factors.get(q, 1.0) for o, q in zip(own, BODY_QUANTITIES, strict=True)
-        )  # fmt: skip
-        return e, rho, length, size, shear
+        named = {q: factors.get(q, 1.0) * (factors.get(f"{name}.{q}", 1.0) if name else 1.0) for q in BODY_QUANTITIES}
+        return BodyFactors(**named)
+
+    def lumped_factor(self, factor: Array) -> Array:
+        """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
+        own, added = self.accelerometer_mass, self.added_mass
+        return (own * factor + added) / (own + added) if added else factor
+
+    def loaded_points(self, number: int) -> tuple[str, ...]:
+        """Points of a body, without its name, at which accelerometers sit."""
+        name, body = self.bodies[number]
+        loaded = dict.fromkeys(d.split(":")[0] for d in self.accelerometer_dofs if ":r" not in d)
+        return tuple(point for point, _ in body.all_points if f"{_prefix(name)}{point}" in loaded)
 
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> FrameMesh:
         """Elements that are exact up to a frequency and end where something acts or is observed.
@@ -217,7 +225,7 @@ class FrameRecipe:
         return Structure(stiffness, mass, self.damping.scaled(given), labels)
 
     def matrices(
-        self, number: int, factors: tuple[float, float, float, float, float], load: float, mesh: BodyMesh
+        self, number: int, factors: BodyFactors, load: float, mesh: BodyMesh
     ) -> tuple[sparse.csr_array, sparse.csr_array, tuple[str, ...]]:
         """Sparse stiffness and mass of one body with its supports, and the labels of its DOFs.
 
@@ -226,7 +234,7 @@ class FrameRecipe:
         number
             Which body.
         factors
-            See `body_factors`.
+            On its quantities.
         load
             Mass of each accelerometer with what is added to it, kg.
         mesh
@@ -234,10 +242,8 @@ class FrameRecipe:
         """
         name, body = self.bodies[number]
         prefix = _prefix(name)
-        loaded = dict.fromkeys(d.split(":")[0] for d in self.accelerometer_dofs if ":r" not in d)
-        own = {point for point, _ in body.all_points}
-        here = [p.removeprefix(prefix) for p in loaded if p.startswith(prefix) and p.removeprefix(prefix) in own]
-        stiffness, mass, nodes = assembled(body, mesh, factors, [(point, load) for point in here])
+        loads = [(point, load) for point in self.loaded_points(number)]
+        stiffness, mass, nodes = assembled(body, mesh, factors, loads)
         labels = [f"{prefix}{node}:{direction}" for node in nodes for direction in SPATIAL]
         held = set(self.supports)
         free = [i for i, d in enumerate(labels) if d.rpartition(":")[2] in self.directions and d not in held]

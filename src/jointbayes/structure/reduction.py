@@ -81,6 +81,9 @@ class Reduction:
         above, shapes = modes.eigenvalues[self.kept :], modes.shapes[:, self.kept :]
         participation = (self.motions if self.forced is None else self.forced).T @ shapes
         participation = participation[np.abs(participation).max(axis=1, initial=0.0) > 0]
+        if not len(participation):  # nothing ever moves or is seen to move the others
+            kept = max(self.kept, 1)
+            return Modes(modes.eigenvalues[:kept], modes.shapes[:, :kept])
         if self.terms * len(participation) >= above.size:
             return modes
         # Σ φ φᵀ/(λ − ω²) = Σ φ φᵀ/λ + ω² Σ φ φᵀ/λ² + …; powers relative to the lowest, so that all are numbers

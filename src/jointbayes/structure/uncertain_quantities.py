@@ -126,6 +126,24 @@ class BeamRecipe:
         return (own * factor + added) / (own + added) if added else factor
 
     @property
+    def positions(self) -> dict[str, tuple[float, float, float]]:
+        """Place of every numbered point, m."""
+        return {str(i + 1): (self.length * i / self.elements, 0.0, 0.0) for i in range(self.elements + 1)}
+
+    def require_quantity(self, name: str) -> None:
+        """Refuse a quantity that no beam has.
+
+        Raises
+        ------
+        ModelError
+            If the name is unknown.
+        """
+        if name not in STRUCTURE_QUANTITIES and not (is_damping_ratio(name) or is_mode_frequency(name)):
+            raise ModelError(
+                f"beam: found uncertain quantity {name!r}; expected one of {', '.join(STRUCTURE_QUANTITIES)}"
+            )
+
+    @property
     def shape(self) -> BeamShape:
         """Length, section and material."""
         return BeamShape(self.length, self.section, self.material, self.shear_coefficient)
@@ -179,10 +197,7 @@ class BeamRecipe:
         """
         given = dict(factors or {})
         for name in given:
-            if name not in STRUCTURE_QUANTITIES and not (is_damping_ratio(name) or is_mode_frequency(name)):
-                raise ModelError(
-                    f"beam: found uncertain quantity {name!r}; expected one of {', '.join(STRUCTURE_QUANTITIES)}"
-                )
+            self.require_quantity(name)
         material = replace(
             self.material,
             youngs_modulus=self.material.youngs_modulus * given.get("youngs_modulus", 1.0),

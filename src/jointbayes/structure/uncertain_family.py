@@ -1,0 +1,243 @@
+"""What families of structures with uncertain quantities share: quantities by name, damping, free modes asked for before."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
+from jointbayes.structure.family import FreeModes
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.reduction import Forced
+from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
+
+__all__ = ["AssembledModes", "Recipe", "UncertainFamily"]
+
+Array = NDArray[np.float64]
+
+#: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
+#: cases that differ in their data alone, ask for the same ones again and again.
+_KEPT, _KEPT_MOTIONS = 12, 256
+
+
+class Recipe(Protocol):
+    """Everything that a structure's matrices are made from: see `BeamRecipe` and `FrameRecipe`."""
+
+    @property
+    def damping(self) -> DampingLaw:
+        """Damping law."""
+        ...
+
+    @property
+    def element(self) -> ElementKind:
+        """How it is discretised."""
+        ...
+
+    @property
+    def positions(self) -> Mapping[str, tuple[float, float, float]]:
+        """Place of every point, m, by what stands before the colon of its DOFs' labels."""
+        ...
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> Any:  # noqa: ANN401 (its own)
+        """Elements that are exact up to a frequency and end where something acts or is observed."""
+        ...
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: Any = None) -> Structure:  # noqa: ANN401
+        """The structure with its quantities multiplied by factors, 1 where none is given."""
+        ...
+
+    def require_quantity(self, name: str) -> None:
+        """Refuse a quantity that the structure does not have."""
+        ...
+
+    def lumped_factor(self, factor: Array) -> Array:
+        """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class UncertainFamily:
+    """Structures whose quantities are uncertain.
+
+    Parameters
+    ----------
+    recipe
+        The structure at its nominal quantities.
+    ranges
+        Smallest and largest logarithm of the factor by quantity; outside these the modes are not defined.
+    dofs, top_hz
+        DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
+    exact
+        Whether it is assembled and solved anew for each row of factors, and every mode kept: a reference.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law.
+    """
+
+    recipe: Recipe
+    ranges: Mapping[str, tuple[float, float]]
+    _: KW_ONLY
+    dofs: tuple[str, ...] | None = None
+    top_hz: float | None = None
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        law = self.recipe.damping
+        for name in self.names:
+            of_other_law = is_damping_ratio(name) and not isinstance(law, ModalDamping)
+            if of_other_law or (name == "loss_factor" and not isinstance(law, LossFactor)):
+                raise ModelError(
+                    f"uncertain structure: found {name!r} with a damping law of another kind; expected damping_ratio "
+                    "for modal damping or loss_factor for structural damping; remove it or change the law"
+                )
+            self.recipe.require_quantity(name)
+        numbers = [name for name in self.names if is_mode_frequency(name)]
+        if numbers != [f"mode_frequency_{i + 1}" for i in range(len(numbers))]:
+            raise ModelError(
+                f"uncertain structure: found {', '.join(numbers)}; expected mode_frequency_1, mode_frequency_2 and so "
+                "on"
+            )
+
+    def __repr__(self) -> str:
+        uncertain = ", ".join(self.names) or "nothing"
+        return f"{type(self).__name__}({self.what}, {type(self.recipe.damping).__name__}, uncertain: {uncertain})"
+
+    @property
+    def what(self) -> str:
+        """The structure in a word or two."""
+        raise NotImplementedError
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The q quantities."""
+        return tuple(self.ranges)
+
+    @property
+    def positions(self) -> Mapping[str, tuple[float, float, float]]:
+        """Place of every point, m, by what stands before the colon of its DOFs' labels."""
+        return self.recipe.positions
+
+    @cached_property
+    def reach_of_modes_hz(self) -> float | None:
+        """Frequency up to which modes are wanted: with quantities at the end of their range they may be so much lower."""
+        return None if self.top_hz is None else self.top_hz * self._widest
+
+    @property
+    def _widest(self) -> float:
+        power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
+        sizes = {name: max(map(abs, ends)) for name, ends in self.ranges.items()}
+        modes = max((size for name, size in sizes.items() if is_mode_frequency(name)), default=0.0)
+        return float(np.exp(modes + sum(p * self._size(sizes, name) for name, p in power.items())))
+
+    def _size(self, sizes: Mapping[str, float], name: str) -> float:
+        """The widest that a quantity may be off, for the structure or any of its bodies."""
+        own = max((size for other, size in sizes.items() if other.endswith(f".{name}")), default=0.0)
+        return sizes.get(name, 0.0) + own
+
+    @cached_property
+    def mesh(self) -> Any:  # noqa: ANN401 (of the recipe's own kind)
+        """How it is discretised."""
+        return self.recipe.mesh(self.dofs, self.reach_of_modes_hz)
+
+    @cached_property
+    def nominal(self) -> Structure:
+        """Structure at all factors 1."""
+        return self.recipe.structure(dict.fromkeys(self.names, 1.0), self.mesh)
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same structures, exact at these DOFs up to this frequency; elements end at their points."""
+        return replace(self, dofs=tuple(dofs), top_hz=top_hz)
+
+    def structure(self, factors: Array) -> Structure:
+        """Structure at factors (q,), assembled anew."""
+        given = np.asarray(factors, dtype=float)
+        named = dict(zip(self.names, given.tolist(), strict=True)) if given.size else {}
+        return self.recipe.structure(named, self.mesh)
+
+    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
+        """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
+        if self.exact:
+            return AssembledModes(self, motions)
+        given = self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz
+        try:
+            hash(given)
+        except TypeError:  # a caller gave lists for tuples
+            return self.over_factors(motions, forced)
+        if motions.shape[1] > _KEPT_MOTIONS:
+            return self.over_factors(motions, forced)
+        which = None if forced is None else tuple(forced.tolist())
+        return _kept(type(self), *given, motions.shape, motions.tobytes(), which)
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """See `StructureFamily.free_modes`."""
+        raise NotImplementedError
+
+    def damping_ratios(self, factors: Array) -> Array:
+        """Damping ratio of every mode, shape (n, m), or (1, m) where all are certain."""
+        law = self.recipe.damping
+        if not any(map(is_damping_ratio, self.names)):
+            return self._certain_ratios
+        listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
+        ratios = np.tile(law.per_mode(self.nominal.n_dofs), (len(factors), 1))
+        ratios *= self.factor(factors, "damping_ratio")[:, None]
+        for i in range(listed):
+            # the last one holds for all higher modes
+            ratios[:, i : None if i == listed - 1 else i + 1] *= self.factor(factors, f"damping_ratio_{i + 1}")[:, None]
+        return ratios
+
+    @cached_property
+    def _certain_ratios(self) -> Array:
+        return self.recipe.damping.per_mode(self.nominal.n_dofs)[None]
+
+    def loss_factors(self, factors: Array) -> Array:
+        """Loss factor, shape (n,)."""
+        return self.recipe.damping.hysteretic * self.factor(factors, "loss_factor")
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """True over predicted natural frequency of the first modes of the assembled structure, shape (n, c)."""
+        named = [name for name in self.names if is_mode_frequency(name)]
+        each = [self.factor(factors, name) for name in named]
+        return np.stack(each, axis=-1) if each else np.empty((len(factors), 0))
+
+    def factor(self, factors: Array, name: str) -> Array:
+        """Factor on one quantity, shape (n,), or all mass at an accelerometer; ones where it is certain."""
+        if name not in self.names or not factors.shape[1]:
+            return np.ones(len(factors))
+        found = factors[:, self.names.index(name)]
+        return self.recipe.lumped_factor(found) if name == "accelerometer_mass" else found
+
+
+@lru_cache(maxsize=_KEPT)
+def _kept(
+    kind: type[UncertainFamily],
+    recipe: Recipe,
+    ranges: tuple[tuple[str, tuple[float, float]], ...],
+    dofs: tuple[str, ...] | None,
+    top_hz: float | None,
+    shape: tuple[int, ...],
+    motions: bytes,
+    forced: tuple[bool, ...] | None,
+) -> FreeModes:
+    """Free modes by the values that they depend on."""
+    family = kind(recipe, dict(ranges), dofs=dofs, top_hz=top_hz)
+    given = np.frombuffer(motions).reshape(shape)
+    return family.over_factors(given, None if forced is None else np.array(forced, dtype=bool))
+
+
+class AssembledModes:
+    """Motions in all free modes, the structure assembled and solved anew for each row of factors."""
+
+    def __init__(self, family: UncertainFamily, motions: Array) -> None:
+        self._family, self._motions = family, motions
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
+        rows = factors if factors.shape[1] else np.empty((1, 0))
+        solved = [self._family.structure(row).modes() for row in rows]
+        return np.stack([s.eigenvalues for s in solved]), np.stack([self._motions.T @ s.shapes for s in solved])
