@@ -59,8 +59,13 @@ from jointbayes.sampling import SamplerSettings as SamplerSettings
 from jointbayes.structure import BeamFamily as BeamFamily
 from jointbayes.structure import BeamMaterial as BeamMaterial
 from jointbayes.structure import BeamRecipe as BeamRecipe
+from jointbayes.structure import Body as Body
+from jointbayes.structure import FrameFamily as FrameFamily
+from jointbayes.structure import FrameRecipe as FrameRecipe
 from jointbayes.structure import LossFactor as LossFactor
+from jointbayes.structure import Member as Member
 from jointbayes.structure import ModalDamping as ModalDamping
+from jointbayes.structure import PointMass as PointMass
 from jointbayes.structure import Rayleigh as Rayleigh
 from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure

@@ -1,8 +1,8 @@
 """Free modes of a beam whose quantities are uncertain, for many values of them at once.
 
 E, ρ and size change the modes of a beam by similarity, that is by factors. What is left are at most three numbers:
-slenderness, shear coefficient, and the accelerometer's mass beside the beam's. Over these the modes are interpolated, see
-`jointbayes.structure.shape_modes`.
+slenderness, shear coefficient, and the accelerometer's mass beside the beam's. Over these the modes are
+interpolated, see `jointbayes.structure.shape_modes`.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,8 @@
 """Structures that differ by factors on some of their quantities, as the forward models see them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Protocol, Self
 
 import numpy as np
@@ -53,11 +52,6 @@ class StructureFamily(Protocol):
     @property
     def discretisation(self) -> Discretisation | None:
         """Elements; None where matrices are given."""
-        ...
-
-    @property
-    def positions(self) -> Mapping[str, tuple[float, float, float]]:
-        """Place of every point, m, by what stands before the colon of its DOFs' labels; empty where nobody knows."""
         ...
 
     def at(self, dofs: Iterable[str], top_hz: float) -> "StructureFamily":
@@ -134,7 +128,6 @@ class FixedFamily:
 
     names: tuple[str, ...] = ()
     discretisation: Discretisation | None = None
-    positions: Mapping[str, tuple[float, float, float]] = MappingProxyType({})
 
     def __init__(self, structure: Structure, top_hz: float | None = None) -> None:
         self.nominal, self._top_hz = structure, top_hz

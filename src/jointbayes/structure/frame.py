@@ -216,7 +216,7 @@ class Body:
         for member in self.members:
             for one, other in itertools.pairwise(self.stations(member)):
                 gap = np.subtract(other.place, one.place)
-                if not np.linalg.norm(gap) > _SHORTEST * max(1.0, np.linalg.norm(one.place)):
+                if not math.hypot(*gap) > _SHORTEST * max(1.0, math.hypot(*one.place)):
                     raise ModelError(
                         f"frame: found no length between the points {one.point} and {other.point} of a member; "
                         "expected two places; correct a point or an offset"
@@ -336,4 +336,3 @@ def _vector(value: object, what: str) -> Vector:
 def _tuple(vector: Array) -> Vector:
     x, y, z = vector.tolist()
     return x, y, z
-

@@ -17,7 +17,17 @@ from jointbayes.structure.beam import BeamMaterial, spatial_element
 from jointbayes.structure.high_order import element_points
 from jointbayes.structure.section import Section
 
-__all__ = ["FIELDS", "Rigidities", "Stretch", "end_transformation", "local_matrices", "mass_matrix", "paper_matrices", "part_matrices", "skew"]
+__all__ = [
+    "FIELDS",
+    "Rigidities",
+    "Stretch",
+    "end_transformation",
+    "local_matrices",
+    "mass_matrix",
+    "paper_matrices",
+    "part_matrices",
+    "skew",
+]
 
 Array = NDArray[np.float64]
 

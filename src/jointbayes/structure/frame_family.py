@@ -32,7 +32,7 @@ _POWERS: dict[str, dict[str, float]] = {
     "masses": {"density": -1.0, "length": -3.0},
     "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "length": -3.0},
 }
-_QUANTITIES = tuple(dict.fromkeys(q for powers in _POWERS.values() for q in powers)) + ("youngs_modulus",)
+_QUANTITIES = tuple(dict.fromkeys(["youngs_modulus", *(q for powers in _POWERS.values() for q in powers)]))
 _TRIES = 60
 
 
@@ -135,13 +135,15 @@ class _Body:
         """Lower and upper end of each shape number."""
         ends = []
         for powers in self.axes.values():
-            sides = [sorted((p * end for end in self._range(q))) for q, p in powers.items()]
+            sides = [sorted(p * end for end in self._range(q)) for q, p in powers.items()]
             ends.append((sum(side[0] for side in sides), sum(side[1] for side in sides)))
         return ends
 
     def _range(self, quantity: str) -> tuple[float, float]:
         family = self.family
-        named = [family.ranges.get(n, (0.0, 0.0)) for n in (quantity, f"{family.recipe.bodies[self.number][0]}.{quantity}")]
+        named = [
+            family.ranges.get(n, (0.0, 0.0)) for n in (quantity, f"{family.recipe.bodies[self.number][0]}.{quantity}")
+        ]
         low, high = (sum(ends) for ends in zip(*named, strict=True))
         if quantity == "accelerometer_mass":
             low, high = np.log(family.recipe.lumped_factor(np.exp([low, high]))).tolist()
@@ -161,7 +163,7 @@ class _Body:
         load = recipe.accelerometer_mass * at.pop("accelerometer_mass", masses)
         factors = BodyFactors(**at, masses=masses)
         stiffness, mass, labels = recipe.matrices(self.number, factors, load, mesh[self.number])
-        return Structure(stiffness, mass, recipe.damping, labels)
+        return Structure(stiffness.toarray(), mass.toarray(), recipe.damping, labels)
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""

@@ -1,6 +1,4 @@
-"""How a frame is cut into elements, and their sparse assembly: nodes at the points that matter, and elements so rich
-that no mesh shows below a frequency.
-"""
+"""How a frame is cut into elements, so rich that no mesh shows below a frequency, and their sparse assembly."""
 
 import itertools
 import math
@@ -23,7 +21,7 @@ from jointbayes.structure.frame_element import (
     paper_matrices,
     part_matrices,
 )
-from jointbayes.structure.high_order import ACCURACY, cheapest_elements, condensed_to_ends, element_points
+from jointbayes.structure.high_order import ACCURACY, cheapest_elements, condensed_to_ends
 
 __all__ = ["MOST_DOFS", "BodyFactors", "BodyMesh", "Segment", "assembled", "mesh_of", "segments_of"]
 
@@ -94,8 +92,8 @@ def segments_of(body: Body, used: Collection[str] | None = None) -> tuple[Segmen
         for one, other in itertools.pairwise(kept):
             gap = np.subtract(other.place, one.place)
             end = member.end_section or member.section
-            sections = (member.section.between(end, share) for share in (one.share, other.share))
-            stretch = Stretch(float(np.linalg.norm(gap)), member.material, *sections, member.kappas)
+            start, end = (member.section.between(end, share) for share in (one.share, other.share))
+            stretch = Stretch(float(np.linalg.norm(gap)), member.material, start, end, member.kappas)
             x, y, z = ((float(a), float(b), float(c)) for a, b, c in member.axes(gap))
             found.append(Segment((one.point, other.point), (x, y, z), (one.offset, other.offset), stretch))
     return tuple(found)
@@ -156,7 +154,7 @@ def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float) -> tuple[
     rounding = _ROUNDING * np.finfo(float).eps * slender * stretch.length**2 * any(len(f) == 2 for f in fields)
     enough = max(ACCURACY, rounding)
 
-    def accurate(elements: int, order: int) -> bool:
+    def accurate(order: int, elements: int) -> bool:
         # of a taper the first and the last element are the thinnest and the steepest
         ends = {0, elements - 1} if stretch.tapered else {0}
         parts = [stretch.part(i / elements, (i + 1) / elements) for i in ends]

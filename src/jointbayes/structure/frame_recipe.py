@@ -177,7 +177,7 @@ class FrameRecipe:
         dofs
             Labels of such DOFs, beside supports and accelerometers; None takes all points.
         top_hz
-            Highest frequency, Hz; None that of ten half waves along each straight beam, the stiffest of them.
+            Highest frequency, Hz; None that of ten half waves along the straight beam where it is lowest.
 
         Raises
         ------
@@ -193,7 +193,7 @@ class FrameRecipe:
         extra = _RICHER if self.richer else 0
         if self.element == "paper":
             return tuple(mesh_of(segments, self.directions, None) for segments in each)
-        top = max(map(_half_waves_hz, (s for segments in each for s in segments))) if top_hz is None else top_hz
+        top = min(map(_half_waves_hz, (s for segments in each for s in segments))) if top_hz is None else top_hz
         return tuple(mesh_of(segments, self.directions, top, extra) for segments in each)
 
     def structure(self, factors: Mapping[str, float] | None = None, mesh: FrameMesh | None = None) -> Structure:
@@ -222,7 +222,7 @@ class FrameRecipe:
         ]
         stiffness, mass = (sparse.block_diag([part[i] for part in parts], format="csr") for i in range(2))
         labels = tuple(label for part in parts for label in part[2])
-        return Structure(stiffness, mass, self.damping.scaled(given), labels)
+        return Structure(stiffness.toarray(), mass.toarray(), self.damping.scaled(given), labels, self.positions)
 
     def matrices(
         self, number: int, factors: BodyFactors, load: float, mesh: BodyMesh

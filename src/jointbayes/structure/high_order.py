@@ -17,7 +17,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -226,7 +226,7 @@ def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share:
     rounding = max(_ROUNDING * np.finfo(float).eps * plane.shear * length**2 / plane.bending for plane in planes)
     enough = max(ACCURACY, rounding)
 
-    def accurate(elements: int, order: int) -> bool:
+    def accurate(order: int, elements: int) -> bool:
         return max(element_error(length / elements, order, plane, omega, share) for plane in planes) <= enough
 
     best = cheapest_elements(accurate)
@@ -240,14 +240,14 @@ def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share:
 
 
 def cheapest_elements(accurate: Callable[[int, int], bool]) -> tuple[int, int] | None:
-    """Number of elements and order that are accurate and need the fewest nodes; None if thousands are not enough."""
+    """Number of elements and order that are accurate and need the fewest nodes; None if none is."""
     best: tuple[int, int] | None = None
     for order in _ORDERS:
         most = _MOST_ELEMENTS if best is None else math.ceil(best[0] * best[1] / order) - 1
-        doubled = (n for n in (2**k for k in range(13)) if n >= most or accurate(n, order))
+        doubled = (n for n in (2**k for k in range(13)) if n >= most or accurate(order, n))
         enough_of_them = next(doubled, most + 1)
-        if enough_of_them > most or (enough_of_them == most and not accurate(most, order)):
+        if enough_of_them > most or (enough_of_them == most and not accurate(order, most)):
             continue
         fewer = range(enough_of_them // 2 + 1, enough_of_them)
-        best = fewer.start + bisect.bisect_left(fewer, True, key=lambda n, p=order: accurate(n, p)), order
+        best = fewer.start + bisect.bisect_left(fewer, True, key=partial(accurate, order)), order
     return best

@@ -1,7 +1,7 @@
 """A structure as matrices: stiffness, mass, damping law and the labels of its DOFs."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,8 @@ class Structure:
         Damping law.
     dofs
         Labels of the n DOFs such as ``"11:y"`` (one-based node, direction).
+    positions
+        Place of points in m, by what stands before the colon of their labels, where it is known.
 
     Raises
     ------
@@ -61,6 +63,7 @@ class Structure:
     mass: NDArray[np.float64]
     damping: DampingLaw
     dofs: tuple[str, ...]
+    positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.dofs)
@@ -112,6 +115,10 @@ class Structure:
                     "not fixed by a support; correct the label"
                 )
         return np.array([known[label] for label in labels], dtype=np.intp)
+
+    def position(self, label: str) -> tuple[float, float, float] | None:
+        """Where a DOF is, m; None where that is not known."""
+        return self.positions.get(label.rpartition(":")[0])
 
     def fixed(self, supports: Iterable[str]) -> "Structure":
         """Return the structure with the DOFs in `supports` held fixed (their rows and columns removed)."""

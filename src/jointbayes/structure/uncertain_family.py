@@ -1,4 +1,4 @@
-"""What families of structures with uncertain quantities share: quantities by name, damping, free modes asked for before."""
+"""What families of structures with uncertain quantities share: quantities by name, damping, modes asked for before."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
@@ -35,11 +35,6 @@ class Recipe(Protocol):
     @property
     def element(self) -> ElementKind:
         """How it is discretised."""
-        ...
-
-    @property
-    def positions(self) -> Mapping[str, tuple[float, float, float]]:
-        """Place of every point, m, by what stands before the colon of its DOFs' labels."""
         ...
 
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> Any:  # noqa: ANN401 (its own)
@@ -118,14 +113,9 @@ class UncertainFamily:
         """The q quantities."""
         return tuple(self.ranges)
 
-    @property
-    def positions(self) -> Mapping[str, tuple[float, float, float]]:
-        """Place of every point, m, by what stands before the colon of its DOFs' labels."""
-        return self.recipe.positions
-
     @cached_property
     def reach_of_modes_hz(self) -> float | None:
-        """Frequency up to which modes are wanted: with quantities at the end of their range they may be so much lower."""
+        """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
         return None if self.top_hz is None else self.top_hz * self._widest
 
     @property
@@ -164,15 +154,10 @@ class UncertainFamily:
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
         if self.exact:
             return AssembledModes(self, motions)
-        given = self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz
-        try:
-            hash(given)
-        except TypeError:  # a caller gave lists for tuples
+        values = _Values(type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
+        if motions.shape[1] > _KEPT_MOTIONS or not values.known:
             return self.over_factors(motions, forced)
-        if motions.shape[1] > _KEPT_MOTIONS:
-            return self.over_factors(motions, forced)
-        which = None if forced is None else tuple(forced.tolist())
-        return _kept(type(self), *given, motions.shape, motions.tobytes(), which)
+        return _kept(values, motions.shape, motions.tobytes(), None if forced is None else tuple(forced.tolist()))
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """See `StructureFamily.free_modes`."""
@@ -213,19 +198,29 @@ class UncertainFamily:
         return self.recipe.lumped_factor(found) if name == "accelerometer_mass" else found
 
 
+@dataclass(frozen=True, slots=True)
+class _Values:
+    """What a family is made from: equal where its structures are."""
+
+    kind: type[UncertainFamily]
+    recipe: Recipe
+    ranges: tuple[tuple[str, tuple[float, float]], ...]
+    dofs: tuple[str, ...] | None
+    top_hz: float | None
+
+    @property
+    def known(self) -> bool:
+        """Whether it can be looked up; not where a caller gave lists for tuples."""
+        try:
+            hash(self)
+        except TypeError:
+            return False
+        return True
+
+
 @lru_cache(maxsize=_KEPT)
-def _kept(
-    kind: type[UncertainFamily],
-    recipe: Recipe,
-    ranges: tuple[tuple[str, tuple[float, float]], ...],
-    dofs: tuple[str, ...] | None,
-    top_hz: float | None,
-    shape: tuple[int, ...],
-    motions: bytes,
-    forced: tuple[bool, ...] | None,
-) -> FreeModes:
-    """Free modes by the values that they depend on."""
-    family = kind(recipe, dict(ranges), dofs=dofs, top_hz=top_hz)
+def _kept(values: _Values, shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None) -> FreeModes:
+    family = values.kind(values.recipe, dict(values.ranges), dofs=values.dofs, top_hz=values.top_hz)
     given = np.frombuffer(motions).reshape(shape)
     return family.over_factors(given, None if forced is None else np.array(forced, dtype=bool))
 

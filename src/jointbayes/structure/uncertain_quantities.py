@@ -221,7 +221,8 @@ class BeamRecipe:
         else:
             free = meshed_beam(BeamShape(length, section, material, kappa), damping, mesh, self.dofs_per_node)
         loaded = self._loaded(free, self.accelerometer_mass * given.get("accelerometer_mass", 1.0) + self.added_mass)
-        return loaded.fixed(self.supports) if self.supports else loaded
+        held = loaded.fixed(self.supports) if self.supports else loaded
+        return replace(held, positions=self.positions)
 
     def _loaded(self, free: Structure, mass: float) -> Structure:
         if mass < 0:

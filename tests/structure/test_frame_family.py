@@ -1,0 +1,217 @@
+"""Frames as forward models see them: joints, uncertain quantities of each body, labels, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
+from jointbayes.joint import Joint
+from jointbayes.structure import (
+    BeamFamily,
+    BeamMaterial,
+    BeamRecipe,
+    Body,
+    FrameFamily,
+    FrameRecipe,
+    LossFactor,
+    Member,
+    ModalDamping,
+    PointMass,
+    Rayleigh,
+    Section,
+)
+
+STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
+FLAT = Section.rectangle(0.04, 0.01)
+LAWS = [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(1.0, 1e-6)]
+SPRINGS = np.array([[1e8, 0, 0], [0, 3e7, 2e5], [0, 2e5, 1e4]])
+BETWEEN = Joint(("left.3:x", "left.3:y", "left.3:rz"), ("right.1:x", "right.1:y", "right.1:rz"))
+PORTS = Ports(np.arange(20.0, 1500.0, 211.0), ("left.1:y", "right.3:y", "right.3:z"), ("left.1:y", "right.3:z"))
+
+
+def two_bodies(law=LAWS[0], **more):
+    """A straight one, and a bent one with a mass at its end; the joint is between places that coincide."""
+    left = Body({1: (0, 0, 0), 3: (0.28, 0, 0)}, (Member((1, 3), FLAT, STEEL),))
+    places = {"1": (0.28, 0, 0), "2": (0.4, 0, 0), "3": (0.5, 0.1, 0.05)}
+    members = (Member(("1", "2"), FLAT, STEEL), Member(("2", "3"), FLAT, STEEL, Section.rectangle(0.02, 0.01)))
+    right = Body(places, members, (PointMass("3", 0.05, (1e-5, 2e-5, 1e-5)),))
+    return FrameRecipe({"left": left, "right": right}, law, **more)
+
+
+def worst(recipe, ranges, factors, joint=BETWEEN, springs=SPRINGS, ports=PORTS):
+    """Largest deviation of the receptances from a dense solve of the frame assembled on a finer mesh."""
+    family = FrameFamily(recipe, ranges)
+    found = receptance_model(family, joint, ports).receptance(np.repeat(springs[None], len(factors), 0), factors)
+    richer = family.at((*joint.dofs, *joint.against, *ports.outputs, *ports.inputs), 2500.0)
+    out = 0.0
+    for one, row in zip(found, factors, strict=True):
+        exact = DirectSolve(richer.structure(row), joint, ports).receptance(springs)[0]
+        out = max(out, float(np.abs(one - exact).max() / np.abs(exact).max()))
+    return out
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_two_bodies_with_a_joint_are_those_of_a_dense_solve(law):
+    assert worst(two_bodies(law), {}, np.empty((1, 0))) < 1e-7
+    stiff = SPRINGS * 1e6
+    assert worst(two_bodies(law), {}, np.empty((1, 0)), springs=stiff) < 1e-7
+
+
+def test_no_mesh_shows_up_to_the_highest_frequency():
+    family = FrameFamily(two_bodies(LAWS[1]), {})
+    ports = replace(PORTS, frequency_hz=np.arange(3000.0, 5000.0, 97.0))
+    found, exact = (receptance_model(f, BETWEEN, ports).receptance(SPRINGS)[0] for f in (family, family.reference()))
+    assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        {"youngs_modulus": 0.1, "density": 0.05, "left.length": 0.02, "right.youngs_modulus": 0.05},
+        {"section_size": 0.03, "left.density": 0.05},
+        {"right.section_size": 0.02, "accelerometer_mass": 0.3},
+        {"left.shear_coefficient": 0.1, "left.length": 0.01, "left.density": 0.03},
+    ],
+    ids=lambda ranges: ", ".join(ranges),
+)
+def test_quantities_of_each_body_are_those_of_the_frame_assembled_with_them(ranges):
+    recipe = two_bodies(accelerometer_mass=0.02, added_mass=0.01, accelerometer_dofs=("left.1:y", "right.3:y"))
+    reach = np.array(list(ranges.values()))
+    factors = np.exp(np.random.default_rng(3).uniform(-reach, reach, (3, len(reach))))
+    assert worst(recipe, {name: (-size, size) for name, size in ranges.items()}, factors) < 1e-6
+
+
+def test_a_joint_beside_the_axis_moves_with_its_arm_whatever_the_length():
+    """A form that mixes translation and rotation, as a joint with an offset has."""
+    body = Body({1: (0, 0, 0), 11: (0.383, 0, 0)}, (Member((1, 11), FLAT, STEEL),))
+    frames = FrameFamily(FrameRecipe(body, LAWS[1], ("y", "rz")), {"length": (-0.02, 0.02)})
+    beams = BeamFamily(BeamRecipe(0.383, FLAT, STEEL, LAWS[1]), {"length": (-0.02, 0.02)})
+    for family in (frames, beams):
+        near = family.at(("1:y", "11:y"), 1500.0)
+        motions = np.zeros((near.nominal.n_dofs, 2))
+        motions[near.nominal.index(["1:y", "1:rz"]), 0] = 1.0, 0.05
+        motions[near.nominal.index(["11:y"]), 1] = 1.0
+        lam, rows = near.free_modes(motions)(np.array([[1.015]]))
+        exact, seen = near.reference().at(("1:y", "11:y"), 1500.0), motions
+        seen = np.zeros((exact.nominal.n_dofs, 2))
+        seen[exact.nominal.index(["1:y", "1:rz"]), 0] = 1.0, 0.05
+        seen[exact.nominal.index(["11:y"]), 1] = 1.0
+        full = exact.structure(np.array([1.015])).modes()
+        omega2 = -((2 * np.pi * 500.0) ** 2)
+        a = (rows[0] / (lam[0] - omega2)) @ rows[0].T
+        r = seen.T @ full.shapes
+        assert_allclose(a, (r / (full.eigenvalues - omega2)) @ r.T, rtol=1e-7)
+
+
+def test_natural_frequencies_of_joined_halves_are_those_of_the_whole():
+    section = Section.circle(0.02)
+    one = Body({1: (0, 0, 0), 2: (0.3, 0.1, 0), 3: (0.6, 0.1, 0.2)}, (Member((1, 2, 3), section, STEEL),))
+    half = Body({1: (0, 0, 0), 2: (0.3, 0.1, 0)}, (Member((1, 2), section, STEEL),))
+    other = Body({2: (0.3, 0.1, 0), 3: (0.6, 0.1, 0.2)}, (Member((2, 3), section, STEEL),))
+    whole = FrameRecipe(one, LAWS[0])
+    halves = FrameFamily(FrameRecipe({"a": half, "b": other}, LAWS[0]), {})
+    six = ("x", "y", "z", "rx", "ry", "rz")
+    joint = Joint(tuple(f"a.2:{d}" for d in six), tuple(f"b.2:{d}" for d in six))
+    found = NaturalFrequencies(halves, joint, 12, 3000.0).frequency_hz(np.diag([1e13] * 3 + [1e10] * 3))[0]
+    exact = whole.structure({}, whole.mesh((), 3000.0)).modes().frequency_hz[:12]
+    assert_allclose(found[6:], exact[6:], rtol=1e-5)
+    assert (found[:6] < 0.1).all()
+
+
+def test_a_frequency_is_found_below_which_so_many_modes_lie():
+    family = FrameFamily(two_bodies(), {})
+    top = family.reach_hz(10)
+    modes = family.at((), 2 * top).nominal.modes().frequency_hz
+    assert (modes < top).sum() >= 16
+
+
+def test_numbers_between_two_numbered_points_are_points_where_they_are_asked_for():
+    body = Body({1: (0, 0, 0), 11: (0, 0.5, 0), 12: (0.1, 0.5, 0)}, (Member((1, 11, 12), FLAT, STEEL),))
+    recipe = FrameRecipe(body, LAWS[0])
+    assert recipe.positions["4"] == pytest.approx((0, 0.15, 0))
+    assert recipe.positions["12"] == (0.1, 0.5, 0)
+    nominal = FrameFamily(recipe, {}).at(("4:x",), 500.0).nominal
+    named = {label.split(":")[0] for label in nominal.dofs if "~" not in label}
+    assert named == {"1", "4", "11", "12"}
+    # a frame whose points all have numbers counts nothing
+    square = {1: (0, 0, 0), 2: (1, 0, 0), 3: (1, 1, 0), 4: (0, 1, 0)}
+    members = tuple(Member(pair, FLAT, STEEL) for pair in ((1, 2), (2, 3), (3, 4), (4, 1)))
+    assert len(FrameRecipe(Body(square, members), LAWS[0]).positions) == 4
+
+
+def test_the_height_of_a_section_lies_in_the_plane_of_a_plane_frame_unless_stated():
+    stiff = Section.rectangle(0.01, 0.05)  # height 50 mm
+    for end in ((0.5, 0, 0), (0, 0.5, 0), (0.3, 0.4, 0)):
+        plane = FrameRecipe(Body({1: (0, 0, 0), 2: end}, (Member((1, 2), stiff, STEEL),)), LAWS[0], ("x", "y", "rz"))
+        f = plane.structure({}, plane.mesh((), 3000.0)).modes().frequency_hz[3]
+        beam = BeamRecipe(0.5, stiff, STEEL, LAWS[0]).structure().modes().frequency_hz
+        slow = replace(plane, bodies=Body({1: (0, 0, 0), 2: end}, (Member((1, 2), stiff, STEEL, up=(0, 0, 1)),)))
+        assert f == pytest.approx(beam[2], rel=1e-9)
+        assert slow.structure({}, slow.mesh((), 3000.0)).modes().frequency_hz[3] < f / 4
+
+
+def body(**more):
+    given = {"points": {1: (0, 0, 0), 2: (0.5, 0, 0)}, "members": (Member((1, 2), FLAT, STEEL),)} | more
+    return Body(**given)
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (lambda: Member((1,), FLAT, STEEL), "two points or more"),
+        (lambda: Member((1, 2), FLAT, STEEL, Section.circle(0.1)), "taper from rectangle to tube"),
+        (lambda: Member((1, 2), FLAT, STEEL, shear_coefficient=-1.0), "shear coefficient"),
+        (lambda: body(points={1: (0, 0, 0), 2: (0, 0, 0)}), "no length"),
+        (lambda: body(points={1: (0, 0), 2: (1, 0, 0)}), "three numbers"),
+        (lambda: body(points={1: (0, 0, 0), 2: (float("nan"), 0, 0)}), "numbers up to"),
+        (lambda: body(members=(Member((1, 5), FLAT, STEEL),)), "at point '5'"),
+        (lambda: body(members=(Member((1, 2), FLAT, STEEL, up=(2, 0, 0)),)), "along the member 1 to 2"),
+        (lambda: body(points={1: (0, 0, 0), 2: (0.5, 0, 0), 9: (1, 1, 1)}), "points 9 without a member"),
+        (lambda: body(points={"a:b": (0, 0, 0), 2: (1, 0, 0)}), "'a:b'"),
+        (lambda: body(members=()), "without members"),
+        (lambda: body(masses=(PointMass("7", 1.0),)), "'7'"),
+        (lambda: PointMass("1", -1.0), "at least 0"),
+        (lambda: PointMass("1", 1.0, (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)), "positive semidefinite"),
+        (lambda: FrameRecipe({"1": body()}, LAWS[0]), "begin with a letter"),
+        (lambda: FrameRecipe({}, LAWS[0]), "none"),
+        (lambda: FrameRecipe(body(), LAWS[0], ("u",)), "directions u"),
+        (lambda: FrameRecipe(body(), LAWS[0], supports=("3:x",)), "'3:x'"),
+        (lambda: FrameRecipe(body(), LAWS[0], ("y", "rz"), supports=("1:x",)), "'1:x'"),
+        (lambda: FrameRecipe(body(), LAWS[0], accelerometer_mass=-1.0), "masses of at least 0"),
+        (lambda: FrameFamily(two_bodies(), {"colour": (0, 0)}), "'colour'"),
+        (lambda: FrameFamily(two_bodies(), {"length": (-1, 1)}), "right has members in several"),
+        (lambda: FrameFamily(two_bodies(), {"right.length": (-1, 1)}), "right has members in several"),
+        (lambda: FrameFamily(two_bodies(), {"loss_factor": (-1, 1)}), "another kind"),
+        (lambda: two_bodies().structure({}, two_bodies().mesh((), 1e12)), "Hz"),
+        (lambda: FrameRecipe(body(members=(Member((1, 2), Section(1e-3, 1e-6, 1e-6, (1, 1, 1, 1)), STEEL),)), LAWS[0])
+            .structure(), "torsion constant"),
+    ],
+)  # fmt: skip
+def test_impossible_frames_are_refused_in_one_line(broken, words):
+    with pytest.raises(ModelError) as caught:
+        broken()
+    assert words in str(caught.value)
+    assert "expected" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_body_that_nothing_reaches_still_has_its_natural_frequencies():
+    joint = Joint(("left.1:y",))
+    found = NaturalFrequencies(FrameFamily(two_bodies(), {}), joint, 14, 1500.0).frequency_hz(np.array([[0.0]]))[0]
+    recipe = two_bodies()
+    exact = recipe.structure({}, recipe.mesh((), 1500.0)).modes().frequency_hz[:14]
+    assert_allclose(found[12:], exact[12:], rtol=1e-6)
+
+
+def test_a_frame_is_equal_to_itself_and_tells_where_its_points_are():
+    assert two_bodies() == two_bodies()
+    assert hash(two_bodies()) == hash(two_bodies())
+    assert "left, right" in repr(FrameFamily(two_bodies(), {}))
+    nominal = FrameFamily(two_bodies(), {}).nominal
+    assert nominal.position("left.2:rx") == pytest.approx((0.14, 0, 0))
+    assert nominal.position("right.3:y") == (0.5, 0.1, 0.05)
+    assert BeamFamily(BeamRecipe(0.4, FLAT, STEEL, LAWS[0]), {}).nominal.position("6:y") == pytest.approx((0.2, 0, 0))
+    assert FrameFamily(two_bodies(element="paper"), {}).discretisation.order == 3
