@@ -63,12 +63,16 @@ from jointbayes.structure import Body as Body
 from jointbayes.structure import FrameFamily as FrameFamily
 from jointbayes.structure import FrameRecipe as FrameRecipe
 from jointbayes.structure import LossFactor as LossFactor
+from jointbayes.structure import MatrixFamily as MatrixFamily
+from jointbayes.structure import MatrixRecipe as MatrixRecipe
 from jointbayes.structure import Member as Member
 from jointbayes.structure import ModalDamping as ModalDamping
 from jointbayes.structure import PointMass as PointMass
 from jointbayes.structure import Rayleigh as Rayleigh
 from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure
+from jointbayes.structure import ViscousMatrix as ViscousMatrix
+from jointbayes.structure import chain as chain
 from jointbayes.studies.calibration.calibrate import calibrate as calibrate
 from jointbayes.studies.calibration.directory import write_calibration as write_calibration
 from jointbayes.studies.calibration.result import Calibration as Calibration

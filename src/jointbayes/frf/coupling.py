@@ -110,7 +110,8 @@ class LowRankCoupling:
         self._n_out, self._omega = len(ports.outputs), ports.omega
         driven = np.hstack([joined, rest])
         self._known: _Coupling | None = None
-        if not family.names and family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE:
+        small = family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE
+        if not family.names and (small or family.nominal.damping.matrix is not None):
             self._known = self._coupling(solve_lines(family.nominal, ports.omega, driven, driven))
             return
         forced = np.arange(driven.shape[1]) - joined.shape[1] >= len(ports.outputs)

@@ -57,6 +57,8 @@ def solve_lines(
 
 def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.float64]:
     law = structure.damping
+    if law.matrix is not None:
+        return law.matrix
     if not law.of_assembled_modes:
         alpha, beta = law.viscous
         return alpha * structure.mass + beta * structure.stiffness

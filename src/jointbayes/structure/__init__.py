@@ -2,11 +2,12 @@
 
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.beam_family import BeamFamily
-from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh
+from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh, ViscousMatrix
 from jointbayes.structure.family import Discretisation, FixedFamily, FreeModes, StructureFamily, as_family
 from jointbayes.structure.frame import Body, Member, PointMass
 from jointbayes.structure.frame_family import FrameFamily
 from jointbayes.structure.frame_recipe import FrameRecipe
+from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe, chain
 from jointbayes.structure.matrices import Modes, Structure, mode_shift
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.section import Section
@@ -29,6 +30,10 @@ __all__ = [
     "FrameRecipe",
     "Member",
     "PointMass",
+    # given matrices
+    "MatrixFamily",
+    "MatrixRecipe",
+    "chain",
     # uncertain structures
     "STRUCTURE_QUANTITIES",
     "BeamFamily",
@@ -45,4 +50,5 @@ __all__ = [
     "LossFactor",
     "ModalDamping",
     "Rayleigh",
+    "ViscousMatrix",
 ]

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, array_of
 
-__all__ = ["DampingLaw", "LossFactor", "ModalDamping", "Rayleigh"]
+__all__ = ["DampingLaw", "LossFactor", "ModalDamping", "Rayleigh", "ViscousMatrix"]
 
 
 class DampingLaw:
@@ -29,6 +29,15 @@ class DampingLaw:
     def viscous(self) -> tuple[float, float]:
         """α in 1/s and β in s of C = αM + βK."""
         return 0.0, 0.0
+
+    @property
+    def matrix(self) -> NDArray[np.float64] | None:
+        """A matrix C of its own, shape (n, n), in the place of αM + βK; None without."""
+        return None
+
+    def kept(self, rows: NDArray[np.intp]) -> "DampingLaw":
+        """The law of a structure of which only some DOFs move."""
+        return self
 
     def per_mode(self, count: int) -> NDArray[np.float64]:
         """Damping ratio of each of the first `count` modes of the assembled structure, shape (count,)."""
@@ -109,3 +118,35 @@ class Rayleigh(DampingLaw):
     def viscous(self) -> tuple[float, float]:
         """α and β."""
         return self.alpha, self.beta
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViscousMatrix(DampingLaw):
+    """Viscous damping by its matrix C of the structure without the joint, shape (n, n), N·s/m.
+
+    Raises
+    ------
+    ModelError
+        If it is not a square, symmetric, finite matrix.
+    """
+
+    viscous_matrix: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        given = array_of(self.viscous_matrix, float, "damping matrix", ModelError)
+        object.__setattr__(self, "viscous_matrix", given)
+        if given.ndim != 2 or given.shape[0] != given.shape[1] or not np.isfinite(given).all():
+            raise ModelError(
+                f"damping matrix: found an array of shape {given.shape}; expected a square one of finite numbers"
+            )
+        if np.abs(given - given.T).max(initial=0.0) > 1e-10 * np.abs(given).max(initial=0.0):
+            raise ModelError("damping matrix: found an unsymmetric one; expected a symmetric one; correct it")
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """C."""
+        return self.viscous_matrix
+
+    def kept(self, rows: NDArray[np.intp]) -> DampingLaw:
+        """The law of a structure of which only some DOFs move."""
+        return ViscousMatrix(self.viscous_matrix[np.ix_(rows, rows)])

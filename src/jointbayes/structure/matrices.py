@@ -89,6 +89,9 @@ class Structure:
             if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-10 * scale:
                 raise ModelError(f"structure: found an unsymmetric {name} matrix; expected a symmetric one")
             matrix.setflags(write=False)
+        own = self.damping.matrix
+        if own is not None and len(own) != n:
+            raise ModelError(f"structure: found a damping matrix of {len(own)} rows for {n} DOFs; expected {n}")
 
     def __repr__(self) -> str:
         law = type(self.damping).__name__
@@ -128,6 +131,7 @@ class Structure:
             self,
             stiffness=self.stiffness[np.ix_(keep, keep)].copy(),
             mass=self.mass[np.ix_(keep, keep)].copy(),
+            damping=self.damping.kept(keep),
             dofs=tuple(self.dofs[i] for i in keep),
         )
 
@@ -161,4 +165,5 @@ def mode_shift(structure: Structure) -> float:
     Eigenvalues λ found as 1/ν − σ carry an error near rounding × (λ + σ)²/σ, so that any σ among the modes
     of interest serves; max K_ii/M_ii is of the order of the highest eigenvalue.
     """
-    return 1e-5 * float((np.diag(structure.stiffness) / np.diag(structure.mass)).max())
+    highest = float((np.diag(structure.stiffness) / np.diag(structure.mass)).max())
+    return 1e-5 * highest if highest > 0 else 1.0  # masses without springs: any will do

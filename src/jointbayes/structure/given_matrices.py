@@ -1,0 +1,255 @@
+"""Structures given by their matrices: small K, M and C, and masses with springs and dampers between them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError, array_of, printable
+from jointbayes.structure.damping import DampingLaw, ViscousMatrix
+from jointbayes.structure.family import MOST_HELD, FixedFamily, FreeModes
+from jointbayes.structure.matrices import Structure
+from jointbayes.structure.reduction import Forced
+from jointbayes.structure.uncertain_family import UncertainFamily
+from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
+
+__all__ = ["GROUND", "MatrixFamily", "MatrixRecipe", "chain", "matrix_of"]
+
+Array = NDArray[np.float64]
+#: The other side of a spring that holds a mass to what does not move.
+GROUND = "ground"
+_QUANTITIES = ("damping_ratio", "loss_factor")
+_NOT_NEGATIVE = 1e-9  # part of the largest eigenvalue of a scaled matrix that rounding may leave below zero
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixRecipe:
+    """A structure by its matrices.
+
+    Parameters
+    ----------
+    stiffness, mass
+        K and M, shape (n, n), SI units: symmetric, K positive semidefinite, M positive definite.
+    dofs
+        Labels of the DOFs, ``"point:direction"``, shape (n,).
+    damping
+        Damping law; `ViscousMatrix` holds a matrix C.
+    supports
+        DOFs held fixed.
+    positions
+        Place of points in m, by what stands before the colon of their labels, where it is known.
+
+    Raises
+    ------
+    ModelError
+        If shapes disagree, or a matrix is not symmetric or has a negative eigenvalue.
+
+    Examples
+    --------
+    >>> from jointbayes.structure import ModalDamping
+    >>> two = MatrixRecipe([[2e5, -1e5], [-1e5, 1e5]], [[1, 0], [0, 2]], ("1:x", "2:x"), ModalDamping((0.01,)))
+    >>> two.structure().modes().frequency_hz.round(2).tolist()
+    [23.56, 76.01]
+    """
+
+    stiffness: Array
+    mass: Array
+    dofs: tuple[str, ...]
+    damping: DampingLaw
+    supports: tuple[str, ...] = ()
+    positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    element: ElementKind = "converged"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dofs", tuple(self.dofs))
+        object.__setattr__(self, "supports", tuple(self.supports))
+        for name in ("stiffness", "mass"):
+            object.__setattr__(self, name, array_of(getattr(self, name), float, f"structure: {name}", ModelError))
+        whole = Structure(self.stiffness, self.mass, self.damping, self.dofs, self.positions)
+        whole.index(self.supports)
+        self._require_sign("mass", whole.mass, definite=True)
+        self._require_sign("stiffness", whole.stiffness, definite=False)
+
+    def _require_sign(self, name: str, matrix: Array, *, definite: bool) -> None:
+        diagonal = np.diag(matrix)
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        lowest = float(np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min())
+        if lowest < -_NOT_NEGATIVE or (definite and lowest <= _NOT_NEGATIVE / 1e3):
+            kind = "positive definite" if definite else "positive semidefinite"
+            at = self.dofs[int(np.argmin(diagonal))]
+            raise ModelError(
+                f"structure: found a {name} matrix with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1, and "
+                f"{diagonal.min():.4g} at {printable(at)}; expected a {kind} one; correct the {name} matrix"
+            )
+
+    def require_quantity(self, name: str) -> None:
+        """Refuse a quantity that given matrices do not have.
+
+        Raises
+        ------
+        ModelError
+            If the name is unknown.
+        """
+        if name not in _QUANTITIES and not is_damping_ratio(name) and not is_mode_frequency(name):
+            raise ModelError(
+                f"structure: found uncertain quantity {printable(name)!r} of given matrices; expected one of "
+                f"{', '.join(_QUANTITIES)}, mode_frequency_1 and so on; remove it"
+            )
+
+    def lumped_factor(self, factor: Array) -> Array:
+        """Given matrices carry no accelerometer: the factor itself."""
+        return factor
+
+    def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> None:
+        """No elements."""
+
+    def structure(self, factors: Mapping[str, float] | None = None, mesh: None = None) -> Structure:
+        """The structure, its damping multiplied by factors where some are given.
+
+        Raises
+        ------
+        ModelError
+            If a name is unknown.
+        """
+        given = dict(factors or {})
+        for name in given:
+            self.require_quantity(name)
+        whole = Structure(self.stiffness, self.mass, self.damping.scaled(given), self.dofs, self.positions)
+        return whole.fixed(self.supports) if self.supports else whole
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixFamily(UncertainFamily):
+    """A structure of given matrices whose damping, or natural frequencies one by one, are uncertain.
+
+    Parameters
+    ----------
+    recipe
+        The matrices.
+    ranges
+        Smallest and largest logarithm of the factor by quantity: ``damping_ratio``, ``loss_factor``,
+        ``mode_frequency_1`` and so on.
+    dofs, top_hz, exact
+        As of `BeamFamily`.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law.
+    """
+
+    recipe: MatrixRecipe
+
+    @property
+    def what(self) -> str:
+        """The structure by its size."""
+        return f"{len(self.recipe.dofs)} DOFs"
+
+    @property
+    def discretisation(self) -> None:
+        """No elements: matrices are what they are."""
+        return
+
+    def reference(self, *, solved: bool = True) -> "MatrixFamily":
+        """The same structure, with every mode kept if `solved`."""
+        return MatrixFamily(self.recipe, self.ranges, exact=solved)
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz."""
+        frequency = self.nominal.modes().frequency_hz
+        return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """Its modes, whatever the factors."""
+        return FixedFamily(self.nominal, self.reach_of_modes_hz).free_modes(motions, forced)
+
+
+def chain(
+    masses: Mapping[str, float] | Sequence[float],
+    springs: Iterable[tuple[str, str, float]],
+    damping: DampingLaw | None = None,
+    *,
+    dampers: Iterable[tuple[str, str, float]] = (),
+    direction: str = "x",
+) -> MatrixRecipe:
+    """Masses that move along one line, with springs and dampers between them.
+
+    Parameters
+    ----------
+    masses
+        Mass in kg by its name, or in order: 1, 2 and so on.
+    springs
+        Two names, of which one may be ``"ground"``, and the stiffness between them in N/m.
+    damping
+        Damping law; None where there are dampers.
+    dampers
+        As springs, with the damping constant in N·s/m.
+    direction
+        That of the DOFs: ``"1:x"``.
+
+    Raises
+    ------
+    ModelError
+        If a name is unknown, a number is negative, or both a law and dampers are given.
+
+    Examples
+    --------
+    >>> from jointbayes.structure import ModalDamping
+    >>> two = chain([1.0, 2.0], [("ground", "1", 1e5), ("1", "2", 1e5)], ModalDamping((0.01,)))
+    >>> two.structure().modes().frequency_hz.round(2).tolist()
+    [23.56, 76.01]
+    """
+    named = dict(masses.items() if isinstance(masses, Mapping) else enumerate(masses, 1))
+    weights = {str(name): float(mass) for name, mass in named.items()}
+    for name, mass in weights.items():
+        if not 0 < mass < np.inf or name == GROUND:
+            raise ModelError(
+                f"chain: found a mass {printable(name)!r} of {mass:g} kg; expected one above 0; correct it"
+            )
+    given = list(dampers)
+    if (damping is None) == (not given):
+        raise ModelError(
+            f"chain: found {len(given)} dampers and {'no' if damping is None else 'a'} damping law; expected either "
+            "dampers or a law; remove one of the two, or state one"
+        )
+    stiffness = _between(weights, springs, "a spring", "N/m")
+    law = damping if damping is not None else ViscousMatrix(_between(weights, given, "a damper", "N s/m"))
+    return MatrixRecipe(stiffness, np.diag(list(weights.values())), tuple(f"{n}:{direction}" for n in weights), law)
+
+
+def _between(masses: Mapping[str, float], given: Iterable[tuple[str, str, float]], what: str, unit: str) -> Array:
+    """Matrix of springs or dampers between masses."""
+    at = {name: i for i, name in enumerate(masses)}
+    matrix = np.zeros((len(at), len(at)))
+    for one, other, value in given:
+        ends = [str(one), str(other)]
+        wrong = [end for end in ends if end != GROUND and end not in at]
+        if wrong or ends[0] == ends[1] or not 0 <= value < np.inf:
+            raise ModelError(
+                f"chain: found {what} from {printable(ends[0])!r} to {printable(ends[1])!r} of {value:g} {unit}; "
+                f"expected two of {', '.join([*at, GROUND])} and a number of at least 0; correct it"
+            )
+        form = np.zeros(len(at))
+        for end, sign in zip(ends, (1.0, -1.0), strict=True):
+            if end != GROUND:
+                form[at[end]] = sign
+        matrix += value * np.outer(form, form)
+    return matrix
+
+
+def matrix_of(values: ArrayLike, where: str) -> Array:
+    """A square matrix from lists of rows, or from one list of its diagonal.
+
+    Raises
+    ------
+    ModelError
+        If it is neither, or not of finite numbers; `where` begins the message.
+    """
+    given = array_of(values, float, where, ModelError)
+    matrix = np.diag(given) if given.ndim == 1 else given
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        raise ModelError(f"{where}: found an array of shape {given.shape}; expected a square matrix, or its diagonal")
+    if not np.isfinite(matrix).all():
+        raise ModelError(f"{where}: found NaN or infinity; expected finite numbers; correct them")
+    return matrix

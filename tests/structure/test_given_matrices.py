@@ -1,0 +1,106 @@
+"""Structures of given matrices, and chains of masses and springs."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import linalg
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
+from jointbayes.joint import Joint
+from jointbayes.structure import (
+    LossFactor,
+    MatrixFamily,
+    MatrixRecipe,
+    ModalDamping,
+    Structure,
+    ViscousMatrix,
+    chain,
+)
+
+LAW = ModalDamping((0.01,))
+PORTS = Ports(np.linspace(3.0, 80.0, 7), ("1:x", "2:x"), ("2:x",))
+
+
+def test_a_chain_has_the_matrices_of_the_book():
+    recipe = chain([1.0, 2.0, 3.0], [("ground", "1", 5.0), ("1", "2", 7.0), ("2", "3", 11.0)], LAW)
+    assert_allclose(recipe.stiffness, [[12, -7, 0], [-7, 18, -11], [0, -11, 11]])
+    assert_allclose(recipe.mass, np.diag([1.0, 2, 3]))
+    assert recipe.dofs == ("1:x", "2:x", "3:x")
+    named = chain({"head": 2.0, "foot": 1.0}, [("head", "foot", 4.0)], LAW, direction="y")
+    assert named.dofs == ("head:y", "foot:y")
+
+
+def test_masses_that_joints_alone_hold_have_the_frequencies_of_the_chain():
+    free = MatrixFamily(chain([1.0, 2.0], [], LAW), {})
+    for dofs, against, expected in [
+        (("1:x",), (), [0.0, np.sqrt(1e5 / 1.0)]),
+        (("1:x",), ("2:x",), [0.0, np.sqrt(1e5 * 1.5)]),
+    ]:
+        found = NaturalFrequencies(free, Joint(dofs, against), 2).frequency_hz(np.array([[1e5]]))[0]
+        assert_allclose(found, np.array(expected) / (2 * np.pi), rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [2, 60])
+def test_dampers_give_the_receptance_of_the_dynamic_stiffness(size):
+    names = [str(i + 1) for i in range(size)]
+    links = list(zip(["ground", *names], names, strict=False))
+    springs = [(a, b, 1e5 + 1e3 * i) for i, (a, b) in enumerate(links)]
+    dampers = [(a, b, 20.0 + i) for i, (a, b) in enumerate(links)]
+    recipe = chain(np.linspace(1, 2, size), springs, dampers=dampers)
+    joint, k = Joint(("2:x",)), np.array([[4e4]])
+    found = receptance_model(MatrixFamily(recipe, {}), joint, PORTS).receptance(k)[0]
+    structure = recipe.structure()
+    for f, one in zip(PORTS.frequency_hz, found, strict=True):
+        w = 2 * np.pi * f
+        z = structure.stiffness - w**2 * structure.mass + 1j * w * recipe.damping.matrix
+        z[1, 1] += 4e4
+        assert_allclose(one[:, 0], np.linalg.inv(z)[:2, 1], rtol=1e-9)
+
+
+def test_supports_take_rows_of_all_matrices_away():
+    recipe = chain([1.0, 2.0], [("1", "2", 1e5)], dampers=[("1", "2", 3.0)])
+    held = MatrixRecipe(recipe.stiffness, recipe.mass, recipe.dofs, recipe.damping, supports=("1:x",)).structure()
+    assert_allclose(held.damping.matrix, [[3.0]])
+    assert_allclose(held.modes().eigenvalues, [5e4])
+
+
+def test_uncertain_damping_and_frequencies_follow_their_factors():
+    k, m = np.array([[2e5, -1e5], [-1e5, 1e5]]), np.diag([1.0, 2.0])
+    family = MatrixFamily(
+        MatrixRecipe(k, m, ("1:x", "2:x"), LAW), {"damping_ratio": (-1, 1), "mode_frequency_1": (-0.1, 0.1)}
+    )
+    found = receptance_model(family, Joint(("1:x",)), PORTS).receptance(np.zeros((1, 1)), np.array([[2.0, 1.05]]))[0]
+    square, shapes = linalg.eigh(k, m)
+    omega = np.sqrt(square) * [1.05, 1.0]
+    w = 2 * np.pi * PORTS.frequency_hz[:, None]
+    terms = shapes[None, :] * shapes[1] / (omega**2 - w**2 + 2j * 0.02 * omega * w)[:, None]
+    assert_allclose(found[:, :, 0], terms.sum(axis=-1), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (lambda: chain([1.0, -2.0], [], LAW), "'2' of -2 kg"),
+        (lambda: chain([1.0], [("1", "3", 1.0)], LAW), "'3'"),
+        (lambda: chain([1.0], [("1", "ground", -1.0)], LAW), "at least 0"),
+        (lambda: chain([1.0], []), "either dampers or a law"),
+        (lambda: chain([1.0], [], LAW, dampers=[("1", "ground", 1.0)]), "either dampers or a law"),
+        (lambda: MatrixRecipe([[1, 2], [0, 1]], np.eye(2), ("1:x", "2:x"), LAW), "unsymmetric stiffness"),
+        (lambda: MatrixRecipe([[1, 2], [2, 1]], np.eye(2), ("1:x", "2:x"), LAW), "positive semidefinite"),
+        (lambda: MatrixRecipe(np.eye(2), np.diag([1, 0]), ("1:x", "2:x"), LAW), "positive definite"),
+        (lambda: MatrixRecipe(np.eye(3), np.eye(2), ("1:x", "2:x"), LAW), "shape (3, 3)"),
+        (lambda: MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, ("3:x",)), "'3:x'"),
+        (lambda: ViscousMatrix([[1, 2], [0, 1]]), "unsymmetric"),
+        (lambda: ViscousMatrix([[1, 2]]), "square"),
+        (lambda: Structure(np.eye(2), np.eye(2), ViscousMatrix([[1.0]]), ("1:x", "2:x")), "1 rows for 2"),
+        (lambda: MatrixFamily(chain([1.0], [], LAW), {"density": (0, 0)}), "'density'"),
+        (lambda: MatrixFamily(chain([1.0], [], LossFactor(0.01)), {"damping_ratio": (0, 0)}), "another kind"),
+    ],
+)
+def test_impossible_matrices_are_refused_in_one_line(broken, words):
+    with pytest.raises(ModelError) as caught:
+        broken()
+    assert words in str(caught.value)
+    assert "expected" in str(caught.value)
+    assert "\n" not in str(caught.value)
