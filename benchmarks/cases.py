@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from jointbayes.joint import joint_matrix
+from jointbayes.joint import LogStiffness
 
 __all__ = ["CASES", "case_with_lines", "joints", "one_core", "quick_case"]
 
@@ -41,7 +41,7 @@ def joints(case: jb.Case, count: int) -> tuple[NDArray[np.float64], NDArray[np.f
     assert case.reference is not None
     rng = np.random.default_rng(0)
     theta = np.log(case.reference) + rng.normal(size=(count, 3)) * [0.25, 0.1, 0.004]
-    return theta, joint_matrix(np.exp(theta))
+    return theta, LogStiffness().matrix(np.exp(theta))
 
 
 def one_core() -> None:

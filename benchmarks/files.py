@@ -21,7 +21,7 @@ import numpy as np
 import jointbayes as jb
 from benchmarks.calibration_data import case_of
 from jointbayes.case.simulation import simulate
-from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_records
 
@@ -95,7 +95,7 @@ def analyse(index: int) -> Outcome:
             print_ = hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest()
             if print_ not in known:
                 posterior = jb.sample(case, seed=seed, settings=SETTINGS)
-                intervals = [posterior.interval(name, 0.95) for name in STIFFNESS_NAMES]
+                intervals = [posterior.interval(name, 0.95) for name in LogStiffness().stiffness_names]
                 known[print_] = tuple(low <= k <= high for k, (low, high) in zip(truth, intervals, strict=True))
                 converged &= posterior.converged
             held[format] = known[print_]
@@ -105,7 +105,7 @@ def analyse(index: int) -> Outcome:
 def table(found: list[Outcome]) -> str:
     """Markdown table, one row for each format."""
     lines = [
-        "| Format | Virtual tests | " + " | ".join(f"{n} held" for n in STIFFNESS_NAMES) + " |",
+        "| Format | Virtual tests | " + " | ".join(f"{n} held" for n in LogStiffness().stiffness_names) + " |",
         "|---|---|---|---|---|",
     ]
     for format in FORMATS:

@@ -29,7 +29,7 @@ from benchmarks.page import table
 from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet, Ports, ReceptanceModel
 from jointbayes.inference import Problem
-from jointbayes.joint import joint_matrix
+from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
@@ -101,7 +101,7 @@ def measured(theta: Array, rng: np.random.Generator) -> Problem:
     base = base_problem()
     nominal = base.measurement
     assert isinstance(nominal, FrfMeasurement)
-    exact = _model().receptance(joint_matrix(base.prior.stiffness(theta))[None])[0]
+    exact = _model().receptance(LogStiffness().matrix(base.prior.stiffness(theta))[None])[0]
     noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
     values = exact + np.sqrt(nominal.variance / 2) * noise
     frf = FrfSet(nominal.frf.frequency_hz, values, nominal.frf.outputs, nominal.frf.inputs, nominal.frf.quantity)

@@ -18,7 +18,7 @@ from jointbayes.inference import (
     StudentNoise,
     Uniform,
 )
-from jointbayes.joint import Joint, LogStiffness, joint_matrix
+from jointbayes.joint import Joint, LogStiffness
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import (
     BeamFamily,
@@ -48,7 +48,7 @@ def problem(law: DampingLaw, names: tuple[str, ...], noise: NoiseModel | None = 
     data = synthesise_frf(
         recipe.structure(),
         JOINT,
-        joint_matrix(TRUTH),
+        LogStiffness().matrix(TRUTH),
         Ports(LINES, ("11:y",), ("11:y",)),
         RelativeNoise(0.03, 0.01),
         rng=np.random.default_rng(1),

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from jointbayes.case.build import beam_recipe
 from jointbayes.frf import NaturalFrequencies, Ports
-from jointbayes.joint import joint_matrix
+from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import Structure
 
@@ -71,7 +71,9 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
     problem, old = case.problem, case.problem.measurement.joint_frf
     assert old is not None
     ports = Ports(old.frequency_hz, old.outputs, old.inputs)
-    data = synthesise_frf(true, problem.joint, joint_matrix(stiffness), ports, RelativeNoise(0.03, 0.01), rng=rng)
+    data = synthesise_frf(
+        true, problem.joint, LogStiffness().matrix(stiffness), ports, RelativeNoise(0.03, 0.01), rng=rng
+    )
     used = replace(data.select(("11:y", "6:y"), ("11:y",)), joint_frf=data.frf)
     made = replace(case, problem=replace(problem, measurement=used))
     posterior = jb.sample(made, seed=index, settings=SETTINGS)
@@ -80,7 +82,7 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
         return in_band(posterior.predict_natural_frequencies(MODES, 2000, of_model=of_model), frequency)
 
     by_model = problem.natural_frequencies_hz(stiffness, MODES)[0]
-    of_truth = NaturalFrequencies(true, problem.joint, MODES).frequency_hz(joint_matrix(stiffness))[0]
+    of_truth = NaturalFrequencies(true, problem.joint, MODES).frequency_hz(LogStiffness().matrix(stiffness))[0]
     return Outcome(
         wrong,
         model,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import LogPosterior, Problem
-from jointbayes.joint import Joint
+from jointbayes.joint import Joint, LogStiffness
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
@@ -26,6 +26,9 @@ CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)  # Table 1
 TABLE_3 = np.array([5.05e9, 3.44e7, 1.52e6])
 CLAMP = Joint(("1:y", "1:rz"))
+#: The paper's joint, and its K^J of (k11, k12, k22).
+PAIR = LogStiffness()
+pair_matrix = PAIR.matrix
 #: A run that ends without having converged, in half a second.
 FEW_STEPS = SamplerSettings(walkers=16, max_steps=200)
 #: Enough for a cheap case to converge, the ends of its intervals less well known than by default.

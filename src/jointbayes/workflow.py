@@ -25,7 +25,6 @@ from jointbayes.identification import (
     sensitivity_iteration,
 )
 from jointbayes.inference import LogPosterior, Problem
-from jointbayes.joint import check_positive_semidefinite
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
@@ -68,7 +67,7 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     case
         Case, or problem, with FRFs at the joint.
     initial
-        First guess of (k11, k12, k22), shape (3,); by default the problem's.
+        First guess of the joint's quantities, shape (q,); by default the problem's.
 
     Returns
     -------
@@ -95,13 +94,14 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
             missing = measured.provenance.iteration or missing
         raise ModelError(f"{problem.name}: {missing}")
     start = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
-    check_positive_semidefinite(start)
+    problem.parametrisation.check(start)
     return sensitivity_iteration(
         problem.structures,
-        problem.joint,
+        problem.joints,
         measured.joint_frf,
         measured.frf.outputs,
         start,
+        parametrisation=problem.parametrisation,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
 
@@ -131,7 +131,7 @@ def find_map(
     case
         The case, or the problem.
     initial
-        First guess of (k11, k12, k22), shape (3,); by default the problem's.
+        First guess of the joint's quantities, shape (q,); by default the problem's.
     seed
         Seed for the starts drawn from the prior; by default the case's, 1 of a problem.
     tell
@@ -147,11 +147,11 @@ def find_map(
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
-    check_positive_semidefinite(guess)
+    problem.parametrisation.check(guess)
     starts: dict[str, Array] = {"first guess": guess}
-    if isinstance(problem.measurement, FrfMeasurement):
-        fitted = compliance_start(problem.structures, problem.joint, problem.measurement)
-        starts["compliance fit without a guess"] = fitted
+    if isinstance(problem.measurement, FrfMeasurement) and problem.joints.size == 2:
+        fitted = compliance_start(problem.structures, problem.joints, problem.measurement)
+        starts["compliance fit without a guess"] = problem.parametrisation.from_matrix(fitted)
     iteration = identify(case, guess) if problem.measurement.joint_frf is not None else None
     if iteration is not None:
         starts["paper's iteration"] = iteration.stiffness

@@ -18,8 +18,7 @@ from jointbayes.inference import (
     StudentNoise,
     Uniform,
 )
-from jointbayes.joint import joint_matrix
-from tests.conftest import cheap_text, edited
+from tests.conftest import cheap_text, edited, pair_matrix
 
 L, E, NU, RHO, KAPPA = 0.383, 2.1e11, 0.3, 7800.0, 0.8
 G = E / (2 * (1 + NU))
@@ -65,7 +64,7 @@ def case_of(*changes: tuple[str, str]) -> jb.Case:
 
 def receptance(case: jb.Case, stiffness, dof: str = "5:y", f_hz: float = 0.01) -> complex:
     """Drive-point receptance at one low frequency."""
-    return case.problem.receptance_model(Ports(np.array([f_hz]), (dof,), (dof,))).receptance(joint_matrix(stiffness))[
+    return case.problem.receptance_model(Ports(np.array([f_hz]), (dof,), (dof,))).receptance(pair_matrix(stiffness))[
         0, 0, 0, 0
     ]
 

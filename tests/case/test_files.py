@@ -14,13 +14,12 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
 from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 from jointbayes.measurement.virtual.synthetic import noisy_frf
 from jointbayes.sampling import SamplerSettings
-from tests.conftest import TABLE_3, best_of, cheap_text, edited
+from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
@@ -46,7 +45,7 @@ def virtual(
     case = truth(*changes)
     lines = np.array(case.spec.data.lines_hz())
     model = case.problem.receptance_model(Ports(lines, outputs, inputs))
-    exact = FrfSet(lines, model.receptance(joint_matrix(TABLE_3))[0], outputs, inputs).converted("accelerance")
+    exact = FrfSet(lines, model.receptance(pair_matrix(TABLE_3))[0], outputs, inputs).converted("accelerance")
     noisy = noisy_frf(exact, CoherenceNoise(coherence, averages), averages, np.random.default_rng(seed))
     return noisy.converted(quantity)
 

@@ -13,7 +13,6 @@ from jointbayes.case.simulation import Truth, describe, simulate
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
 from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
@@ -22,7 +21,7 @@ from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
 from jointbayes.measurement.signals.line_thinning import lines_apart
 from jointbayes.measurement.variance import coherence_variance
 from jointbayes.measurement.virtual.synthetic import noisy_frf
-from tests.conftest import TABLE_3, cheap_text, edited
+from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"
 
@@ -57,7 +56,7 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
     lines = np.array(case.spec.data.lines_hz())
     ports = Ports(lines, ("5:y", "3:y", "1:rz"), ("5:y",))
     exact = DirectSolve(case.problem.structures_of_data.nominal, case.problem.joint, ports).receptance(
-        joint_matrix(TABLE_3)
+        pair_matrix(TABLE_3)
     )[0]
     factor = (2j * np.pi * lines) ** (2 * (quantity == "accelerance"))
     for i, record in enumerate(records):

@@ -16,12 +16,11 @@ from click.testing import CliRunner
 
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
-from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import rounded
 from jointbayes.studies.reference_check import check_posterior
 from jointbayes.workflow import load_posterior
-from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
+from tests.conftest import CONFIGS, PAIR, cheap_frequencies_text, cheap_text, edited
 
 HEAVY = ("numpy", "scipy", "pydantic", "matplotlib", "xarray", "arviz", "emcee", "jinja2")
 SHORT = ("max_steps = 20000", "max_steps = 200")  # the least: ends unconverged, in half a second
@@ -195,7 +194,7 @@ def test_report_reproduces_the_run_directory_from_the_draws(finished, tmp_path):
     # netCDF files are equal in content, not in bytes; a date that turned between the two is in HTML and PDF only
     assert first.keys() - same <= {"posterior.nc", "report.html", "report.pdf"}
     pair = [load_posterior(place / "posterior.nc") for place in (out, tmp_path / "again")]
-    for name in STIFFNESS_NAMES:
+    for name in PAIR.stiffness_names:
         assert pair[0].values(name).tobytes() == pair[1].values(name).tobytes()
 
 

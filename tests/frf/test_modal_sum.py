@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import AssembledModes, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.structure import ModalDamping
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 OUTPUTS = ("11:y", "9:y", "6:y", "5:y", "3:y", "11:rz")
 
@@ -15,7 +14,7 @@ OUTPUTS = ("11:y", "9:y", "6:y", "5:y", "3:y", "11:rz")
 def test_many_pairs_and_draws_give_what_each_pair_gives_by_itself(top_hz):
     free, lines = rod(damping=ModalDamping((0.01,))), np.linspace(5.0, top_hz, 333)
     rng = np.random.default_rng(1)
-    matrices = joint_matrix(TABLE_3 * rng.uniform(0.7, 1.3, (70, 1)))  # more draws than are summed at once
+    matrices = pair_matrix(TABLE_3 * rng.uniform(0.7, 1.3, (70, 1)))  # more draws than are summed at once
     together = AssembledModes(free, CLAMP, Ports(lines, OUTPUTS, ("11:y",)))
     h = together.receptance(matrices)
     measured = h[0] * (1 + 0.1 * rng.standard_normal(h[0].shape))

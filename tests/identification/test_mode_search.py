@@ -20,11 +20,10 @@ from jointbayes.identification import (
 )
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.starts import FrequencyMatch
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
-from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited
+from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
 
 
 def natural(problem, stiffness=TABLE_3, count=4):
@@ -255,7 +254,7 @@ def test_the_data_of_the_study_are_those_of_the_joint_it_draws():
     case = study.model_data(base, truth, 3)
     assert_allclose(list(case.spec.data.truth.model_dump().values())[:3], truth)
     problem = case.problem
-    z = problem.log_posterior.likelihood.standardised(joint_matrix(truth)[None])
+    z = problem.log_posterior.likelihood.standardised(pair_matrix(truth)[None])
     assert float((np.abs(z) ** 2).mean()) == pytest.approx(1.0, abs=0.1)
 
 

@@ -11,10 +11,10 @@ from scipy.integrate import cumulative_trapezoid
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform, likelihood_of
-from jointbayes.joint import LogStiffness, SignedCoupling, joint_matrix
+from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 ROD = rod(elements=4)
 LINES = np.linspace(50.0, 2400.0, 60)
@@ -29,7 +29,7 @@ BOX = JointPrior(
 def frf_measurement(quantity="receptance", structure=ROD):
     ports = Ports(LINES, ("5:y", "3:y"), ("5:y", "5:rz"))
     rng = np.random.default_rng(1)
-    return synthesise_frf(structure, CLAMP, joint_matrix(TABLE_3), ports, RelativeNoise(0.03, 0.01), quantity, rng)
+    return synthesise_frf(structure, CLAMP, pair_matrix(TABLE_3), ports, RelativeNoise(0.03, 0.01), quantity, rng)
 
 
 def frequency_measurement():
@@ -160,7 +160,7 @@ def test_the_frf_likelihood_is_that_of_independent_normal_parts():
     measured = frf_measurement("mobility")
     frf = measured.frf
     model = receptance_model(ROD, CLAMP, Ports(LINES, frf.outputs, frf.inputs))
-    stiffness = joint_matrix(TABLE_3 * [0.9, 1.2, 1.05])
+    stiffness = pair_matrix(TABLE_3 * [0.9, 1.2, 1.05])
     predicted = model.receptance(stiffness)[0] * (2j * np.pi * LINES)[:, None, None]
     sd = np.sqrt(measured.variance / 2)
     by_hand = stats.norm.logpdf(frf.values.real, predicted.real, sd).sum()
@@ -175,7 +175,7 @@ def test_the_frequency_likelihood_is_that_of_independent_normals():
     predicted = Problem(ROD, CLAMP, measured, NORMAL).natural_frequencies_hz(TABLE_3, 3)[0]
     by_hand = stats.norm.logpdf(measured.frequency_hz, predicted, measured.sd_hz).sum()
     likelihood = likelihood_of(ROD, CLAMP, measured)
-    assert likelihood.log_likelihood(joint_matrix(TABLE_3)[None])[0] == pytest.approx(by_hand, rel=1e-11)
+    assert likelihood.log_likelihood(pair_matrix(TABLE_3)[None])[0] == pytest.approx(by_hand, rel=1e-11)
     assert likelihood.n_data == 3
 
 
@@ -184,7 +184,7 @@ def test_a_rigid_clamp_explains_the_measured_frequencies_as_well_as_it_does_in_a
     length, expected, tolerance
 ):
     likelihood = likelihood_of(rod(length), CLAMP, frequency_measurement())
-    rigid = joint_matrix([1e18, 0.0, 1e16])
+    rigid = pair_matrix([1e18, 0.0, 1e16])
     assert likelihood.log_likelihood(rigid[None])[0] == pytest.approx(expected, abs=tolerance)
 
 
@@ -195,7 +195,7 @@ def test_likelihood_differences_do_not_depend_on_the_quantity(quantity):
     converted = FrfMeasurement(
         receptance.frf.converted(quantity), receptance.variance * factor[:, None, None] ** 2, synthetic=True
     )
-    joints = joint_matrix(TABLE_3 * np.random.default_rng(1).uniform(0.5, 2.0, (20, 3)))
+    joints = pair_matrix(TABLE_3 * np.random.default_rng(1).uniform(0.5, 2.0, (20, 3)))
     here, there = (likelihood_of(ROD, CLAMP, m).log_likelihood(joints) for m in (receptance, converted))
     assert np.ptp(here) > 100.0
     assert_allclose(there - there[0], here - here[0], rtol=1e-8, atol=1e-8)

@@ -13,11 +13,11 @@ from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.identification import screened_draws
 from jointbayes.identification.starts import with_modes_on_data
 from jointbayes.inference.noise.gaussian import GaussianNoise
-from jointbayes.joint import CondensedCoordinates, joint_matrix
+from jointbayes.joint import CondensedCoordinates, Cone
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores
 from jointbayes.sampling.density import newton_climb
-from tests.conftest import best_of, cheap_text
+from tests.conftest import best_of, cheap_text, pair_matrix
 
 CALIBRATION = 20220322  # its seed
 ERRORS = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
@@ -83,7 +83,7 @@ def test_the_condensed_stiffness_goes_there_and_back_with_the_volume_it_states()
     rng = np.random.default_rng(4)
     k11, k22 = np.exp(rng.normal(20, 1, 50)), np.exp(rng.normal(14, 1, 50))
     theta = np.log(np.stack([k11, rng.uniform(0.01, 0.99, 50) * np.sqrt(k11 * k22), k22], axis=1))
-    coordinates = CondensedCoordinates()
+    coordinates = CondensedCoordinates(Cone(0, 1, 2))
     assert np.allclose(np.exp(coordinates.forward(theta)[:, 2]), k22 - np.exp(2 * theta[:, 1]) / k11, rtol=1e-9)
     assert np.allclose(coordinates.inverse(coordinates.forward(theta))[0], theta, atol=1e-9)
     assert np.allclose(coordinates.log_volume(theta), slope(coordinates, theta), atol=1e-5)
@@ -128,7 +128,7 @@ def calibration_data_of_before(variant, index):
     structure = problem.structures.structure(problem.structural(factors))
     ports = Ports(at_joint.frequency_hz, at_joint.outputs, at_joint.inputs)
     solved = DirectSolve(structure, problem.joint, ports)
-    values = solved.receptance(joint_matrix(problem.prior.stiffness(theta)))[0]
+    values = solved.receptance(pair_matrix(problem.prior.stiffness(theta)))[0]
     measured = len(nominal.frf.outputs)
     hyper = factors[None, factors.size - len(noise.names) :]
     z = noise.draw(rng, hyper, ports.frequency_hz.size, measured * len(ports.inputs))

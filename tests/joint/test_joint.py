@@ -8,18 +8,14 @@ from hypothesis import strategies as st
 from jointbayes.errors import ModelError
 from jointbayes.joint import (
     COORDINATES,
-    STIFFNESS_PATTERN,
-    STIFFNESSES,
     ComplianceCoordinates,
     ElasticCentre,
     Joint,
     LogStiffness,
     SignedCoupling,
-    check_positive_semidefinite,
-    joint_matrix,
     parametrisation_named,
 )
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix, rod
 
 ALL = pytest.mark.parametrize(
     "parametrisation", [parametrisation_named(key) for key in COORDINATES], ids=list(COORDINATES)
@@ -77,9 +73,9 @@ def test_the_determinant_is_that_of_the_joint_matrix(parametrisation, ln_k11, ln
 def test_a_parametrisation_says_what_its_coordinates_are(parametrisation):
     axes, names = parametrisation.axes, parametrisation.names
     assert names == tuple(axis.name for axis in axes)
-    assert {axis.quantity for axis in axes} == {quantity.name for quantity in STIFFNESSES}
+    assert {axis.quantity for axis in axes} == {quantity.name for quantity in PAIR.quantities}
     theta = parametrisation.coordinates(TABLE_3)
-    for quantity, k in zip(STIFFNESSES, TABLE_3, strict=True):
+    for quantity, k in zip(PAIR.quantities, TABLE_3, strict=True):
         column = names.index(parametrisation.standing_for(quantity.name))
         if quantity.name in names:  # a stiffness among the coordinates is there by its logarithm
             assert axes[column].value(theta[column]) == pytest.approx(k, rel=1e-12)
@@ -142,7 +138,7 @@ def test_batches_are_the_same_as_one_by_one(parametrisation):
 def is_positive_definite(stiffness):
     """By eigenvalues, scaled to a unit diagonal, which by Sylvester's law of inertia keeps their signs."""
     size = np.sqrt(stiffness[[0, 2]])
-    return bool((np.linalg.eigvalsh(joint_matrix(stiffness) / np.outer(size, size)) > 0).all())
+    return bool((np.linalg.eigvalsh(pair_matrix(stiffness) / np.outer(size, size)) > 0).all())
 
 
 @given(LN_K, LN_K, st.floats(0.01, 100.0))
@@ -187,7 +183,7 @@ def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln
     coordinates = ComplianceCoordinates(parametrisation)
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)[None]
     phi = coordinates.forward(theta)
-    product = joint_matrix(phi[0]) @ joint_matrix(parametrisation.stiffness(theta)[0])
+    product = pair_matrix(phi[0]) @ pair_matrix(parametrisation.stiffness(theta)[0])
     size = np.exp([ln_k11 / 2, ln_k22 / 2])
     np.testing.assert_allclose(product * size[:, None] / size, np.eye(2), atol=1e-10)
     back, inside = coordinates.inverse(phi)
@@ -231,12 +227,12 @@ def test_the_coordinates_know_which_compliances_are_joints(phi, log, signed):
 
 
 def test_the_paper_s_patterns_add_up_to_the_joint_matrix():
-    matrix = joint_matrix([3.0, 1.0, 2.0])
+    matrix = pair_matrix([3.0, 1.0, 2.0])
     np.testing.assert_array_equal(matrix, [[3.0, 1.0], [1.0, 2.0]])
-    np.testing.assert_array_equal(np.einsum("k,kij->ij", [3.0, 1.0, 2.0], STIFFNESS_PATTERN), matrix)
-    assert joint_matrix(np.ones((4, 5, 3))).shape == (4, 5, 2, 2)
+    np.testing.assert_array_equal(np.einsum("k,kij->ij", [3.0, 1.0, 2.0], PAIR.pattern), matrix)
+    assert pair_matrix(np.ones((4, 5, 3))).shape == (4, 5, 2, 2)
     with pytest.raises(ValueError, match="read-only"):
-        STIFFNESS_PATTERN[0, 0, 0] = 2.0
+        PAIR.pattern[0, 0, 0] = 2.0
 
 
 def test_a_joint_to_ground_sees_the_motion_of_its_dofs():
@@ -257,7 +253,7 @@ def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
     translation = np.tile([1.0, 0.0], 11)
     assert not (inner.selection(structure).T @ translation).any()
     # action equals reaction: the assembled joint forces add up to zero
-    forces = inner.selection(structure) @ joint_matrix(TABLE_3) @ deformation
+    forces = inner.selection(structure) @ pair_matrix(TABLE_3) @ deformation
     np.testing.assert_array_equal(forces[near], -forces[far])
     assert np.count_nonzero(forces) == 4
 
@@ -272,14 +268,14 @@ def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
         lambda: Joint(("1:y", "12:rz")).selection(rod()),
         lambda: Joint(("1:y", "1:rz"), against=("2:y", "2:x")).selection(rod()),
         lambda: CLAMP.selection(rod().fixed(("1:y",))),
-        lambda: check_positive_semidefinite([np.nan, 0.0, 1.0]),
-        lambda: check_positive_semidefinite([1.0, 0.0, np.inf]),
-        lambda: check_positive_semidefinite([-1.0, 0.0, 1.0]),
-        lambda: check_positive_semidefinite([1.0, 0.0, -1.0]),
-        lambda: check_positive_semidefinite([-1.0, 0.0, -1.0]),
-        lambda: check_positive_semidefinite([2.0, 2.0001, 2.0]),
-        lambda: check_positive_semidefinite([2.0, -2.0001, 2.0]),
-        lambda: check_positive_semidefinite([0.0, 1e-9, 1.0]),
+        lambda: PAIR.check([np.nan, 0.0, 1.0]),
+        lambda: PAIR.check([1.0, 0.0, np.inf]),
+        lambda: PAIR.check([-1.0, 0.0, 1.0]),
+        lambda: PAIR.check([1.0, 0.0, -1.0]),
+        lambda: PAIR.check([-1.0, 0.0, -1.0]),
+        lambda: PAIR.check([2.0, 2.0001, 2.0]),
+        lambda: PAIR.check([2.0, -2.0001, 2.0]),
+        lambda: PAIR.check([0.0, 1e-9, 1.0]),
     ],
 )
 def test_impossible_joints_are_refused_in_one_line(broken):
@@ -290,5 +286,5 @@ def test_impossible_joints_are_refused_in_one_line(broken):
 
 @pytest.mark.parametrize("stiffness", [[2.0, 2.0, 2.0], [2.0, -2.0, 2.0], [1e8, 0.0, 0.0], [0.0, 0.0, 0.0], TABLE_3])
 def test_the_edge_of_the_cone_is_a_possible_joint(stiffness):
-    check_positive_semidefinite(stiffness)
-    assert np.linalg.eigvalsh(joint_matrix(stiffness)).min() >= 0.0
+    PAIR.check(stiffness)
+    assert np.linalg.eigvalsh(pair_matrix(stiffness)).min() >= 0.0

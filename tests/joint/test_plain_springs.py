@@ -9,9 +9,9 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.inference import JointPrior, LogPosterior, Uniform
 from jointbayes.inference.likelihood import likelihood_of
-from jointbayes.joint import RIGID, ComplianceCoordinates, PlainSprings, is_positive_semidefinite, joint_matrix
+from jointbayes.joint import RIGID, ComplianceCoordinates, PlainSprings
 from jointbayes.measurement import FrequencyMeasurement
-from tests.conftest import CLAMP, best_of, rod
+from tests.conftest import CLAMP, PAIR, best_of, pair_matrix, rod
 
 NAMES = [(), ("k11",), ("k22",), ("k11", "k22")]
 ALL = pytest.mark.parametrize("springs", [PlainSprings(names) for names in NAMES], ids=["0", "k11", "k22", "both"])
@@ -32,7 +32,7 @@ def test_named_springs_are_coordinates_and_the_others_rigid(springs, ln_k11, ln_
     assert k22 == (pytest.approx(np.exp(ln_k22), rel=1e-13) if "k22" in springs.names else RIGID)
     np.testing.assert_allclose(springs.coordinates([k11, k12, k22]), theta, rtol=1e-13)
     assert springs.feasible(theta)
-    assert is_positive_semidefinite([k11, k12, k22])
+    assert PAIR.is_positive_semidefinite([k11, k12, k22])
 
 
 @ALL
@@ -110,7 +110,7 @@ def test_impossible_springs_are_refused_in_one_line(broken):
 def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
     """Also without any coordinate, where there is nothing to find."""
     theta = theta_of(springs, np.log(3e8), np.log(2e5))
-    made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(joint_matrix(springs.stiffness(theta)))[0]
+    made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(pair_matrix(springs.stiffness(theta)))[0]
     measurement = FrequencyMeasurement(made, np.full(3, 0.01))
     marginals = {"k11": Uniform(np.log(1e6), np.log(1e11)), "k22": Uniform(np.log(1e3), np.log(1e8))}
     prior = JointPrior(springs, tuple(marginals[name] for name in springs.names))

@@ -7,11 +7,10 @@ import pytest
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, quantity_factor
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.structure import LossFactor, Structure
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 LINES = np.linspace(30.0, 2400.0, 60)
 TIP, MIDDLE = "5:y", "3:y"
@@ -32,7 +31,7 @@ def without(frf: FrfSet, masses: dict[str, float], **how: bool) -> FrfSet:
 
 
 def measured(masses: dict[str, float], outputs=(TIP, MIDDLE), inputs=(TIP, MIDDLE), quantity="accelerance") -> FrfSet:
-    values = DirectSolve(loaded(masses), CLAMP, Ports(LINES, outputs, inputs)).receptance(joint_matrix(TABLE_3))[0]
+    values = DirectSolve(loaded(masses), CLAMP, Ports(LINES, outputs, inputs)).receptance(pair_matrix(TABLE_3))[0]
     return FrfSet(LINES, values * quantity_factor(LINES, quantity)[:, None, None], outputs, inputs, quantity)
 
 

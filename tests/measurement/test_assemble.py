@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import FrfSet, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import RelativeNoise
 from jointbayes.measurement.assemble import estimate_variance
 from jointbayes.measurement.plan import VarianceSource
-from tests.conftest import TABLE_3, cheap_text
+from tests.conftest import TABLE_3, cheap_text, pair_matrix
 
 LAW = RelativeNoise(0.05, 0.02)
 STATED = VarianceSource("relative", LAW)
@@ -21,7 +20,7 @@ def exact_frf() -> FrfSet:
 
     case = case_from_text("truth", cheap_text())
     lines = np.arange(20.0, 2500.0, 4.0)
-    values = case.problem.receptance_model(Ports(lines, ("5:y",), ("5:y",))).receptance(joint_matrix(TABLE_3))[0]
+    values = case.problem.receptance_model(Ports(lines, ("5:y",), ("5:y",))).receptance(pair_matrix(TABLE_3))[0]
     return FrfSet(lines, values, ("5:y",), ("5:y",)).converted("accelerance")
 
 

@@ -6,11 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, RelativeNoise, synthesise_frf
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
-MATRIX = joint_matrix(TABLE_3)
+MATRIX = pair_matrix(TABLE_3)
 NOISE = RelativeNoise(0.05, 0.02)
 ROD = rod(elements=2)
 

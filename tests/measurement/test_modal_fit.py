@@ -9,13 +9,12 @@ from numpy.testing import assert_allclose
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.measurement.modal.fit import _few_of, fit_modes, identify_modes
 from jointbayes.measurement.modal.peaks import prominent_peaks
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
-MATRIX = joint_matrix(TABLE_3)
+MATRIX = pair_matrix(TABLE_3)
 ROD = rod()
 LINES = np.arange(20.0, 2500.1, 5.0)
 

@@ -6,10 +6,9 @@ from numpy.testing import assert_allclose
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.rotations import Rotation, with_rotations
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 SCHEMES = ("first order", "second order, end", "second order, centre")
 THREE = ("11:y", "10:y", "9:y")
@@ -87,7 +86,7 @@ def tip():
     lines = np.arange(20.0, 2501.0, 10.0)
     stations = ("41:y", "40:y", "41:rz")
     model = receptance_model(rod(elements=40), CLAMP, Ports(lines, stations, stations))
-    return FrfSet(lines, model.receptance(joint_matrix(TABLE_3))[0], stations, stations)
+    return FrfSet(lines, model.receptance(pair_matrix(TABLE_3))[0], stations, stations)
 
 
 def difference(tip):

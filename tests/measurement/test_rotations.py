@@ -5,10 +5,9 @@ import pytest
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.rotations import Rotation, at_joint, with_rotations
-from tests.conftest import CLAMP, rod
+from tests.conftest import CLAMP, pair_matrix, rod
 
 LINES = np.linspace(30.0, 800.0, 40)
 SPACING = 0.383 / 40
@@ -18,7 +17,7 @@ CENTRE = Rotation("2:rz", ("1:y", "2:y", "3:y"), SPACING, "second order, centre"
 
 def measured(outputs=("41:y", "1:y", "2:y", "3:y"), inputs=("41:y",), elements=40) -> FrfSet:
     model = DirectSolve(rod(elements=elements), CLAMP, Ports(LINES, outputs, inputs))
-    soft = joint_matrix(np.array([2e7, 3e4, 1e5]))
+    soft = pair_matrix(np.array([2e7, 3e4, 1e5]))
     return FrfSet(LINES, model.receptance(soft)[0], outputs, inputs)
 
 

@@ -8,10 +8,9 @@ import pytest
 from jointbayes.case.case import case_from_text
 from jointbayes.frf import Ports
 from jointbayes.identification.resonances import fit_resonance
-from jointbayes.joint import joint_matrix
 from jointbayes.posterior.diagnosis import diagnose, diagnose_frequencies, diagnose_frfs
 from jointbayes.workflow import find_map
-from tests.conftest import CONFIGS, TABLE_3, edited
+from tests.conftest import CONFIGS, TABLE_3, edited, pair_matrix
 
 TIP = edited(
     (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8"),
@@ -139,7 +138,7 @@ def test_frfs_without_any_resonance_are_compared_as_a_whole():
 def test_a_resonance_that_only_one_of_the_two_shows_is_no_pair():
     structure = problem_of(TIP)
     ports = Ports(structure.measurement.frf.frequency_hz, ("11:y",), ("11:y",))
-    predicted = structure.receptance_model(ports).receptance(joint_matrix(TABLE_3[None]), np.ones((1, 0)))[0]
+    predicted = structure.receptance_model(ports).receptance(pair_matrix(TABLE_3[None]), np.ones((1, 0)))[0]
     f = ports.frequency_hz
     extra = predicted + 2e-2 / (1400.0**2 - f**2 + 28j * f)[:, None, None]
     sd = 0.01 * np.median(np.abs(predicted)) * np.ones(predicted.shape)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.joint import is_positive_semidefinite
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.directions import (
     factor_in_words,
@@ -16,6 +15,7 @@ from jointbayes.posterior.information.directions import (
     spread_in_words,
     summary_sentence,
 )
+from tests.conftest import PAIR
 
 NAMES = ("k11", "k12", "k22")
 COUPLED = np.array([1.0e9, 2.4e7, 1.0e6])  # ρ = 0.76: k22 and k22 − k12²/k11 are different things
@@ -26,7 +26,7 @@ def prior_draws(signed=False, n=20_000):
     k = np.exp(rng.uniform(np.log([1e6, 1e4, 1e3]), np.log([1e11, 1e10, 1e8]), (n, 3)))
     if signed:
         k[:, 1] = rng.uniform(-1, 1, n) * np.sqrt(k[:, 0] * k[:, 2])
-    return k[is_positive_semidefinite(k)]
+    return k[PAIR.is_positive_semidefinite(k)]
 
 
 def draws_of(*known, stiffness=COUPLED, n=20_000):

@@ -9,10 +9,10 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
-from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling, joint_matrix
+from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
-from tests.conftest import TABLE_3
+from tests.conftest import TABLE_3, pair_matrix
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "length")
 PRIOR_SD = np.array([2.0, 3.0, 2.0, 0.02, 0.005])
@@ -131,7 +131,7 @@ def _exact(problem: Problem, parametrisation) -> Problem:
     frf = problem.measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     data = synthesise_frf(
-        problem.structure, problem.joint, joint_matrix(TABLE_3), ports, RelativeNoise(0.008, 0.0016), frf.quantity
+        problem.structure, problem.joint, pair_matrix(TABLE_3), ports, RelativeNoise(0.008, 0.0016), frf.quantity
     )
     theta = parametrisation.coordinates(TABLE_3)
     log = isinstance(parametrisation, LogStiffness)

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import Ports, receptance_model
-from jointbayes.joint import STIFFNESS_NAMES, joint_matrix
 from jointbayes.posterior import assess, summarise
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import load_posterior, sample
+from tests.conftest import PAIR, pair_matrix
 
 INITIAL = (1e8, 0.0, 0.0)
 MEASURED_HZ = (120.0, 762.0, 2101.0)
@@ -39,12 +39,12 @@ def test_draws_are_chains_of_stiffnesses_with_units(cheap_posterior):
     draws = cheap_posterior.draws
     assert cheap_posterior.converged
     assert cheap_posterior.reason.startswith("converged after ")
-    assert set(draws.data_vars) == set(STIFFNESS_NAMES)
-    assert [draws[name].attrs["units"] for name in STIFFNESS_NAMES] == ["N/m", "N", "N·m/rad"]
-    assert all(draws[name].dims == ("chain", "draw") for name in STIFFNESS_NAMES)
+    assert set(draws.data_vars) == set(PAIR.stiffness_names)
+    assert [draws[name].attrs["units"] for name in PAIR.stiffness_names] == ["N/m", "N", "N·m/rad"]
+    assert all(draws[name].dims == ("chain", "draw") for name in PAIR.stiffness_names)
     assert draws.sizes["chain"] == 4 * 16
     assert_array_equal(draws["ensemble"], np.repeat(np.arange(4), 16))
-    k11, k12, k22 = (draws[name].values for name in STIFFNESS_NAMES)
+    k11, k12, k22 = (draws[name].values for name in PAIR.stiffness_names)
     assert (k12**2 < k11 * k22).all()
 
 
@@ -62,7 +62,7 @@ def test_prior_draws_follow_the_prior_of_the_case(cheap_posterior):
 
 
 def test_intervals_are_equal_tailed(cheap_posterior):
-    for name in STIFFNESS_NAMES:
+    for name in PAIR.stiffness_names:
         values = cheap_posterior.values(name)
         low, high = cheap_posterior.interval(name, 0.8)
         assert np.mean(values < low) == pytest.approx(0.1, abs=1 / values.size)
@@ -118,7 +118,7 @@ def test_the_map_counts_as_missed_beyond_a_hundredth_of_its_sd_and_a_thousandth_
 def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
     assert cheap_posterior.at_prior_edge == ()
     low, high = cheap_posterior.problem.prior.support
-    for i, name in enumerate(STIFFNESS_NAMES):
+    for i, name in enumerate(PAIR.stiffness_names):
         for edge in (low, high):
             theta = np.where(np.arange(3) == i, edge, cheap_posterior.mode_theta)
             assert dataclasses.replace(cheap_posterior, mode_theta=theta).at_prior_edge == (name,)
@@ -127,7 +127,7 @@ def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case):
     settings = SamplerSettings(walkers=8, max_steps=200)
     first, again, other = (sample(cheap_case, seed=seed, settings=settings) for seed in (7, 7, 8))
-    for name in STIFFNESS_NAMES:
+    for name in PAIR.stiffness_names:
         assert first.values(name).tobytes() == again.values(name).tobytes()
         assert first.prior_values(name).tobytes() == again.prior_values(name).tobytes()
         assert not np.isin(first.values(name), other.values(name)).any()
@@ -187,7 +187,7 @@ def test_a_stiffness_of_either_sign_is_not_identified_however_narrow():
 
 
 def test_the_three_verdicts_occur_on_real_draws(cheap_posterior):
-    verdicts = [cheap_posterior.identifiability(name).verdict for name in STIFFNESS_NAMES]
+    verdicts = [cheap_posterior.identifiability(name).verdict for name in PAIR.stiffness_names]
     assert verdicts == ["not identified", "weakly identified", "identified"]
 
 
@@ -234,7 +234,7 @@ def test_the_frf_band_holds_the_map_and_narrows_with_its_probability(cheap_poste
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     problem = cheap_posterior.problem
     best = receptance_model(problem.structure, problem.joint, ports).receptance(
-        joint_matrix(cheap_posterior.estimate.stiffness)
+        pair_matrix(cheap_posterior.estimate.stiffness)
     )[0]
     inside = (band.magnitude_low <= np.abs(best)) & (np.abs(best) <= band.magnitude_high)
     assert inside.mean() > 0.9
@@ -299,7 +299,7 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         loaded = load_posterior(path)
         for group in ("posterior", "sample_stats", "prior", "observed_data"):
             xr.testing.assert_identical(loaded.tree[group].to_dataset(), posterior.tree[group].to_dataset())
-        for name in STIFFNESS_NAMES:
+        for name in PAIR.stiffness_names:
             assert loaded.values(name).tobytes() == posterior.values(name).tobytes()
         assert loaded.record == posterior.record
         assert loaded.mode == posterior.mode
@@ -376,9 +376,9 @@ def test_a_missing_file_is_called_missing(tmp_path):
 
 
 def test_arviz_summarises_the_draws(cheap_posterior):
-    table = az.summary(cheap_posterior.to_arviz(), var_names=list(STIFFNESS_NAMES))
-    assert list(table.index) == list(STIFFNESS_NAMES)
-    for name in STIFFNESS_NAMES:
+    table = az.summary(cheap_posterior.to_arviz(), var_names=list(PAIR.stiffness_names))
+    assert list(table.index) == list(PAIR.stiffness_names)
+    for name in PAIR.stiffness_names:
         assert float(table.loc[name, "mean"]) == pytest.approx(cheap_posterior.values(name).mean(), rel=0.05)
         assert float(table.loc[name, "ess_bulk"]) > 400
         assert float(table.loc[name, "r_hat"]) < 1.05
@@ -403,7 +403,7 @@ def test_the_summary_has_exactly_the_documented_keys_and_is_strict_json(cheap_po
         summary = summarise(posterior, INITIAL, MEASURED_HZ).to_json()
         assert json.loads(json.dumps(summary, allow_nan=False)) == summary
         assert set(summary) == KEYS
-        assert list(summary["parameters"]) == list(STIFFNESS_NAMES)
+        assert list(summary["parameters"]) == list(PAIR.stiffness_names)
         assert all(set(p) == PARAMETER_KEYS for p in summary["parameters"].values())
         assert set(summary["natural_frequencies_hz"]) == {"measured", "initial", "map", "interval95"}
         fit = {"chi2_per_line", "n_data", "log_likelihood_map", "synthetic_data", "resonances", "frf_correlation"}
@@ -418,7 +418,7 @@ def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
     summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()
     assert (summary["schema_version"], summary["case"], summary["seed"]) == (2, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
-    for i, name in enumerate(STIFFNESS_NAMES):
+    for i, name in enumerate(PAIR.stiffness_names):
         p, values = summary["parameters"][name], cheap_posterior.values(name)
         assert (p["mode"], p["map"]) == (cheap_posterior.mode[name], cheap_posterior.estimate.stiffness[i])
         assert (p["mean"], p["median"]) == pytest.approx((values.mean(), np.median(values)))

@@ -13,7 +13,7 @@ from benchmarks.prior_bounds import OUTPUTS, outside_cases
 
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import JointPrior, Normal, Uniform
-from jointbayes.joint import STIFFNESS_NAMES, LogStiffness, SignedCoupling
+from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.posterior import Posterior, summarise
 from jointbayes.posterior.identifiability import (
     IDENTIFIED_RATIO,
@@ -38,7 +38,7 @@ from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Report, Table
 from jointbayes.report.sections.lead import lead
 from jointbayes.workflow import sample
-from tests.conftest import TO_CONVERGE, cheap_text, edited
+from tests.conftest import PAIR, TO_CONVERGE, cheap_text, edited
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -109,7 +109,7 @@ def test_a_run_that_did_not_converge_has_no_verdict(cheap_posterior):
     assert reasons_for_no_verdict(cheap_posterior) == ()
     record = dataclasses.replace(cheap_posterior.record, converged=False)
     failed = dataclasses.replace(cheap_posterior, record=record)
-    for name in STIFFNESS_NAMES:
+    for name in PAIR.stiffness_names:
         known = failed.identifiability(name)
         assert (known.verdict, known.verdict_reason) == ("no verdict", "the sampler has not converged")
         assert verdict_line(failed, name).endswith(": no verdict (the sampler has not converged)")
@@ -152,7 +152,7 @@ def test_a_run_whose_mode_is_elsewhere_has_no_verdict(cheap_posterior, gain, wor
 
 def test_verdicts_of_a_model_that_does_not_explain_the_data_are_conditional(cheap_posterior):
     wrong = unexplained(cheap_posterior)
-    for name, verdict in zip(STIFFNESS_NAMES, ("not identified", "weakly identified", "identified"), strict=True):
+    for name, verdict in zip(PAIR.stiffness_names, ("not identified", "weakly identified", "identified"), strict=True):
         known, before = wrong.identifiability(name), cheap_posterior.identifiability(name)
         assert known.verdict == before.verdict == verdict
         assert not before.if_model_right

@@ -21,7 +21,7 @@ from jointbayes.report.model import Callout, Code, Paragraph, Table
 from jointbayes.report.sections.lead import coupling_sentence
 from jointbayes.report.sections.sampling import chain_figures
 from jointbayes.workflow import sample
-from tests.conftest import TO_CONVERGE, cheap_text, edited, of_case
+from tests.conftest import PAIR, TO_CONVERGE, cheap_text, edited, of_case
 
 DATE = datetime.date(2026, 1, 5)
 INITIAL = (1e8, 0.0, 0.0)
@@ -93,7 +93,9 @@ def test_the_sentence_on_the_coupling_fits_every_outcome():
     k22 = parameter(1.5e6, 1.6e6, 0.02)
 
     def sentence(**k12):
-        return coupling_sentence(SimpleNamespace(parameters={"k12": parameter(**k12), "k22": k22}))
+        return coupling_sentence(
+            SimpleNamespace(parameters={"k12": parameter(**k12), "k22": k22}), *PAIR.quantities[1:]
+        )
 
     both = sentence(low=-1e7, high=2e7, sd_log=math.nan, verdict="not identified")
     assert both.startswith("**The coupling stiffness k12 is not identified**")

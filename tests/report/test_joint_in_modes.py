@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import case_from_text
-from jointbayes.joint import joint_matrix
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
-from tests.conftest import cheap_text, edited
+from tests.conftest import cheap_text, edited, pair_matrix
 
 
 def table_of(posterior):
@@ -27,10 +26,10 @@ def test_frequencies_are_those_with_the_joint_and_with_a_clamp(cheap_posterior):
     structure = structure_of(problem)
     at = structure.index(problem.joint.dofs)
     added = np.zeros_like(structure.stiffness)
-    added[np.ix_(at, at)] = joint_matrix(k)
+    added[np.ix_(at, at)] = pair_matrix(k)
     joined, clamped = structure.modes(added), structure.fixed(problem.joint.dofs).modes()
     motion = joined.shapes[at, :3]
-    share = 100 * np.einsum("im,ij,jm->m", motion, joint_matrix(k), motion) / joined.eigenvalues[:3]
+    share = 100 * np.einsum("im,ij,jm->m", motion, pair_matrix(k), motion) / joined.eigenvalues[:3]
     assert (share > 1).all()  # of strain energy
     for i, row in enumerate(table_of(cheap_posterior).rows):
         f, rigid = joined.frequency_hz[i], clamped.frequency_hz[i]

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import NaturalFrequencies
-from jointbayes.joint import joint_matrix
 from jointbayes.structure import BeamMaterial, ModalDamping, Section, beam
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 # Computed with an independent prototype (Timoshenko elements, 10 unless said): Hz
 RIGID = [
@@ -32,9 +31,9 @@ def test_clamped_frequencies_are_the_checked_ones(length, kappa, elements, expec
 @pytest.mark.parametrize(("length", "stiffness", "expected"), FLEXIBLE)
 def test_frequencies_with_a_joint_are_the_checked_ones(length, stiffness, expected):
     free = rod(length)
-    joined = CLAMP.selection(free) @ joint_matrix(stiffness) @ CLAMP.selection(free).T
+    joined = CLAMP.selection(free) @ pair_matrix(stiffness) @ CLAMP.selection(free).T
     by_assembly = free.modes(joined).frequency_hz[: len(expected)]
-    by_coupling = NaturalFrequencies(free, CLAMP, len(expected)).frequency_hz(joint_matrix(stiffness))[0]
+    by_coupling = NaturalFrequencies(free, CLAMP, len(expected)).frequency_hz(pair_matrix(stiffness))[0]
     np.testing.assert_allclose(by_assembly, expected, rtol=1e-5)
     np.testing.assert_allclose(by_coupling, by_assembly, rtol=1e-10)
 

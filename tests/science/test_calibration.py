@@ -12,10 +12,10 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.joint import joint_matrix
 from jointbayes.studies.calibration import data_set
 from jointbayes.studies.calibration.data_set import DENSITY
 from jointbayes.studies.calibration.simulation import simulated_values
+from tests.conftest import pair_matrix
 from tests.studies.calibration_cases import Here, noisier_case, small_case, write_case
 
 pytestmark = pytest.mark.science
@@ -88,7 +88,7 @@ def test_data_lie_about_the_dense_solution(variant):
     structure = problem.structures.structure(problem.structural(problem.prior.factors(theta)))
     frf = problem.measurement.frf
     dense = DirectSolve(structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    expected = dense.receptance(joint_matrix(problem.prior.stiffness(theta)))[0]
+    expected = dense.receptance(pair_matrix(problem.prior.stiffness(theta)))[0]
     np.testing.assert_allclose(simulated_values(problem, theta, Silent()), expected, rtol=1e-6)
 
 

@@ -7,9 +7,9 @@ import pytest
 from benchmarks.exact_beam import ExactBeam, circle, rectangle, tube
 
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.joint import Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.structure import BeamMaterial, BeamRecipe, DampingLaw, LossFactor, ModalDamping, Rayleigh, Section
-from tests.conftest import TABLE_3
+from tests.conftest import TABLE_3, pair_matrix
 
 pytestmark = pytest.mark.science
 
@@ -55,7 +55,7 @@ def test_static_compliance_of_the_tip_is_that_of_bending_shear_and_joint(at_join
     point, share = at_joint
     one = replace(BEAM, joint_point=point, points=POINTS | {2: 0.1})
     arm = share * LENGTH
-    c11, c12, _, c22 = np.linalg.inv(joint_matrix(TABLE_3)).ravel()
+    c11, c12, _, c22 = np.linalg.inv(pair_matrix(TABLE_3)).ravel()
     shear = BEAM.section.shear_coefficient * 2.1e11 / 2.6 * BEAM.section.area
     tip = arm**3 / (3 * EI) + arm / shear + c11 + 2 * c12 * arm + c22 * arm**2
     slope = arm**2 / (2 * EI) + c12 + c22 * arm
@@ -128,7 +128,7 @@ def _finite_elements(elements: int, law: DampingLaw, lines: np.ndarray, mass: fl
         element="paper",
     )
     ports = Ports(lines, (f"{end}:y", f"{middle}:y", f"{middle}:rz", "1:rz"), (f"{end}:y", f"{middle}:rz"))
-    return DirectSolve(recipe.structure(), Joint(("1:y", "1:rz")), ports).receptance(joint_matrix(TABLE_3))[0]
+    return DirectSolve(recipe.structure(), Joint(("1:y", "1:rz")), ports).receptance(pair_matrix(TABLE_3))[0]
 
 
 def _exact(law: DampingLaw, lines: np.ndarray, mass: float = 0.0) -> np.ndarray:

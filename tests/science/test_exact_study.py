@@ -10,7 +10,7 @@ from benchmarks.exact_data import BOUNDS, NAMES, SUBJECTS, base_case, beyond, dr
 from benchmarks.exact_study import PARTS, outcomes
 from scipy import stats
 
-from jointbayes.joint import joint_matrix
+from tests.conftest import pair_matrix
 
 pytestmark = pytest.mark.science
 
@@ -65,7 +65,7 @@ def test_data_differ_from_the_true_joints_frf_by_the_stated_noise(subject):
     for index in range(4):
         data = draw(subject, index, _edits(subject))
         problem = data.case.problem
-        z = problem.log_posterior.likelihood.standardised(joint_matrix(data.truth)[None], np.ones((1, 0)))
+        z = problem.log_posterior.likelihood.standardised(pair_matrix(data.truth)[None], np.ones((1, 0)))
         squares.append(np.mean(np.abs(z) ** 2))
     # 2000 complex values and more; a mesh, section or material that is not the exact beam's shows here
     assert np.mean(squares) == pytest.approx(1.0, abs=0.08)
@@ -84,7 +84,7 @@ def test_truths_lie_beyond_the_bound_that_is_named_and_inside_the_others(index):
             assert truth[one] == pytest.approx(low / factor)
         else:
             assert truth[one] == pytest.approx(high * factor)
-    assert np.linalg.eigvalsh(joint_matrix(data.truth))[0] > 0
+    assert np.linalg.eigvalsh(pair_matrix(data.truth))[0] > 0
 
 
 def test_a_run_that_was_cut_off_goes_on_where_it_was(tmp_path, monkeypatch):

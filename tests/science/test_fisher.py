@@ -13,14 +13,14 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
-from jointbayes.joint import LogStiffness, joint_matrix
+from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.identifiability import verdict_by_rule
 from jointbayes.posterior.information.directions import interval_ratio
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section, beam
-from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, rod
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, edited, pair_matrix, rod
 
 FREQUENCY_HZ = np.arange(10.0, 2501.0, 2.0)
 OUTPUTS = ("11:y", "6:y", "2:y", "1:y", "1:rz")
@@ -51,7 +51,7 @@ def receptance(theta, outputs):
         ModalDamping((0.01 * damping,)),
     )
     solve = DirectSolve(structure, CLAMP, Ports(FREQUENCY_HZ, outputs, ("11:y",)))
-    return solve.receptance(joint_matrix(np.exp(theta[:3])))[0, :, :, 0]
+    return solve.receptance(pair_matrix(np.exp(theta[:3])))[0, :, :, 0]
 
 
 def part_sd(values):

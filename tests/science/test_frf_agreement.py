@@ -12,9 +12,9 @@ from jointbayes.frf import (
     Ports,
     receptance_model,
 )
-from jointbayes.joint import STIFFNESS_PATTERN, Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix, rod
 
 LAWS = [
     ModalDamping((0.01,)),
@@ -32,8 +32,8 @@ STIFF = np.array([1e11, 1e8, 1e8])
 @pytest.mark.parametrize("stiffness", [TABLE_3, TABLE_3 * [1, -1, 1], SOFT], ids=["Table 3", "negative k12", "soft"])
 def test_fast_models_agree_with_the_direct_solve_to_1e_9_of_the_peak(law, stiffness):
     free, ports = rod(damping=law), Ports(LINES, ALL, ALL)
-    reference = DirectSolve(free, CLAMP, ports).receptance(joint_matrix(stiffness))[0]
-    fast = receptance_model(free, CLAMP, ports).receptance(joint_matrix(stiffness))[0]
+    reference = DirectSolve(free, CLAMP, ports).receptance(pair_matrix(stiffness))[0]
+    fast = receptance_model(free, CLAMP, ports).receptance(pair_matrix(stiffness))[0]
     error = np.abs(fast - reference).max(axis=0) / np.abs(reference).max(axis=0)
     assert error.max() < 1e-9
 
@@ -42,8 +42,8 @@ def test_fast_models_agree_with_the_direct_solve_to_1e_9_of_the_peak(law, stiffn
 @pytest.mark.parametrize("band", [(5.0, 25.0), (20.0, 60e3)], ids=["below every mode", "up to high modes"])
 def test_the_modal_sum_is_exact_whether_modes_are_near_the_band_or_far_above(law, band):
     ports = Ports(np.linspace(*band, 200), ALL, ALL)
-    reference = DirectSolve(rod(damping=law), CLAMP, ports).receptance(joint_matrix(TABLE_3))[0]
-    fast = receptance_model(rod(damping=law), CLAMP, ports).receptance(joint_matrix(TABLE_3))[0]
+    reference = DirectSolve(rod(damping=law), CLAMP, ports).receptance(pair_matrix(TABLE_3))[0]
+    fast = receptance_model(rod(damping=law), CLAMP, ports).receptance(pair_matrix(TABLE_3))[0]
     error = np.abs(fast - reference).max(axis=0) / np.abs(reference).max(axis=0)
     assert error.max() < 1e-9
 
@@ -52,7 +52,7 @@ def test_the_modal_sum_is_exact_whether_modes_are_near_the_band_or_far_above(law
 @pytest.mark.parametrize("stiffness", [STIFF * 1e4, np.zeros(3)], ids=["nearly rigid", "absent"])
 def test_a_rigid_and_an_absent_joint_are_no_special_cases_at_the_tip(law, stiffness):
     free, ports = rod(damping=law), Ports(LINES, ALL[:3], ALL[:3])
-    fast = receptance_model(free, CLAMP, ports).receptance(joint_matrix(stiffness))[0]
+    fast = receptance_model(free, CLAMP, ports).receptance(pair_matrix(stiffness))[0]
     if stiffness.any():
         clamped = free.fixed(CLAMP.dofs)
         nowhere = Joint(("6:y", "6:rz"))
@@ -67,14 +67,14 @@ def test_a_rigid_and_an_absent_joint_are_no_special_cases_at_the_tip(law, stiffn
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_reciprocity_to_1e_12(law):
-    h = receptance_model(rod(damping=law), CLAMP, Ports(LINES, ALL, ALL)).receptance(joint_matrix(TABLE_3))[0]
+    h = receptance_model(rod(damping=law), CLAMP, Ports(LINES, ALL, ALL)).receptance(pair_matrix(TABLE_3))[0]
     error = np.abs(h - h.swapaxes(1, 2)).max(axis=0) / np.abs(h).max(axis=0)
     assert error.max() < 1e-12
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_a_drive_point_only_takes_power(law):
-    h = receptance_model(rod(damping=law), CLAMP, Ports(LINES, ALL, ALL)).receptance(joint_matrix(TABLE_3))[0]
+    h = receptance_model(rod(damping=law), CLAMP, Ports(LINES, ALL, ALL)).receptance(pair_matrix(TABLE_3))[0]
     drive = np.diagonal(h, axis1=1, axis2=2)
     assert (drive.imag < 1e-12 * np.abs(drive)).all()
 
@@ -84,7 +84,7 @@ def test_a_joint_between_two_dof_sets(law):
     held = rod(damping=law).fixed(CLAMP.dofs)
     ports = Ports(LINES, ("11:y", "8:y"), ("11:y", "3:y"))
     inner = Joint(("3:y", "3:rz"), against=("8:y", "8:rz"))
-    stiffness = joint_matrix([1e6, 1e4, 1e3])
+    stiffness = pair_matrix([1e6, 1e4, 1e3])
     reference = DirectSolve(held, inner, ports).receptance(stiffness)[0]
     fast = receptance_model(held, inner, ports).receptance(stiffness)[0]
     error = np.abs(fast - reference).max(axis=0) / np.abs(reference).max(axis=0)
@@ -95,11 +95,11 @@ def test_a_joint_between_two_dof_sets(law):
 @pytest.mark.parametrize("stiffness", [TABLE_3, SOFT], ids=["Table 3", "soft"])
 def test_the_tangent_is_the_derivative(law, stiffness):
     model = receptance_model(rod(damping=law), CLAMP, Ports(LINES, ALL[:3], ALL[:2]))
-    value, tangent = model.tangent(joint_matrix(stiffness), STIFFNESS_PATTERN)
-    np.testing.assert_allclose(value, model.receptance(joint_matrix(stiffness))[0], atol=1e-9 * np.abs(value).max())
+    value, tangent = model.tangent(pair_matrix(stiffness), PAIR.pattern)
+    np.testing.assert_allclose(value, model.receptance(pair_matrix(stiffness))[0], atol=1e-9 * np.abs(value).max())
     for i, slope in enumerate(tangent):
         step = 1e-4 * stiffness * np.eye(3)[i]
-        far_up, up, down, far_down = model.receptance(joint_matrix([stiffness + n * step for n in (2, 1, -1, -2)]))
+        far_up, up, down, far_down = model.receptance(pair_matrix([stiffness + n * step for n in (2, 1, -1, -2)]))
         difference = (8 * (up - down) - (far_up - far_down)) / (12 * step[i])
         assert np.abs(difference - slope).max() < 1e-5 * np.abs(slope).max()
 
@@ -110,8 +110,8 @@ def test_the_tangent_survives_equal_frequencies_in_two_planes():
     plane = rod().fixed(["4:y", "4:rz"])
     model = AssembledModes(space, CLAMP, Ports(LINES, ("2:y", "2:z"), ("1:y",)))
     flat = AssembledModes(plane, CLAMP, Ports(LINES, ("2:y",), ("1:y",)))
-    _, tangent = model.tangent(np.zeros((2, 2)), STIFFNESS_PATTERN)
-    _, expected = flat.tangent(np.zeros((2, 2)), STIFFNESS_PATTERN)
+    _, tangent = model.tangent(np.zeros((2, 2)), PAIR.pattern)
+    _, expected = flat.tangent(np.zeros((2, 2)), PAIR.pattern)
     scale = np.abs(expected).max(axis=(1, 2, 3), keepdims=True)
     np.testing.assert_allclose(tangent[:, :, :1] / scale, expected / scale, atol=1e-6)
     np.testing.assert_allclose(tangent[:, :, 1:] / scale, 0.0, atol=1e-6)
@@ -119,16 +119,16 @@ def test_the_tangent_survives_equal_frequencies_in_two_planes():
 
 def test_the_tangent_of_natural_frequencies_is_their_derivative():
     model = NaturalFrequencies(rod(), CLAMP, 4)
-    value, tangent = model.tangent(joint_matrix(TABLE_3), STIFFNESS_PATTERN)
+    value, tangent = model.tangent(pair_matrix(TABLE_3), PAIR.pattern)
     for i, slope in enumerate(tangent):
         step = 1e-4 * TABLE_3 * np.eye(3)[i]
-        up, down = model.frequency_hz(joint_matrix([TABLE_3 + step, TABLE_3 - step]))
+        up, down = model.frequency_hz(pair_matrix([TABLE_3 + step, TABLE_3 - step]))
         np.testing.assert_allclose((up - down) / (2 * step[i]), slope, rtol=1e-5, atol=1e-9 * np.abs(slope).max())
     assert value.shape == (4,)
 
 
 def test_a_batch_is_the_same_as_one_by_one():
-    stiffness = joint_matrix(TABLE_3 * np.array([[1.0], [0.5], [2.0]]))
+    stiffness = pair_matrix(TABLE_3 * np.array([[1.0], [0.5], [2.0]]))
     for law in (ModalDamping((0.01,)), LossFactor(0.02)):
         model = receptance_model(rod(damping=law), CLAMP, Ports(LINES, ALL[:2], ALL[:1]))
         together = model.receptance(stiffness)

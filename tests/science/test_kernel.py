@@ -16,10 +16,10 @@ from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.modal import JoinedModes
 from jointbayes.inference import JointPrior, LogPosterior, Normal
 from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
-from jointbayes.joint import Joint, LogStiffness, joint_matrix
+from jointbayes.joint import Joint, LogStiffness
 from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
-from tests.conftest import CLAMP, CONFIGS, TABLE_3, rod
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, pair_matrix, rod
 
 pytestmark = pytest.mark.science
 
@@ -42,7 +42,7 @@ def random_joints(count, seed):
     k12 = rng.uniform(-1, 1, count) * np.sqrt(k11 * k22)
     k = np.stack([k11, k12, k22], axis=-1)
     k[:5] = [[0, 0, 0], [1e8, 0, 0], [0, 0, 1e4], [1e14, 0, 1e10], [1e8, 1e6, 1e4]]
-    return joint_matrix(k)
+    return pair_matrix(k)
 
 
 @pytest.mark.parametrize("law", ["loss factor", "modal"])
@@ -145,7 +145,7 @@ def test_the_gradient_of_the_posterior_is_that_of_its_residuals():
     structure = with_law("loss factor")
     ports = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",))
     measurement = synthesise_frf(
-        structure, CLAMP, joint_matrix(TABLE_3), ports, RelativeNoise(0.03, 0.01), rng=np.random.default_rng(1)
+        structure, CLAMP, pair_matrix(TABLE_3), ports, RelativeNoise(0.03, 0.01), rng=np.random.default_rng(1)
     )
     prior = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 2.0) for k in TABLE_3))
     posterior = LogPosterior(prior, likelihood_of(structure, CLAMP, measurement))
@@ -230,7 +230,7 @@ class TestSecularEquation:
 
     def test_a_joint_that_releases_energy_is_still_an_eigenproblem(self):
         structure = rod()
-        matrix = joint_matrix([1e6, 1e6, 1e4])
+        matrix = pair_matrix([1e6, 1e6, 1e4])
         (lam,), _, _ = JoinedModes(structure, CLAMP, np.empty((structure.n_dofs, 0))).solve(matrix[None])
         free = structure.modes()
         at = free.shapes.T @ CLAMP.selection(structure)
@@ -239,7 +239,7 @@ class TestSecularEquation:
         )
 
     def test_springs_put_the_joint_together_again(self):
-        matrices = np.concatenate([random_joints(200, seed=1), joint_matrix([[0.0, 3.0, 0.0], [1.0, 5.0, 2.0]])])
+        matrices = np.concatenate([random_joints(200, seed=1), pair_matrix([[0.0, 3.0, 0.0], [1.0, 5.0, 2.0]])])
         turn, stiffness = springs(matrices)
         again = (turn * stiffness[:, None, :]) @ turn.swapaxes(1, 2)
         scale = np.sqrt(np.abs(matrices[:, [0, 1], [0, 1]]))
@@ -256,7 +256,7 @@ def test_memory_does_not_grow_with_walkers_times_lines(law):
     structure = with_law(law)
     ports = Ports(np.linspace(20.0, 2500.0, lines), ("11:y",), ("11:y",))
     model = model_of(structure, CLAMP, ports)
-    matrices = joint_matrix(np.array(TABLE_3) * np.ones((joints, 1)))
+    matrices = pair_matrix(np.array(TABLE_3) * np.ones((joints, 1)))
     measured = model.receptance(matrices[0])[0]
     misfit = model.misfit(measured, 1 / np.abs(measured))
     misfit.chi2(matrices[:1])
@@ -272,7 +272,7 @@ def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
     structure = with_law("loss factor")
     ports = Ports(np.arange(2.0, 2502.0, 2.0), ("11:y",), ("11:y",))
     model = model_of(structure, CLAMP, ports)
-    matrices = joint_matrix(np.array(TABLE_3) * np.exp(0.1 * np.random.default_rng(0).normal(size=(64, 1))))
+    matrices = pair_matrix(np.array(TABLE_3) * np.exp(0.1 * np.random.default_rng(0).normal(size=(64, 1))))
     measured = model.receptance(matrices[0])[0]
     weight = 1 / np.abs(measured)
     misfit = model.misfit(measured, weight)

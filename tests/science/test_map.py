@@ -7,9 +7,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.identification import compliance_start, refine
-from jointbayes.joint import STIFFNESS_PATTERN, joint_matrix
 from jointbayes.measurement import FrfMeasurement
-from tests.conftest import CONFIGS, TABLE_3
+from tests.conftest import CONFIGS, PAIR, TABLE_3, pair_matrix
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +68,7 @@ def test_the_laplace_covariance_is_the_inverse_fisher_matrix_for_exact_data():
     estimate = jb.find_map(case)
     # the residuals vanish, so that the Hessian is JᵀJ, here in the stiffnesses and turned to logarithms by hand
     likelihood = case.problem.log_posterior.likelihood
-    _, jacobian = likelihood.residuals(joint_matrix(TABLE_3), STIFFNESS_PATTERN)
+    _, jacobian = likelihood.residuals(pair_matrix(TABLE_3), PAIR.pattern)
     fisher = (jacobian * TABLE_3).T @ (jacobian * TABLE_3)
     np.testing.assert_allclose(estimate.covariance, np.linalg.inv(fisher), rtol=1e-3)
 
@@ -90,7 +89,7 @@ def test_the_start_without_a_guess_leads_to_the_mode_on_other_noise(noisy, seed)
     alone = compliance_start(problem.structure, problem.joint, problem.measurement)
     _, from_truth = refine(problem.log_posterior, np.log(TABLE_3))
     assert jb.find_map(case).log_posterior >= from_truth - 1e-6
-    np.linalg.cholesky(joint_matrix(alone))  # raises where it is not positive definite
+    np.linalg.cholesky(alone)  # raises where it is not positive definite
 
 
 def test_without_noise_the_start_without_a_guess_is_exact_where_damping_allows_it():
@@ -99,4 +98,4 @@ def test_without_noise_the_start_without_a_guess_is_exact_where_damping_allows_i
     text = re.sub(r"(?m)^ratio = .*$", "loss_factor = 0.02", text)
     problem = jb.case_from_text("loss", text).problem
     start = compliance_start(problem.structure, problem.joint, problem.measurement)
-    np.testing.assert_allclose(start, TABLE_3, rtol=1e-5)
+    np.testing.assert_allclose(PAIR.from_matrix(start), TABLE_3, rtol=1e-5)

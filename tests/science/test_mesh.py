@@ -7,11 +7,11 @@ from benchmarks.exact_beam import ExactBeam, circle
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.posterior.mesh import LARGEST_ERROR_SD, LARGEST_SHIFT_SD, check_mesh
 from jointbayes.posterior.summary import summarise
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
-from tests.conftest import CONFIGS, TABLE_3
+from tests.conftest import CONFIGS, TABLE_3, pair_matrix
 
 CLAMP = Joint(("1:y", "1:rz"))
 POINTS = {1: 0.0, 6: 0.1915, 11: 0.383}
@@ -36,7 +36,7 @@ def exact_beam(stiffness):
 def test_predicted_frfs_are_those_of_the_beam_without_a_mesh(stiffness):
     outputs, inputs = ("11:y", "6:y", "11:rz"), ("11:y",)
     ports = Ports(LINES, outputs, inputs)
-    matrix = joint_matrix(stiffness)
+    matrix = pair_matrix(stiffness)
     truth = exact_beam(stiffness)
     found = receptance_model(BeamFamily(recipe(LossFactor(0.02)), {}), CLAMP, ports).receptance(matrix)[0]
     exact = truth.receptance(LINES, outputs, inputs, loss_factor=0.02)
@@ -48,7 +48,7 @@ def test_predicted_frfs_are_those_of_the_beam_without_a_mesh(stiffness):
 
 def test_natural_frequencies_are_those_of_the_beam_without_a_mesh():
     found = NaturalFrequencies(BeamFamily(recipe(ModalDamping((0.01,))), {}), CLAMP, 6).frequency_hz(
-        joint_matrix(TABLE_3)
+        pair_matrix(TABLE_3)
     )[0]
     np.testing.assert_allclose(found, exact_beam(TABLE_3).modes(1.1 * found[-1]).omega[:6] / (2 * np.pi), rtol=1e-9)
 

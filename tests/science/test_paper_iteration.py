@@ -6,10 +6,10 @@ import pytest
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.identification import IterationHistory, sensitivity_iteration
-from jointbayes.joint import Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping
-from tests.conftest import CLAMP, TABLE_3, rod
+from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 FIRST_GUESS = (1e8, 0.0, 0.0)  # Table 3
 LINES = np.arange(20.0, 2501.0)
@@ -21,7 +21,7 @@ def _measured(noise_seed: int | None, relative: float = 0.03, floor: float = 0.0
     rng = None if noise_seed is None else np.random.default_rng(noise_seed)
     ports = Ports(LINES, TIP + CLAMP.dofs, TIP)
     noise = RelativeNoise(relative, floor)
-    return synthesise_frf(rod(damping=damping), CLAMP, joint_matrix(TABLE_3), ports, noise, rng=rng).frf
+    return synthesise_frf(rod(damping=damping), CLAMP, pair_matrix(TABLE_3), ports, noise, rng=rng).frf
 
 
 def _iterate(frf: FrfSet, damping=None, **options) -> IterationHistory:
@@ -107,7 +107,7 @@ def test_it_identifies_a_joint_between_two_parts():
     held = rod(damping=ModalDamping((0.01,))).fixed(CLAMP.dofs)
     true = np.array([2e7, 1e5, 5e3])
     ports = Ports(LINES, ("11:y", *inner.dofs, *inner.against), ("11:y",))
-    frf = synthesise_frf(held, inner, joint_matrix(true), ports, RelativeNoise(0.03, 0.0)).frf
+    frf = synthesise_frf(held, inner, pair_matrix(true), ports, RelativeNoise(0.03, 0.0)).frf
     history = sensitivity_iteration(held, inner, frf, ("11:y",), (1e7, 0.0, 1e3))
     assert history.converged
     np.testing.assert_allclose(history.stiffness, true, rtol=1e-6)

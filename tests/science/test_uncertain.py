@@ -22,9 +22,10 @@ from jointbayes.inference import (
     StudentNoise,
     Uniform,
 )
-from jointbayes.joint import Joint, LogStiffness, joint_matrix
+from jointbayes.joint import Joint, LogStiffness
 from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from tests.conftest import pair_matrix
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 JOINT = Joint(("1:y", "1:rz"))
@@ -44,7 +45,7 @@ def measured(seed=1, gain=1.0, outputs=("11:y", "6:y")):
     rng = np.random.default_rng(seed)
     ports = Ports(LINES, outputs, ("11:y",))
     law = RelativeNoise(0.03, 0.01)
-    return synthesise_frf(BEAM.structure(), JOINT, joint_matrix(TRUTH), ports, law, "mobility", rng, gain=gain)
+    return synthesise_frf(BEAM.structure(), JOINT, pair_matrix(TRUTH), ports, law, "mobility", rng, gain=gain)
 
 
 def problem(nuisances, noise=None, kind="complex", measurement=None):
@@ -204,5 +205,5 @@ def test_the_structure_of_the_data_may_differ_from_the_one_analysed():
     truth = replace(BEAM, length=0.36)
     other = case_from_text("other", text).problem.measurement
     ports = Ports(other.frf.frequency_hz, other.frf.outputs, other.frf.inputs)
-    exact = synthesise_frf(truth.structure(), JOINT, joint_matrix(TRUTH), ports, RelativeNoise(0.03, 0.01), gain=1.1)
+    exact = synthesise_frf(truth.structure(), JOINT, pair_matrix(TRUTH), ports, RelativeNoise(0.03, 0.01), gain=1.1)
     assert_allclose(other.variance, exact.variance, rtol=1e-6)  # on other meshes

@@ -6,15 +6,16 @@ from numpy.testing import assert_allclose
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, beam
 from jointbayes.structure.high_order import ACCURACY, element_error, node_positions, spans_between
 from jointbayes.structure.mesh import BeamShape, mesh_through
 from jointbayes.structure.reduction import Reduction
+from tests.conftest import pair_matrix
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 CLAMP = Joint(("1:y", "1:rz"))
-TABLE_3 = joint_matrix([5.05e9, 3.44e7, 1.52e6])
+TABLE_3 = pair_matrix([5.05e9, 3.44e7, 1.52e6])
 #: Converged Timoshenko beam with Table 3's joint, computed elsewhere to more digits than these, Hz.
 CONVERGED = [121.5355, 752.3930, 2063.7317, 3927.7317, 6266.2214]
 
@@ -83,7 +84,7 @@ def test_reduced_models_predict_what_much_richer_ones_do(law):
     rng = np.random.default_rng(1)
     diagonal = 10 ** rng.uniform([5, 3], [11, 8], (20, 2))
     coupling = rng.uniform(-0.9, 0.9, 20) * np.sqrt(diagonal.prod(axis=1))
-    joints = joint_matrix(np.column_stack([diagonal[:, 0], coupling, diagonal[:, 1]]))
+    joints = pair_matrix(np.column_stack([diagonal[:, 0], coupling, diagonal[:, 1]]))
     found = receptance_model(beams, CLAMP, ports).receptance(joints)
     exact = receptance_model(beams.reference(), CLAMP, ports).receptance(joints)
     error = np.abs(found - exact).max(axis=1) / np.abs(exact).max(axis=1)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
-from jointbayes.joint import Joint, joint_matrix
+from jointbayes.joint import Joint
 from jointbayes.structure import (
     BeamFamily,
     BeamMaterial,
@@ -23,10 +23,11 @@ from jointbayes.structure import (
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.mesh import BeamShape, mesh_through
 from jointbayes.structure.mode_table import ModeTable, _hopeless
+from tests.conftest import pair_matrix
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 JOINT = Joint(("1:y", "1:rz"))
-CLAMP = joint_matrix([5.05e9, 3.44e7, 1.52e6])
+CLAMP = pair_matrix([5.05e9, 3.44e7, 1.52e6])
 PORTS = Ports(np.arange(20.0, 2500.0, 53.0), ("11:y", "6:y"), ("11:y",))
 MATERIAL_AND_LENGTH = {"youngs_modulus": (-0.12, 0.12), "density": (-0.06, 0.06), "length": (-0.03, 0.03)}
 MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
-from jointbayes.joint import RIGID, joint_matrix
+from jointbayes.joint import RIGID
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.studies.comparison.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
 from jointbayes.studies.comparison.directory import write_comparison
@@ -25,9 +25,17 @@ from jointbayes.studies.comparison.result import (
     bayes_factor_words,
     model_probabilities,
 )
-from tests.conftest import cheap_frequencies_text, cheap_text, edited
+from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
 
 DATE = datetime.date(2026, 1, 2)
+#: Coordinates under each hypothesis; None for those of the case.
+YIELDING = {
+    "rigid": (),
+    "translation": ("k11",),
+    "rotation": ("k22",),
+    "springs": ("k11", "k22"),
+    "full": None,
+}
 
 
 def frequencies_text(*changes, hypotheses=("rigid", "springs")):
@@ -87,7 +95,7 @@ def test_probabilities_are_in_the_ratio_of_the_evidences_however_small_these_are
 def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(cases):
     problem = cases[0].problem
     assert problem.names == ("k11", "k22", "rho")
-    for hypothesis, names in HYPOTHESES.items():
+    for hypothesis, names in YIELDING.items():
         found = hypothesis_problem(problem, hypothesis)
         assert found.names == (problem.names if names is None else names)
         assert found.measurement is problem.measurement
@@ -110,7 +118,7 @@ def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
 def test_a_rigid_joint_has_the_likelihood_itself_as_evidence(cases, comparison):
     rigid = comparison.candidates[0]
     likelihood = cases[0].problem.log_posterior.likelihood
-    expected = likelihood.log_likelihood(joint_matrix([[1e30, 0.0, 1e30]]))[0]
+    expected = likelihood.log_likelihood(pair_matrix([[1e30, 0.0, 1e30]]))[0]
     assert rigid.hypothesis == "rigid"
     assert rigid.names == ()
     assert rigid.evidence.log_z == pytest.approx(expected, abs=1e-9)
@@ -219,8 +227,8 @@ def rotation(cheap_case):
 def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
     likelihood, prior = rotation.log_posterior.likelihood, rotation.prior
     theta = np.linspace(np.log(1.40e6), np.log(1.60e6), 801)[:, None]
-    values = likelihood.pointwise(joint_matrix(prior.stiffness(theta)), prior.factors(theta)).reshape(len(theta), -1)
-    np.testing.assert_allclose(values.sum(axis=1), likelihood.log_likelihood(joint_matrix(prior.stiffness(theta))))
+    values = likelihood.pointwise(pair_matrix(prior.stiffness(theta)), prior.factors(theta)).reshape(len(theta), -1)
+    np.testing.assert_allclose(values.sum(axis=1), likelihood.log_likelihood(pair_matrix(prior.stiffness(theta))))
     # p(y_i | others) = ∫ L / ∫ L/L_i, the prior being flat here
     total = values.sum(axis=1)
     expected = -np.log(np.exp(total[:, None] - values - total.max()).sum(axis=0) / np.exp(total - total.max()).sum())

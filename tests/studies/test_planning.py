@@ -13,7 +13,7 @@ from jointbayes.case.build import beam_recipe
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise
-from jointbayes.joint import LogStiffness, joint_matrix
+from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import WeightedDraws
@@ -35,7 +35,7 @@ from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation,
 from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first
 from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
 from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth
-from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited
+from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix
 
 TRUTH = np.log(TABLE_3)
 LAW = RelativeNoise(0.03, 0.01)
@@ -203,7 +203,7 @@ def test_simulated_noise_has_the_stated_variance_and_none_without_a_generator(ch
     z = (noisy.measurement.frf.values - exact.measurement.frf.values) / np.sqrt(exact.measurement.variance)
     assert (np.abs(z) ** 2).mean() == pytest.approx(1.0, abs=4 / math.sqrt(z.size))
     structure, joint = cheap_case.problem.structure.nominal, cheap_case.problem.joint
-    direct = DirectSolve(structure, joint, candidate.ports).receptance(joint_matrix(TABLE_3))[0]
+    direct = DirectSolve(structure, joint, candidate.ports).receptance(pair_matrix(TABLE_3))[0]
     np.testing.assert_allclose(exact.measurement.frf.values, direct, atol=1e-9 * np.abs(direct).max())
 
 
@@ -232,7 +232,7 @@ def test_a_wider_band_adds_only_its_own_lines_with_the_floor_of_all():
     assert measured.frf.frequency_hz[-1] == 3000.0
     ports = Ports(np.concatenate([present, measured.frf.frequency_hz]), ("5:y",), ("5:y",))
     whole = DirectSolve(case.problem.structures_of_data.nominal, case.problem.joint, ports).receptance(
-        joint_matrix(TABLE_3)
+        pair_matrix(TABLE_3)
     )[0]
     expected = RelativeNoise(0.008, 0.0016).variance(whole)[present.size :]
     np.testing.assert_allclose(measured.variance, expected, rtol=1e-6)

@@ -42,7 +42,7 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.inference.noise.base import NoiseChoice
-from jointbayes.joint import RIGID, STIFFNESS_NAMES, Coordinate, Joint, joint_matrix, parametrisation_named
+from jointbayes.joint import COUPLED, RIGID, Coordinate, Joint, parametrisation_named
 from jointbayes.measurement import (
     CoherenceNoise,
     FrequencyMeasurement,
@@ -148,7 +148,7 @@ def prior_of(
 def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic:
-        k = own[STIFFNESS_NAMES.index(axis.quantity)]
+        k = own[[quantity.name for quantity in COUPLED].index(axis.quantity)]
         return Uniform(*np.log([factor * k for factor in DEFAULT_PRIOR_FACTORS]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
@@ -235,7 +235,8 @@ def _modes_in_band(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement)
 def rigid_frequencies_hz(recipe: BeamRecipe, joint: Joint, most: int) -> Array:
     """Lowest natural frequencies of a beam with a rigid joint, Hz: no more than `most`, nor than it has."""
     count = min(most, recipe.dofs_per_node * recipe.elements)
-    return NaturalFrequencies(BeamFamily(recipe, {}), joint, count).frequency_hz(joint_matrix([RIGID, 0.0, RIGID]))[0]
+    rigid = np.eye(joint.size) * RIGID
+    return NaturalFrequencies(BeamFamily(recipe, {}), joint, count).frequency_hz(rigid)[0]
 
 
 def _factor_prior(spec: FactorPriorSpec) -> Marginal:
@@ -284,7 +285,7 @@ def measurement_of(recipe: BeamRecipe, joint: Joint, spec: SyntheticFrfSpec | Na
     measured = synthesise_frf(
         BeamFamily(true_beam(recipe, spec.truth), {}),
         joint,
-        joint_matrix(stiffness_of(spec.truth)),
+        parametrisation_named("log").matrix(stiffness_of(spec.truth)),
         ports,
         noise_law(spec.noise),
         spec.quantity,
@@ -320,4 +321,4 @@ def noise_law(spec: NoiseSpec) -> NoiseLaw:
 
 def stiffness_of(spec: StiffnessSpec) -> Array:
     """(k11, k12, k22), shape (3,)."""
-    return np.array([getattr(spec, name) for name in STIFFNESS_NAMES])
+    return np.array([getattr(spec, quantity.name) for quantity in COUPLED])

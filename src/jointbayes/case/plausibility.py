@@ -13,7 +13,6 @@ from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.schema.structure import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, StructureSpec, TubeSpec
 from jointbayes.case.toml_text import key_lines, line_of
-from jointbayes.joint import STIFFNESS_NAMES
 
 if TYPE_CHECKING:
     from jointbayes.inference import JointPrior
@@ -111,9 +110,9 @@ def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
     if not isinstance(spec.data, SyntheticFrfSpec):
         return
     joint, loc = prior.parametrisation, ("data", "truth")
-    truth = [getattr(spec.data.truth, name) for name in STIFFNESS_NAMES]
+    truth = [getattr(spec.data.truth, name) for name in joint.stiffness_names]
     if not joint.describes(truth):
-        each = ", ".join(f"{name} = {value:g}" for name, value in zip(STIFFNESS_NAMES, truth, strict=True))
+        each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
         found = f'found {each}, which joint.parametrisation = "{spec.joint.parametrisation}" cannot describe'
         yield Finding(loc, found, "a truth that the analysis can find", "choose another parametrisation or truth")
         return

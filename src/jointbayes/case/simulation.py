@@ -14,7 +14,6 @@ from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement.formats import records_of_frf
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
@@ -67,12 +66,12 @@ class Truth:
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
         """True K^J, shape (2, 2)."""
-        return joint_matrix(stiffness_of(self.data.truth))
+        return self.case.problem.parametrisation.matrix(stiffness_of(self.data.truth))
 
     @cached_property
     def decay_rate(self) -> float:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
-        joined = self.case.problem.joint.selection(self.structure)
+        joined = self.case.problem.joints.selection(self.structure)
         eigenvalues = self.structure.modes(joined @ self.stiffness @ joined.T).eigenvalues
         elastic, law = eigenvalues > 0, self.structure.damping
         omega, (alpha, beta) = np.sqrt(eigenvalues[elastic]), law.viscous
@@ -82,7 +81,7 @@ class Truth:
     def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
-        model = receptance_model(self._beams.reference(), self.case.problem.joint, ports)
+        model = receptance_model(self._beams.reference(), self.case.problem.joints, ports)
         receptance = model.receptance(self.stiffness)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)

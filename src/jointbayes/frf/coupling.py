@@ -16,7 +16,7 @@ from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
 from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.modal import AssembledModes
 from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_batch, as_factors, split_along
-from jointbayes.joint import Joint
+from jointbayes.joint import AnyJoint
 from jointbayes.structure import FreeModes, Structure, StructureFamily, as_family
 
 __all__ = ["LowRankCoupling", "free_receptance", "receptance_model"]
@@ -98,7 +98,7 @@ class LowRankCoupling:
         If the damping law is modal: its modes are those of the assembled structure, see `AssembledModes`.
     """
 
-    def __init__(self, structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> None:
+    def __init__(self, structure: Structure | StructureFamily, joint: AnyJoint, ports: Ports) -> None:
         self._family = family = as_family(structure)
         if family.nominal.damping.of_assembled_modes:
             raise ModelError(
@@ -170,7 +170,7 @@ class _UncertainMisfit:
         return self._model._at(factors).misfit(self._measured, self._weight)
 
 
-def receptance_model(structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> ReceptanceModel:
+def receptance_model(structure: Structure | StructureFamily, joint: AnyJoint, ports: Ports) -> ReceptanceModel:
     """Return the exact low-rank forward model for the damping law of a structure or of a family of them.
 
     Raises
@@ -178,7 +178,7 @@ def receptance_model(structure: Structure | StructureFamily, joint: Joint, ports
     ModelError
         If a DOF does not exist.
     """
-    dofs = dict.fromkeys((*joint.dofs, *joint.against, *ports.outputs, *ports.inputs))
+    dofs = dict.fromkeys((*joint.labels, *ports.outputs, *ports.inputs))
     family = as_family(structure).at(dofs, float(np.max(ports.frequency_hz)))
     if family.nominal.damping.of_assembled_modes:
         return AssembledModes(family, joint, ports)

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.frf.ports import Ports, as_batch
-from jointbayes.joint import Joint
+from jointbayes.joint import AnyJoint
 from jointbayes.structure import Structure
 
 __all__ = ["DirectSolve", "solve_lines"]
@@ -82,7 +82,7 @@ class DirectSolve:
         Lines, outputs and inputs.
     """
 
-    def __init__(self, structure: Structure, joint: Joint, ports: Ports) -> None:
+    def __init__(self, structure: Structure, joint: AnyJoint, ports: Ports) -> None:
         self._structure, self._omega = structure, ports.omega
         self._joined, self._outputs, self._inputs = ports.selections(structure, joint)
 

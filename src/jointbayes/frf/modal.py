@@ -8,8 +8,9 @@ from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, workspace
 from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
-from jointbayes.joint import Joint, symmetric_changes
+from jointbayes.joint import AnyJoint, symmetric_changes
 from jointbayes.structure import Structure, StructureFamily, as_family, mode_shift
+from jointbayes.structure.family import MOST_HELD
 
 __all__ = ["AssembledModes", "JoinedModes", "NaturalFrequencies"]
 
@@ -38,7 +39,7 @@ class JoinedModes:
     def __init__(
         self,
         structure: Structure | StructureFamily,
-        joint: Joint,
+        joint: AnyJoint,
         motions: Array,
         forced: NDArray[np.bool_] | None = None,
     ) -> None:
@@ -95,10 +96,11 @@ class NaturalFrequencies:
     """
 
     def __init__(
-        self, structure: Structure | StructureFamily, joint: Joint, count: int, top_hz: float | None = None
+        self, structure: Structure | StructureFamily, joint: AnyJoint, count: int, top_hz: float | None = None
     ) -> None:
         family = as_family(structure)
-        self._family = family.at(joint.dofs + joint.against, family.reach_hz(count) if top_hz is None else top_hz)
+        reach = family.reach_hz(count + max(0, joint.size - MOST_HELD)) if top_hz is None else top_hz
+        self._family = family.at(joint.labels, reach)
         n = self._family.nominal.n_dofs
         if not 1 <= count <= n:
             raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
@@ -146,7 +148,7 @@ class AssembledModes:
         If the damping law is not modal: see `LowRankCoupling`.
     """
 
-    def __init__(self, structure: Structure | StructureFamily, joint: Joint, ports: Ports) -> None:
+    def __init__(self, structure: Structure | StructureFamily, joint: AnyJoint, ports: Ports) -> None:
         family = as_family(structure)
         if not family.nominal.damping.of_assembled_modes:
             raise ModelError(

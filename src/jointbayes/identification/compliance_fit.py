@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.frf.coupling import free_receptance
-from jointbayes.joint import Joint
+from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping, Structure, StructureFamily, as_family
 
@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 _PASSES = 10
 
 
-def compliance_start(structure: Structure | StructureFamily, joint: Joint, measurement: FrfMeasurement) -> Array:
-    """Estimate (k11, k12, k22) from FRFs alone, positive definite, as a start for a proper fit.
+def compliance_start(structure: Structure | StructureFamily, joint: AnyJoint, measurement: FrfMeasurement) -> Array:
+    """Estimate K^J of two DOFs from FRFs alone, positive definite, as a start for a proper fit.
 
     Parameters
     ----------
@@ -39,14 +39,14 @@ def compliance_start(structure: Structure | StructureFamily, joint: Joint, measu
 
     Returns
     -------
-    ndarray, shape (3,)
+    ndarray, shape (2, 2)
 
     References
     ----------
     Sanathanan & Koerner (1963), DOI 10.1109/TAC.1963.1105517
     """
     frf = measurement.frf.converted("receptance")
-    dofs = (*joint.dofs, *joint.against, *frf.outputs, *frf.inputs)
+    dofs = (*joint.labels, *frf.outputs, *frf.inputs)
     structure = as_family(structure).at(dofs, float(frf.frequency_hz[-1])).nominal
     law = structure.damping
     if isinstance(law, ModalDamping):
@@ -75,13 +75,13 @@ class _FreeReceptance:
     def __init__(
         self,
         structure: Structure,
-        joint: Joint,
+        joint: AnyJoint,
         frequency_hz: Array,
         outputs: tuple[str, ...],
         inputs: tuple[str, ...],
     ) -> None:
-        # the joint's DOFs stand first among outputs and inputs; a relative joint is a difference of two blocks
-        sides = joint.dofs + joint.against
+        # the joint's DOFs stand first among outputs and inputs
+        sides = joint.labels
         ports = Ports(frequency_hz, _unique(sides + outputs), _unique(sides + inputs))
         # summed over free modes: a dense solution of every line would cost more than the whole search
         family = as_family(structure)
@@ -90,7 +90,7 @@ class _FreeReceptance:
         at = np.arange(k + len(ports.inputs))
         modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
         free = free_receptance(family, modes, np.empty(0), ports.omega)[:, :k, k:]
-        relative = np.eye(2) if not joint.against else np.hstack([np.eye(2), -np.eye(2)])
+        relative = joint.on(sides).T
         rows = [ports.outputs.index(label) for label in outputs]
         columns = [ports.inputs.index(label) for label in inputs]
         self.jj = relative @ free[:, :n, :n] @ relative.T
@@ -154,5 +154,5 @@ def _positive_definite(compliance: Array) -> Array:
     values, vectors = np.linalg.eigh(unit)
     # noise may turn an eigenvalue negative: a nearly rigid direction is then the nearest joint that exists
     values = np.maximum(values, 1e-3 * np.abs(values).max())
-    stiffness = (vectors / values) @ vectors.T / np.outer(size, size)
-    return np.array([stiffness[0, 0], stiffness[0, 1], stiffness[1, 1]])
+    stiffness: Array = (vectors / values) @ vectors.T / np.outer(size, size)
+    return stiffness

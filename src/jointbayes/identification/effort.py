@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.identification.least_squares import white_residuals
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.starts import frequency_starts, screened_draws
@@ -33,7 +32,7 @@ def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float,
 
     The second is 1 and eight standard deviations.
     """
-    residual = white_residuals(log_posterior, theta[None])[0]
+    residual = log_posterior.white(theta)[0]
     total, noise = float(residual @ residual), log_posterior.likelihood.noise
     # in units of the noise that the data show, where its size is integrated out
     total /= noise.typical_scale(total / 2, residual.size // noise.parts) ** 2

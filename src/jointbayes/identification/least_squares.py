@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.inference import JointPrior, LogPosterior
-from jointbayes.joint import joint_matrix
 
-__all__ = ["PosteriorSquares", "Squares", "climb_all", "white_residuals"]
+__all__ = ["PosteriorSquares", "Squares", "climb_all"]
 
 Array = NDArray[np.float64]
 
@@ -167,7 +166,7 @@ class PosteriorSquares:
 
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), of points inside the support, shape (n, d)."""
-        z = white_residuals(self._posterior, theta)
+        z = self._posterior.white(theta)
         return z if self._weight is None else z * np.repeat(self._weight.ravel(), z.shape[1] // self._weight.size)
 
     def value(self, theta: Array) -> Array:
@@ -181,9 +180,3 @@ class PosteriorSquares:
             out[few] -= 0.5 * (self.residuals(theta[few]) ** 2).sum(axis=1)
         out[~np.isfinite(out)] = -np.inf
         return out
-
-
-def white_residuals(log_posterior: LogPosterior, theta: Array) -> Array:
-    """Residuals of points inside the support, shape (n, d), of unit variance each if model and noise hold, (n, m)."""
-    prior = log_posterior.prior
-    return log_posterior.likelihood.white(joint_matrix(prior.stiffness(theta)), prior.factors(theta))

@@ -20,7 +20,7 @@ _NAMED = 8  # starts in a sentence
 
 @dataclass(frozen=True, slots=True)
 class StartOutcome:
-    """Where one start led: its first and last (k11, k12, k22), log density, and whether that is the best mode."""
+    """Where one start led: its first and last joint, shape (q,), log density, and whether that is the best mode."""
 
     name: str
     start: Array
@@ -124,7 +124,7 @@ class MapEstimate:
     theta
         Coordinates of the mode, shape (d,).
     stiffness
-        (k11, k12, k22) at the mode, shape (3,).
+        Quantities of the joint at the mode, shape (q,).
     covariance
         Laplace covariance of θ, shape (d, d); never wider than the prior in any direction.
     log_posterior

@@ -50,7 +50,7 @@ class ModeSearch:
 
     def __init__(self, log_posterior: LogPosterior) -> None:
         self._posterior = log_posterior
-        self._begun: dict[str, Array] = {}  # (k11, k12, k22) by the start's name
+        self._begun: dict[str, Array] = {}  # quantities of the joint by the start's name
         self._ends: dict[str, tuple[Array, float]] = {}
         self._refined: list[_Refined] = []
 
@@ -84,7 +84,7 @@ class ModeSearch:
         }
 
     def climb_stiffnesses(self, starts: Mapping[str, ArrayLike]) -> None:
-        """Climb from joints (k11, k12, k22), shape (3,), by name, each moved into the prior's support."""
+        """Climb from joints, shape (q,), by name, each moved into the prior's support."""
         inside = {name: into_support(self._posterior, k) for name, k in starts.items()}
         self._begun |= {name: np.asarray(k, dtype=float) for name, k in starts.items()}
         self.climb({name: theta for name, theta in inside.items() if theta is not None})
@@ -215,7 +215,7 @@ def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: f
 
 
 def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:
-    """Coordinates of the joint nearest to (k11, k12, k22) at which the prior is above zero; None if there is none."""
+    """Coordinates of the joint nearest to one of shape (q,) at which the prior is above zero; None if there is none."""
     prior = log_posterior.prior
     parametrisation = prior.parametrisation
     low, high = prior.support

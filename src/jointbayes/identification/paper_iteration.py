@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.joint import STIFFNESS_PATTERN, Joint, is_positive_semidefinite, joint_matrix
+from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
 from jointbayes.structure import Structure, StructureFamily
 
 __all__ = ["IterationHistory", "SensitivityKind", "sensitivity_iteration"]
@@ -32,7 +32,7 @@ class IterationHistory:
     Parameters
     ----------
     stiffness_history
-        (k11, k12, k22) at each step, shape (steps + 1, 3).
+        The joint's quantities at each step, shape (steps + 1, q).
     residual_norm
         ‖ε‖ at each step relative to the norm of the measured FRFs, shape (steps + 1,).
     converged
@@ -51,7 +51,7 @@ class IterationHistory:
 
     @property
     def stiffness(self) -> Array:
-        """Last (k11, k12, k22), shape (3,)."""
+        """Last quantities, shape (q,)."""
         return self.stiffness_history[-1]
 
     @property
@@ -62,7 +62,7 @@ class IterationHistory:
 
 def sensitivity_iteration(
     structure: Structure | StructureFamily,
-    joint: Joint,
+    joint: AnyJoint,
     measured: FrfSet,
     outputs: tuple[str, ...],
     initial: ArrayLike,
@@ -71,20 +71,21 @@ def sensitivity_iteration(
     max_steps: int = 30,
     sensitivity: SensitivityKind = "measured",
     line_weight: float = 0.0,
+    parametrisation: Parametrisation | None = None,
 ) -> IterationHistory:
-    """Identify (k11, k12, k22) by the paper's iteration, Eqs. (3)-(9).
+    """Identify the stiffnesses of a joint by the paper's iteration, Eqs. (3)-(9).
 
     Parameters
     ----------
     structure, joint
-        Structure without the joint, or a family of them at its nominal one, and where the joint acts (two DOFs).
+        Structure without the joint, or a family of them at its nominal one, and where the joint acts.
     measured
         Measured receptances H^x. Outputs: `outputs` and every DOF of the joint, rotation included; inputs: the
         excitations v.
     outputs
         DOFs at which the residual FRF ε_H = H^a − H^x is taken (the paper takes H21,21).
     initial
-        First guess of (k11, k12, k22), shape (3,); the paper starts at (1e8, 0, 0).
+        First guess of the joint's quantities, shape (q,); the paper starts at (1e8, 0, 0).
     threshold
         The threshold e on ‖ε‖, as a fraction of ‖H^x‖ over the same FRFs.
     max_steps
@@ -95,13 +96,16 @@ def sensitivity_iteration(
     line_weight
         Exponent p of row weights |H^x|⁻ᵖ in the least squares. 0 is the paper as printed: the lines at resonance
         outweigh all others, and a few per cent of noise make the iteration run away. 1/2 balances them.
+    parametrisation
+        Says what the quantities are; by default the paper's k11, k12 and k22 of a joint of two DOFs.
 
     Raises
     ------
     ModelError
         If a DOF does not exist.
     """
-    system = _System(structure, joint, measured.converted("receptance"), outputs)
+    kind = parametrisation or parametrisation_named("log")
+    system = _System(structure, joint, measured.converted("receptance"), outputs, kind)
     weight = np.abs(system.target) ** -line_weight
     k = np.asarray(initial, dtype=float)
     history: list[Array] = []
@@ -114,19 +118,24 @@ def sensitivity_iteration(
         if norms[-1] <= threshold:
             break
         response = system.at_joint(system.measured if sensitivity == "measured" else predicted)
-        k = k + _step(system.to_joint(predicted), response, residual, weight)
-    return _history(np.array(history), np.array(norms), threshold)
+        k = k + _step(system.to_joint(predicted), response, residual, weight, kind.pattern)
+    return _history(np.array(history), np.array(norms), threshold, kind)
 
 
 class _System:
     """Measured FRFs, and the model that predicts them and those between the outputs and the joint."""
 
     def __init__(
-        self, structure: Structure | StructureFamily, joint: Joint, measured: FrfSet, outputs: tuple[str, ...]
+        self,
+        structure: Structure | StructureFamily,
+        joint: AnyJoint,
+        measured: FrfSet,
+        outputs: tuple[str, ...],
+        parametrisation: Parametrisation,
     ) -> None:
-        self.measured, self._outputs = measured, outputs
-        self._near, self._far = joint.dofs, joint.against
-        at_joint = joint.dofs + joint.against
+        self.measured, self._outputs, self._parametrisation = measured, outputs, parametrisation
+        self._at_joint = at_joint = joint.labels
+        self._deformation = joint.on(at_joint)
         self._ports = Ports(
             measured.frequency_hz,
             tuple(dict.fromkeys(outputs + at_joint)),
@@ -138,7 +147,7 @@ class _System:
     def predict(self, stiffness: Array) -> FrfSet:
         """H^a between all outputs, inputs and DOFs of the joint."""
         ports = self._ports
-        values = self._model.receptance(joint_matrix(stiffness))[0]
+        values = self._model.receptance(self._parametrisation.matrix(stiffness))[0]
         return FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs)
 
     def residual(self, predicted: FrfSet) -> ComplexArray:
@@ -147,21 +156,19 @@ class _System:
 
     def at_joint(self, frf: FrfSet) -> ComplexArray:
         """Deformation of the joint by unit force at each input, shape (lines, r, inputs)."""
-        deformation = frf.select(self._near, self.measured.inputs).values
-        return deformation - frf.select(self._far, self.measured.inputs).values if self._far else deformation
+        return np.einsum("ar,lai->lri", self._deformation, frf.select(self._at_joint, self.measured.inputs).values)
 
     def to_joint(self, predicted: FrfSet) -> ComplexArray:
         """Response of the outputs to unit force in the joint, shape (lines, r, outputs)."""
-        response = predicted.select(self._outputs, self._near).values
-        if self._far:
-            response = response - predicted.select(self._outputs, self._far).values
-        return response.swapaxes(1, 2)
+        return np.einsum("ar,loa->lro", self._deformation, predicted.select(self._outputs, self._at_joint).values)
 
 
-def _step(to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray, weight: Array) -> Array:
+def _step(
+    to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray, weight: Array, pattern: Array
+) -> Array:
     """Least-squares Δu of S Δu = −ε_H with real and imaginary parts stacked and columns scaled."""
     # Cao et al. Eq. (9): S_i = −H^a K_i H^x_v, here for every output and input at once
-    columns = -(weight * np.einsum("lro,irs,lsv->ilov", to_joint, STIFFNESS_PATTERN, response)).reshape(3, -1)
+    columns = -(weight * np.einsum("lro,irs,lsv->ilov", to_joint, pattern, response)).reshape(len(pattern), -1)
     matrix = np.concatenate([columns.real, columns.imag], axis=1).T
     right = -(weight * residual).ravel()
     right = np.concatenate([right.real, right.imag])
@@ -171,8 +178,8 @@ def _step(to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray
     return solution / scale
 
 
-def _history(stiffness: Array, norms: Array, threshold: float) -> IterationHistory:
-    outside = np.flatnonzero(~is_positive_semidefinite(stiffness))
+def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisation) -> IterationHistory:
+    outside = np.flatnonzero(~kind.is_positive_semidefinite(stiffness))
     converged = bool(norms[-1] <= threshold)
     steps = len(norms) - 1
     if converged:

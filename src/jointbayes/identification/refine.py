@@ -87,32 +87,36 @@ def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
 class _Coordinates:
     """Coordinates φ of those that are free of θ, in which a joint with hardly known stiffnesses has a straight ridge.
 
-    Where the parametrisation has such coordinates, unless an edge holds the one that they replace.
+    Where the parametrisation has such coordinates, but for those of which an edge holds the one that they replace.
     """
 
     place: Array
     free: NDArray[np.intp]
-    ridge: CondensedCoordinates | None
+    ridges: tuple[CondensedCoordinates, ...]
     low: Array
     high: Array
 
     @classmethod
     def at(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
         """About a point θ, shape (d,)."""
-        ridge = prior.parametrisation.ridge
-        if ridge is not None and not free[ridge.column]:
-            ridge = None
-        place = np.array(theta) if ridge is None else ridge.forward(theta[None])[0]
+        ridges = tuple(ridge for ridge in prior.parametrisation.ridges if free[ridge.column])
+        place = _straightened(ridges, theta[None])[0]
         # a normal prior has no end, but a stiffness of e^800 is no number
         low, high = (prior.mean + sign * _FARTHEST * prior.sd for sign in (-1, 1))
         ends = np.maximum(low, prior.support[0]), np.minimum(high, prior.support[1])
-        return cls(place, np.flatnonzero(free), ridge, *ends)
+        return cls(place, np.flatnonzero(free), ridges, *ends)
 
     def theta(self, moving: Array) -> Array:
         """θ, shape (n, d), of the free coordinates, shape (n, f); beyond an edge of the support the edge."""
         whole = np.tile(self.place, (len(moving), 1))
         whole[:, self.free] = moving
-        return np.clip(whole if self.ridge is None else self.ridge.inverse(whole)[0], self.low, self.high)
+        return np.clip(self._bent(whole), self.low, self.high)
+
+    def _bent(self, whole: Array) -> Array:
+        """θ, shape (n, d), of φ, shape (n, d)."""
+        for ridge in self.ridges:
+            whole, _ = ridge.inverse(whole)
+        return whole
 
     def density(self, log_posterior: LogPosterior) -> Callable[[Array], Array]:
         """Log density as a function of the free coordinates, (n, f) to (n,)."""
@@ -121,11 +125,20 @@ class _Coordinates:
     def covariance(self, covariance: Array) -> Array:
         """Covariance of the free coordinates, shape (f, f), from that of θ, shape (d, d)."""
         slope = np.eye(len(covariance))
-        if self.ridge is not None:  # ∂φ/∂θ by differences
+        if self.ridges:  # ∂φ/∂θ by differences
             step = 1e-6 * slope
-            theta = self.ridge.inverse(self.place[None])[0]
-            slope = ((self.ridge.forward(theta + step) - self.ridge.forward(theta - step)) / 2e-6).T
+            theta = self._bent(self.place[None])
+            up, down = (_straightened(self.ridges, theta + sign * step) for sign in (1, -1))
+            slope = ((up - down) / 2e-6).T
         return (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
+
+
+def _straightened(ridges: tuple[CondensedCoordinates, ...], theta: Array) -> Array:
+    """φ, shape (n, d), of θ, shape (n, d)."""
+    phi = np.array(theta)
+    for ridge in ridges:
+        phi = ridge.forward(phi)
+    return phi
 
 
 def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, Array] | None:

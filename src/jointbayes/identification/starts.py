@@ -12,7 +12,6 @@ from jointbayes.frf import NaturalFrequencies
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
 from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.uncertain_quantities import is_damping_ratio
@@ -48,10 +47,10 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
     """Predicts the natural frequencies up to the end of the band of the problem's structures with its joint."""
     structures, measured = problem.structures, problem.measurement
     if isinstance(measured, FrequencyMeasurement):
-        return NaturalFrequencies(structures, problem.joint, measured.frequency_hz.size)
+        return NaturalFrequencies(structures, problem.joints, measured.frequency_hz.size)
     top = _SPARE * measured.top_hz
-    most = structures.at(problem.joint.dofs + problem.joint.against, top).nominal.n_dofs
-    return NaturalFrequencies(structures, problem.joint, min(most, _MOST_MODES), top)
+    most = structures.at(problem.joints.labels, top).nominal.n_dofs
+    return NaturalFrequencies(structures, problem.joints, min(most, _MOST_MODES), top)
 
 
 class FrequencyMatch:
@@ -95,7 +94,7 @@ class FrequencyMatch:
         self._model = natural_frequency_model(problem)
         # a joint raises every natural frequency: there are no more in the band than without it
         structural = problem.structural(np.ones((1, len(problem.prior.nuisances))))
-        free = self._model.frequency_hz(np.zeros((1, 2, 2)), structural)[0]
+        free = self._model.frequency_hz(np.zeros((1, problem.joints.size, problem.joints.size)), structural)[0]
         below = int((free < _SPARE * self._band[1]).sum())
         self._count = self.resonances_hz.size if self._complete else max(below, 1)
 
@@ -104,7 +103,7 @@ class FrequencyMatch:
         without = np.array(theta)
         without[:, self._errors] = 0.0
         structural = self._problem.structural(self.prior.factors(without))
-        return self._model.frequency_hz(joint_matrix(self.prior.stiffness(without)), structural)[:, : self._count]
+        return self._model.frequency_hz(self.prior.matrix(without), structural)[:, : self._count]
 
     def residuals(self, theta: Array) -> Array:
         """Residuals, shape (n, resonances + 1): of each resonance, and of all predicted ones without one."""
@@ -256,7 +255,7 @@ def screened_draws(log_posterior: LogPosterior, rng: np.random.Generator, draws:
     at_once = max(1, _SCREENED_AT_ONCE // likelihood.n_data)
     for begin in range(0, draws, at_once):
         part = theta[begin : begin + at_once]
-        z = likelihood.standardised(joint_matrix(prior.stiffness(part)), prior.factors(part)).reshape(len(part), -1)
+        z = log_posterior.standardised(part).reshape(len(part), -1)
         square = 1 + (z.real**2 + z.imag**2)
         # one logarithm of a few factors costs a few times less than theirs
         loss[begin : begin + at_once] = np.log(

@@ -1,6 +1,6 @@
 """Independent priors cut off where K^J is not positive definite: the probability left, and draws by their quantiles.
 
-A parametrisation says where: by bounds of a coordinate, |ρ| < 1, or by a cone, 2 ln k12 < ln k11 + ln k22. All works on
+A parametrisation says where: by bounds of a coordinate, |ρ| < 1, or by cones, 2 ln k12 < ln k11 + ln k22. All works on
 midpoints of the marginals' probability, so that it is the same in every run.
 """
 
@@ -68,35 +68,34 @@ def cut_quantiles(parametrisation: Parametrisation, marginals: tuple[Marginal, .
     Rosenblatt, M. (1952). Remarks on a multivariate transformation. Annals of Mathematical Statistics 23(3), 470-472.
     DOI 10.1214/aoms/1177729394
     """
-    out, cone = np.empty(u.shape), parametrisation.cone
+    out = np.empty(u.shape)
     for i, (axis, marginal) in enumerate(zip(parametrisation.axes, marginals, strict=True)):
         low, high = marginal.cdf(np.array(axis.bounds)) if axis.bounded else (0.0, 1.0)
         out[:, i] = marginal.ppf(low + u[:, i] * (high - low))
-    if cone is None:
-        return out
-    columns = [cone.first, cone.coupling, cone.last]
-    first, coupling, last = (marginals[column] for column in columns)
-    edges = np.arange(_CELLS + 1) / _CELLS
-    middle = _middles(last)
-    one = first.ppf(np.interp(u[:, cone.first], _first_steps(first, coupling, last), edges))
-    room = coupling.cdf((one[:, None] + middle) / 2)
-    steps = np.concatenate([np.zeros((len(u), 1)), np.cumsum(room, axis=1)], axis=1)
-    asked = u[:, cone.last] * steps[:, -1]
-    share = np.array([np.interp(a, s, edges) for a, s in zip(asked, steps, strict=True)])
-    other = last.ppf(share)
-    between = coupling.ppf(u[:, cone.coupling] * coupling.cdf((one + other) / 2))
-    out[:, columns] = np.stack([one, between, other], axis=-1)
+    for cone in parametrisation.cones:
+        columns = [cone.first, cone.coupling, cone.last]
+        first, coupling, last = (marginals[column] for column in columns)
+        edges = np.arange(_CELLS + 1) / _CELLS
+        middle = _middles(last)
+        one = first.ppf(np.interp(u[:, cone.first], _first_steps(first, coupling, last), edges))
+        room = coupling.cdf((one[:, None] + middle) / 2)
+        steps = np.concatenate([np.zeros((len(u), 1)), np.cumsum(room, axis=1)], axis=1)
+        asked = u[:, cone.last] * steps[:, -1]
+        share = np.array([np.interp(a, s, edges) for a, s in zip(asked, steps, strict=True)])
+        other = last.ppf(share)
+        between = coupling.ppf(u[:, cone.coupling] * coupling.cdf((one + other) / 2))
+        out[:, columns] = np.stack([one, between, other], axis=-1)
     return out
 
 
 @lru_cache(maxsize=64)
 def _log_probability(parametrisation: Parametrisation, marginals: tuple[Marginal, ...]) -> float:
-    probability, cone = 1.0, parametrisation.cone
+    probability = 1.0
     for axis, marginal in zip(parametrisation.axes, marginals, strict=True):
         if axis.bounded:
             low, high = marginal.cdf(np.array(axis.bounds))
             probability *= max(float(high - low), 0.0)
-    if cone is not None:
+    for cone in parametrisation.cones:
         probability *= float(_room(marginals[cone.first], marginals[cone.coupling], marginals[cone.last]).mean())
     return math.log(probability) if probability > 0 else -math.inf
 

@@ -18,7 +18,7 @@ from jointbayes.frf.ports import as_factors
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
-from jointbayes.joint import Joint, symmetric_changes
+from jointbayes.joint import AnyJoint, symmetric_changes
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 from jointbayes.structure import Structure, StructureFamily, as_family
 
@@ -351,7 +351,7 @@ def _moved(factors: Array) -> Array:
 
 def likelihood_of(
     structure: Structure | StructureFamily,
-    joint: Joint,
+    joint: AnyJoint,
     measurement: Measurement,
     *,
     gain: bool = False,

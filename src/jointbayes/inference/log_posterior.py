@@ -1,14 +1,15 @@
 """The posterior density over the coordinates of a joint and of what else is uncertain."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError, array_of
 from jointbayes.inference.likelihood import Likelihood
+from jointbayes.inference.noise.base import Residuals
 from jointbayes.inference.prior import JointPrior
-from jointbayes.joint import STIFFNESS_PATTERN, joint_matrix
 
 __all__ = ["ExtraLogLikelihood", "LogPosterior"]
 
@@ -77,7 +78,7 @@ class LogPosterior:
             If the further term does not give one number for each θ.
         """
         t = np.atleast_2d(np.asarray(theta, dtype=float))
-        value = self.likelihood.log_likelihood(joint_matrix(self.prior.stiffness(t)), self.prior.factors(t))
+        value = self.likelihood.log_likelihood(self.prior.matrix(t), self.prior.factors(t))
         if self.extra is None:
             return value
         further = np.asarray(self.extra(t), dtype=float)
@@ -88,6 +89,23 @@ class LogPosterior:
                 f"one number, or -inf, for each row: shape {value.shape}"
             )
         return value + further
+
+    def standardised(self, theta: ArrayLike) -> Residuals:
+        """Residuals over σ, see `Likelihood.standardised`, at θ, shape (n, d) or (d,)."""
+        return self.likelihood.standardised(*self._points(theta))
+
+    def predicted(self, theta: ArrayLike) -> NDArray[Any]:
+        """What is compared with the data, see `Likelihood.predicted`, at θ, shape (n, d) or (d,)."""
+        return self.likelihood.predicted(*self._points(theta))
+
+    def white(self, theta: ArrayLike) -> Array:
+        """Real residuals, shape (n, m), white with unit variance if model and noise hold, at θ, shape (n, d)."""
+        return self.likelihood.white(*self._points(theta))
+
+    def _points(self, theta: ArrayLike) -> tuple[Array, Array]:
+        """Joint matrices (n, R, R) and factors (n, q) at θ, shape (n, d) or (d,)."""
+        points = np.atleast_2d(np.asarray(theta, dtype=float))
+        return self.prior.matrix(points), self.prior.factors(points)
 
     @property
     def gaussian(self) -> bool:
@@ -116,8 +134,8 @@ class LogPosterior:
         """Those of `residuals` that belong to the data, shape (m,), and their Jacobian, shape (m, d)."""
         t = np.asarray(theta, dtype=float)
         derivative = self._parametrisation.derivative(self.prior.joint(t))
-        directions = np.einsum("kt,kij->tij", derivative, STIFFNESS_PATTERN)
-        return self.likelihood.residuals(joint_matrix(self.prior.stiffness(t)), directions, self.prior.factors(t))
+        directions = np.einsum("kt,kij->tij", derivative, self._parametrisation.pattern)
+        return self.likelihood.residuals(self.prior.matrix(t), directions, self.prior.factors(t))
 
     def gradient(self, theta: ArrayLike) -> Array:
         """∇ ln p, shape (n, d), of θ, shape (n, d), inside the support; shape (d,) of one θ, shape (d,).
@@ -128,9 +146,10 @@ class LogPosterior:
         many = np.atleast_2d(t)
         if self.prior.nuisances or not self.gaussian:
             return np.array([self._differences(one) for one in many]).reshape(t.shape)
-        _, slope = self.likelihood.gradient(joint_matrix(self._parametrisation.stiffness(many)))
-        by_stiffness = np.einsum("nij,kij->nk", slope, STIFFNESS_PATTERN)
-        by_theta = np.einsum("nk,nkt->nt", by_stiffness, self._parametrisation.derivative(many))
+        _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.stiffness(many)))
+        by_theta = np.einsum(
+            "nk,nkt->nt", self._parametrisation.by_quantity(slope), self._parametrisation.derivative(many)
+        )
         gradient: Array = by_theta - self.prior.precision * (many - self.prior.mean)
         return gradient.reshape(t.shape)
 

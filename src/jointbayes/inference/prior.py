@@ -146,8 +146,12 @@ class JointPrior:
         return np.asarray(theta, dtype=float)[..., : len(self.marginals)]
 
     def stiffness(self, theta: ArrayLike) -> Array:
-        """(k11, k12, k22), shape (..., 3), of θ, shape (..., d)."""
+        """The joint's quantities, shape (..., q), of θ, shape (..., d)."""
         return self.parametrisation.stiffness(self.joint(theta))
+
+    def matrix(self, theta: ArrayLike) -> Array:
+        """K^J, shape (..., R, R), of θ, shape (..., d)."""
+        return self.parametrisation.matrix(self.stiffness(theta))
 
     def factors(self, theta: ArrayLike) -> Array:
         """Value over nominal value of each nuisance, shape (..., q), of θ, shape (..., d)."""

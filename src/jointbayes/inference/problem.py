@@ -1,25 +1,20 @@
 """Everything that defines an inference: structure, joint, data and prior."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
-from jointbayes.joint import (
-    Joint,
-    Parametrisation,
-    Quantity,
-    check_positive_semidefinite,
-    is_positive_semidefinite,
-    joint_matrix,
-)
+from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement
 from jointbayes.structure import Structure, StructureFamily, as_family, is_mode_frequency
 
@@ -35,17 +30,18 @@ class Problem:
     structure
         Structure without the joint, or a family of them where its quantities are uncertain.
     joint
-        Where the joint acts.
+        Where the joint acts; several in a sequence, each with a name.
     measurement
         FRFs or natural frequencies with their noise.
     prior
-        Prior over all that is uncertain; carries the parametrisation of the joint.
+        Prior over all that is uncertain; carries the parametrisation of the joint, or of all, see
+        `jointbayes.joint.blocks_of`.
     noise
         How residuals of FRFs are distributed; None is Gaussian noise of the measurement's variance.
     residual_kind
         What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
     initial
-        First guess of (k11, k12, k22), shape (3,); by default the middle of the prior.
+        First guess of the joint's quantities, shape (q,); by default the middle of the prior.
     extra_log_likelihood
         A further term of the log likelihood: a function of θ, shape (n, d) with the coordinates `names`, that gives
         shape (n,), −inf where impossible. For what else is known of the joint: a static test, another set-up.
@@ -55,11 +51,12 @@ class Problem:
     Raises
     ------
     ModelError
-        If the first guess is not positive semidefinite.
+        If the parametrisation is of another number of DOFs than the joints have, or the first guess is not positive
+        semidefinite.
     """
 
     structure: Structure | StructureFamily
-    joint: Joint
+    joint: AnyJoint | Sequence[Joint]
     measurement: Measurement
     prior: JointPrior
     noise: NoiseModel | None = None
@@ -69,22 +66,26 @@ class Problem:
     name: str = "problem"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "joint", as_joints(self.joint))
+        joint, parametrisation = self.joints, self.parametrisation
+        if parametrisation.size != joint.size:
+            raise ModelError(
+                f"problem: found a prior of joints with {parametrisation.size} DOFs and joints with {joint.size}; "
+                "expected a parametrisation of each joint; make it with as many DOFs"
+            )
         if self.initial is not None:
-            check_positive_semidefinite(self.initial)
+            parametrisation.check(self.initial)
 
     def __repr__(self) -> str:
-        other_side = ", ".join(self.joint.against) or "ground"
         return (
-            f"Problem(joint {', '.join(self.joint.dofs)} to {other_side}; unknown: {', '.join(self.names)}; "
-            f"{self.structure!r}; {self.measurement!r})"
+            f"Problem(joint {self.joint}; unknown: {', '.join(self.names)}; {self.structure!r}; {self.measurement!r})"
         )
 
     def __str__(self) -> str:
-        other_side = ", ".join(self.joint.against) or "ground"
         priors = zip(self.prior.labels, self.prior.all_marginals, strict=True)
         lines = (
             f"structure: {self.structure!r}",
-            f"joint: {', '.join(self.joint.dofs)} to {other_side}",
+            f"joint: {self.joint}",
             f"data: {self.measurement!r}",
             f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}, residuals {self.residual_kind}",
             *(f"prior of {label}: {marginal!r}" for label, marginal in priors),
@@ -103,13 +104,18 @@ class Problem:
         """
         likelihood = likelihood_of(
             self.structures,
-            self.joint,
+            self.joints,
             self.measurement,
             gain="gain" in self.prior.names,
             noise=self.noise,
             kind=self.residual_kind,
         )
         return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
+
+    @property
+    def joints(self) -> AnyJoint:
+        """Where the joints act."""
+        return as_joints(self.joint)
 
     @cached_property
     def structures(self) -> StructureFamily:
@@ -119,7 +125,7 @@ class Problem:
     @cached_property
     def structures_of_data(self) -> StructureFamily:
         """The same, exact at the joint and the measured DOFs up to the highest frequency of the data."""
-        joint, measured = self.joint.dofs + self.joint.against, self.measurement
+        joint, measured = self.joints.labels, self.measurement
         if isinstance(measured, FrfMeasurement):
             return self.structures.at((*joint, *measured.frf.outputs, *measured.frf.inputs), measured.top_hz)
         return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size))
@@ -127,16 +133,14 @@ class Problem:
     @property
     def most_modes(self) -> int:
         """Natural frequencies that the model of the data has whatever the joint, also a rigid one."""
-        return self.structures_of_data.nominal.n_dofs - len(self.joint.dofs)
+        return self.structures_of_data.nominal.n_dofs - self.joints.size
 
     @property
     def first_guess(self) -> NDArray[np.float64]:
-        """(k11, k12, k22), shape (3,), from which a search starts: `initial`, or the middle of the prior."""
+        """Quantities of the joint, shape (q,), from which a search starts: `initial`, or the middle of the prior."""
         if self.initial is not None:
             return np.asarray(self.initial, dtype=float)
-        middle = self.prior.stiffness(self.prior.mean)
-        # independent priors may have their middle where no joint is: an uncoupled one of these springs is possible
-        return middle if is_positive_semidefinite(middle) else middle * np.array([1.0, 0.0, 1.0])
+        return self.parametrisation.middle(self.prior.joint(self.prior.mean))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -145,7 +149,7 @@ class Problem:
 
     @property
     def parametrisation(self) -> Parametrisation:
-        """How θ and (k11, k12, k22) belong together."""
+        """How θ, quantities and K^J belong together."""
         return self.prior.parametrisation
 
     @property
@@ -161,7 +165,7 @@ class Problem:
         ModelError
             If a DOF does not exist.
         """
-        return receptance_model(self.structures, self.joint, ports)
+        return receptance_model(self.structures, self.joints, ports)
 
     def structural(self, factors: ArrayLike) -> NDArray[np.float64]:
         """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
@@ -171,16 +175,16 @@ class Problem:
     def natural_frequencies_hz(
         self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False
     ) -> NDArray[np.float64]:
-        """Lowest natural frequencies, shape (n, count), Hz, for stiffness (n, 3) or (3,).
+        """Lowest natural frequencies, shape (n, count), Hz, for quantities of the joint (n, q) or (q,).
 
         At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural
         frequencies themselves are given by ``mode_frequency_1`` and so on.
         """
-        model = NaturalFrequencies(self.structures, self.joint, count)
+        model = NaturalFrequencies(self.structures, self.joints, count)
         if factors is None:
-            return model.frequency_hz(joint_matrix(stiffness))
+            return model.frequency_hz(self.parametrisation.matrix(stiffness))
         structural = self.structural(factors)
         if of_model:
             named = np.array([is_mode_frequency(name) for name in self.structures.names], dtype=bool)
             structural = np.where(named, 1.0, structural)
-        return model.frequency_hz(joint_matrix(stiffness), structural)
+        return model.frequency_hz(self.parametrisation.matrix(stiffness), structural)

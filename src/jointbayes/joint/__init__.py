@@ -7,31 +7,38 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.joint.quantities import COORDINATES as COORDINATES
+from jointbayes.joint.quantities import COUPLED as COUPLED
 from jointbayes.joint.quantities import HYPOTHESES as HYPOTHESES
-from jointbayes.joint.quantities import STIFFNESS_NAMES as STIFFNESS_NAMES
-from jointbayes.joint.quantities import STIFFNESSES as STIFFNESSES
+from jointbayes.joint.quantities import KINDS as KINDS
 from jointbayes.joint.quantities import Coordinate as Coordinate
 from jointbayes.joint.quantities import Quantity as Quantity
+from jointbayes.joint.quantities import full_coordinates as full_coordinates
+from jointbayes.joint.quantities import full_stiffnesses as full_stiffnesses
+from jointbayes.joint.quantities import spring_stiffnesses as spring_stiffnesses
 
 if TYPE_CHECKING:
+    from jointbayes.joint.blocks import Block as Block
+    from jointbayes.joint.blocks import Blocks as Blocks
+    from jointbayes.joint.blocks import blocks_of as blocks_of
     from jointbayes.joint.elastic_centre import ElasticCentre as ElasticCentre
+    from jointbayes.joint.full import FullStiffness as FullStiffness
+    from jointbayes.joint.joint import AnyJoint as AnyJoint
     from jointbayes.joint.joint import Joint as Joint
+    from jointbayes.joint.joint import Joints as Joints
+    from jointbayes.joint.joint import as_joints as as_joints
     from jointbayes.joint.log import LogStiffness as LogStiffness
-    from jointbayes.joint.matrix import STIFFNESS_PATTERN as STIFFNESS_PATTERN
-    from jointbayes.joint.matrix import check_positive_semidefinite as check_positive_semidefinite
-    from jointbayes.joint.matrix import is_positive_semidefinite as is_positive_semidefinite
-    from jointbayes.joint.matrix import joint_matrix as joint_matrix
-    from jointbayes.joint.matrix import symmetric_changes as symmetric_changes
+    from jointbayes.joint.parametrisation import RIGID as RIGID
     from jointbayes.joint.parametrisation import ComplianceCoordinates as ComplianceCoordinates
     from jointbayes.joint.parametrisation import CondensedCoordinates as CondensedCoordinates
     from jointbayes.joint.parametrisation import Cone as Cone
     from jointbayes.joint.parametrisation import Parametrisation as Parametrisation
     from jointbayes.joint.parametrisation import parametrisation_named as parametrisation_named
-    from jointbayes.joint.plain_springs import RIGID as RIGID
+    from jointbayes.joint.parametrisation import symmetric_changes as symmetric_changes
     from jointbayes.joint.plain_springs import PlainSprings as PlainSprings
+    from jointbayes.joint.plain_springs import Rigid as Rigid
     from jointbayes.joint.signed import SignedCoupling as SignedCoupling
 
-_COMPUTING = ("matrix", "joint", "parametrisation", "plain_springs", *COORDINATES)
+_COMPUTING = ("joint", "parametrisation", "plain_springs", "full", "blocks", *COORDINATES)
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any name of the room)

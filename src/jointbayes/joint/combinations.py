@@ -1,4 +1,4 @@
-"""Quantities that can be made of a joint's stiffnesses: each by itself, products of powers, condensed stiffnesses."""
+"""Quantities that can be made of joints' stiffnesses: each by itself, products of powers, condensed stiffnesses."""
 
 import itertools
 import math
@@ -8,58 +8,108 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.joint.blocks import Block, Blocks
+from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.log import LogStiffness
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings
-from jointbayes.joint.quantities import STIFFNESS_NAMES
+from jointbayes.joint.quantities import prefixed
 from jointbayes.joint.signed import SignedCoupling
 
-__all__ = [
-    "Combination",
-    "condensed_stiffnesses",
-    "parametrisation_of_draws",
-    "powers_text",
-    "products_of_powers",
-    "single_value",
-]
+__all__ = ["Combination", "combinations_of", "parametrisation_of_draws", "powers_text", "single_values"]
 
 Array = NDArray[np.float64]
 
 _SUPERSCRIPT = {1: "", 2: "²"}
+#: Of more stiffnesses than these products are made of two at a time.
+_FEW = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combination:
-    """A quantity: name, values by stiffness (n, 3), whether it is a coordinate, and what it must be better by."""
+    """A quantity: name, values by stiffness (n, q), whether it is a coordinate, and what it must be better by."""
 
     name: str
     of: Callable[[Array], Array]
     single: bool
     penalty: float
 
+    def within(self, columns: slice) -> "Combination":
+        """The same of one joint whose stiffnesses stand in these columns of those of all joints."""
+        return Combination(self.name, lambda k: self.of(k[:, columns]), self.single, self.penalty)
 
-def parametrisation_of_draws(stiffness: Array) -> Parametrisation:
-    """Coordinates that fit draws, shape (n, 3): ρ takes the place of ln k12 where the coupling has both signs."""
+
+def parametrisation_of_draws(parametrisation: Parametrisation, stiffness: Array) -> Parametrisation:
+    """Coordinates that fit draws, shape (n, q), of a joint that was sampled in others.
+
+    Of a coupled pair ρ takes the place of ln k12 where the coupling has both signs.
+    """
+    if isinstance(parametrisation, Blocks):
+        fitting = [parametrisation_of_draws(one, stiffness[:, k]) for one, k in _blocks(parametrisation)]
+        named = zip(parametrisation.blocks, fitting, strict=True)
+        return Blocks(tuple(Block(block.name, one, block.rows) for block, one in named))
+    if not isinstance(parametrisation, CoupledPair):
+        return parametrisation
     if not stiffness[:, 1].any():
         moving = np.ptp(stiffness, axis=0) > 0
-        return PlainSprings(tuple(name for name, moves in zip(STIFFNESS_NAMES, moving, strict=True) if moves))
+        names = parametrisation.stiffness_names
+        return PlainSprings(tuple(name for name, moves in zip(names, moving, strict=True) if moves))
     return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
 
 
-def single_value(name: str) -> Callable[[Array], Array]:
-    """A stiffness, or the coupling coefficient ``"rho"``, as a function of (k11, k12, k22), shape (n, 3)."""
-    if name == "rho":
+def _blocks(blocks: Blocks) -> list[tuple[Parametrisation, slice]]:
+    """Each joint with the columns of its stiffnesses."""
+    ends = list(itertools.accumulate(len(block.parametrisation.quantities) for block in blocks.blocks))
+    return [
+        (block.parametrisation, slice(start, end))
+        for block, start, end in zip(blocks.blocks, [0, *ends], ends, strict=False)
+    ]
+
+
+def single_values(parametrisation: Parametrisation) -> list[Combination]:
+    """Every coordinate: a stiffness, or a coupling coefficient, as a function of the stiffnesses, shape (n, q)."""
+    return [Combination(name, _value(parametrisation, i), True, 1.0) for i, name in enumerate(parametrisation.names)]
+
+
+def _value(parametrisation: Parametrisation, column: int) -> Callable[[Array], Array]:
+    axis = parametrisation.axes[column]
+    if isinstance(parametrisation, Blocks):
+        blocks = [(one, k, i) for one, k in _blocks(parametrisation) for i in range(len(one.axes))]
+        one, k, i = blocks[column]
+        own = _value(one, i)
+        return lambda stiffness: own(stiffness[:, k])
+    if axis.name in parametrisation.stiffness_names:
+        index = parametrisation.stiffness_names.index(axis.name)
+        return lambda k: k[:, index]
+    if isinstance(parametrisation, SignedCoupling):
         return lambda k: k[:, 1] / np.sqrt(k[:, 0] * k[:, 2])
-    index = STIFFNESS_NAMES.index(name)
-    return lambda k: k[:, index]
+
+    def value(k: Array) -> Array:
+        theta = parametrisation.coordinates(k)[:, column]
+        return np.exp(theta) if axis.logarithmic else theta
+
+    return value
 
 
-def products_of_powers(names: tuple[str, ...]) -> list[Combination]:
-    """Products of small powers of the coordinates that are logarithms."""
-    logs = [name for name in names if name != "rho"]
-    columns = [STIFFNESS_NAMES.index(name) for name in logs]
+def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[Combination]:
+    """Products of powers and condensed stiffnesses of each joint, whose names begin with that of the joint."""
+    if isinstance(parametrisation, Blocks):
+        return [
+            combination.within(k)
+            for block, (one, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
+            for combination in combinations_of(one, block.name)
+        ]
+    return _products_of_powers(parametrisation, joint) + _condensed_stiffnesses(parametrisation, joint)
+
+
+def _products_of_powers(parametrisation: Parametrisation, joint: str) -> list[Combination]:
+    """Products of small powers of the coordinates that are logarithms of stiffnesses."""
+    stiffnesses = parametrisation.stiffness_names
+    logs = [name for name in parametrisation.names if name in stiffnesses]
+    columns = [stiffnesses.index(name) for name in logs]
+    names = [prefixed(joint, name) for name in logs]
     out = []
-    for powers in itertools.product(range(-2, 3), repeat=len(logs)):
+    for powers in itertools.product(range(-2, 3), repeat=len(logs)) if len(logs) <= _FEW else _of_two(len(logs)):
         used = [p for p in powers if p]
         if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1 or (sum(used) == 0 and used[0] < 0):
             continue  # no simple quantity, or the reciprocal or a power of another one
@@ -68,21 +118,33 @@ def products_of_powers(names: tuple[str, ...]) -> list[Combination]:
         def product(k: Array, exponents: Array = exponents) -> Array:
             return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
 
-        out.append(Combination(powers_text(logs, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
+        out.append(Combination(powers_text(names, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
     return out
 
 
-def condensed_stiffnesses(names: tuple[str, ...]) -> list[Combination]:
-    """Stiffness of one DOF with the other free (the reciprocal of its compliance), det K^J and the cross compliance."""
-    if len(names) < len(STIFFNESS_NAMES):
+def _of_two(count: int) -> list[tuple[int, ...]]:
+    """Small powers of two out of so many."""
+    chosen = []
+    for i, j in itertools.combinations(range(count), 2):
+        for powers in itertools.product((-2, -1, 1, 2), repeat=2):
+            whole = [0] * count
+            whole[i], whole[j] = powers
+            chosen.append(tuple(whole))
+    return chosen
+
+
+def _condensed_stiffnesses(parametrisation: Parametrisation, joint: str) -> list[Combination]:
+    """Of a coupled pair the stiffness of one DOF with the other free (1/compliance), det K^J, the cross compliance."""
+    if not isinstance(parametrisation, CoupledPair):
         return []
+    k11, k12, k22 = (prefixed(joint, name) for name in parametrisation.stiffness_names)
     out = [
-        Combination("k22 − k12²/k11", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
-        Combination("k11 − k12²/k22", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
-        Combination("k11·k22 − k12²", _determinant, False, 1.6),
+        Combination(f"{k22} − {k12}²/{k11}", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
+        Combination(f"{k11} − {k12}²/{k22}", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
+        Combination(f"{k11}·{k22} − {k12}²", _determinant, False, 1.6),
     ]
-    if "rho" not in names:
-        out.append(Combination("k12/(k11·k22 − k12²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
+    if not isinstance(parametrisation, SignedCoupling):
+        out.append(Combination(f"{k12}/({k11}·{k22} − {k12}²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
     return out
 
 
@@ -90,10 +152,10 @@ def _determinant(k: Array) -> Array:
     return k[:, 0] * k[:, 2] - k[:, 1] ** 2
 
 
-def powers_text(names: Sequence[str], powers: Sequence[float]) -> str:
-    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``; ρ in an exponential."""
+def powers_text(names: Sequence[str], powers: Sequence[float], linear: Sequence[str] = ()) -> str:
+    """k11^a k12^b … as a fraction: ``"k12²/k11"``, ``"k11^0.3·k22/k12^0.73"``; those in `linear` in an exponential."""
     by_name = dict(zip(names, powers, strict=True))
-    rho = by_name.pop("rho", 0.0)
+    exponents = {name: by_name.pop(name) for name in linear}
 
     def product(sign: int) -> list[str]:
         sizes = {name: abs(power) for name, power in by_name.items() if power * sign > 0}
@@ -103,4 +165,6 @@ def powers_text(names: Sequence[str], powers: Sequence[float]) -> str:
     text = "·".join(above) or "1"
     if below:
         text += f"/{below[0]}" if len(below) == 1 else f"/({'·'.join(below)})"
-    return text if not rho else f"{text}·exp({'−' if rho < 0 else ''}{abs(rho):g} rho)"
+    for name, power in exponents.items():
+        text += f"·exp({'−' if power < 0 else ''}{abs(power):g} {name})" if power else ""
+    return text

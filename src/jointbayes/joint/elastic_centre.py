@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.coupled import CoupledPair
 
 __all__ = ["PARAMETRISATION", "ElasticCentre"]
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ElasticCentre(Parametrisation):
+class ElasticCentre(CoupledPair):
     """Coordinates θ = (ln k11, a, ln k22c) with k12 = a k11 and k22 = k22c + a² k11.
 
     A clamp that holds a beam over a length acts as a spring k11 somewhere along that length, at a lever arm a from the

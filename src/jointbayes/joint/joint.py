@@ -1,6 +1,6 @@
-"""Where a joint acts: DOFs of the structure, against others or ground."""
+"""Where joints act: DOFs of the structure, against others or ground."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -8,14 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
+from jointbayes.joint.quantities import DIRECTIONS, direction_of, is_rotation
 
-__all__ = ["Joint"]
+__all__ = ["AnyJoint", "Joint", "Joints", "as_joints"]
 
 Array = NDArray[np.float64]
+_Vector = tuple[float, float, float]
+
+_SAME_PLACE = 1e-6  # m
+_ORTHONORMAL = 1e-6
 
 
 class LabelledDofs(Protocol):
-    """Whatever has DOFs with labels: a structure."""
+    """Whatever has DOFs with labels: a structure.
+
+    Where its DOFs lie it may say by a method ``position(label)`` that gives x, y and z in m, or None.
+    """
 
     @property
     def n_dofs(self) -> int:
@@ -34,30 +42,91 @@ class Joint:
     Parameters
     ----------
     dofs
-        Labels of the r DOFs on the structure's side, e.g. ``("1:y", "1:rz")``.
+        Labels of the r DOFs on the structure's side, e.g. ``("1:y", "1:rz")``; in the joint's own axes if it has any.
     against
         Labels of the r DOFs on the other side; empty means ground.
+    name
+        What its quantities are prefixed with: ``"clamp"`` for ``clamp.k11``; none by default.
+    axes
+        The joint's own x, y and z as rows, in the structure's axes; by default these themselves.
+    offset_m
+        From the DOFs' point to the joint's, in the structure's axes, by a rigid link.
+    offset_against_m
+        From the other side's point to the joint's.
 
     Raises
     ------
     ModelError
-        If a DOF occurs twice or the two sides differ in number.
+        If a DOF occurs twice, the two sides differ in number, or the axes are not at right angles to each other.
     """
 
     dofs: tuple[str, ...]
     against: tuple[str, ...] = ()
+    name: str = ""
+    axes: tuple[_Vector, _Vector, _Vector] | None = None
+    offset_m: _Vector | None = None
+    offset_against_m: _Vector | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", tuple(self.dofs))
         object.__setattr__(self, "against", tuple(self.against))
         both = self.dofs + self.against
         if not self.dofs or len(set(both)) != len(both):
-            raise ModelError(f"joint: found DOFs {both}; expected one or more, each once; correct the labels")
+            raise ModelError(f"{self._where}: found DOFs {both}; expected one or more, each once; correct the labels")
         if self.against and len(self.against) != len(self.dofs):
             raise ModelError(
-                f"joint: found {len(self.dofs)} DOFs against {len(self.against)}; "
+                f"{self._where}: found {len(self.dofs)} DOFs against {len(self.against)}; "
                 "expected as many on both sides, or none (ground) on the other; correct the labels"
             )
+        if self.axes is not None:
+            turn = np.asarray(self.axes, dtype=float)
+            if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=_ORTHONORMAL):
+                raise ModelError(
+                    f"{self._where}: found axes {self.axes}; expected three unit vectors at right angles to each "
+                    "other, one a row; correct them"
+                )
+            object.__setattr__(self, "axes", tuple(map(tuple, turn.tolist())))
+        for side in ("offset_m", "offset_against_m"):
+            offset = getattr(self, side)
+            if offset is None:
+                continue
+            if np.shape(offset) != (3,) or not np.isfinite(offset).all():
+                raise ModelError(f"{self._where}: found {side} {offset}; expected x, y and z in m; correct it")
+            object.__setattr__(self, side, tuple(map(float, offset)))
+
+    def __str__(self) -> str:
+        other_side = ", ".join(self.against) or "ground"
+        return f"{self.name + ': ' if self.name else ''}{', '.join(self.dofs)} to {other_side}"
+
+    @property
+    def _where(self) -> str:
+        return f"joint {self.name}" if self.name else "joint"
+
+    @property
+    def size(self) -> int:
+        """Number r of its DOFs, rows of its K^J."""
+        return len(self.dofs)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Directions of its DOFs: ``("y", "rz")``."""
+        return tuple(map(direction_of, self.dofs))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of all DOFs of the structure that it moves with, those of its own side first."""
+        sides = (self._motions(self.dofs, self.offset_m), self._motions(self.against, self.offset_against_m))
+        return tuple(dict.fromkeys(label for side in sides for motion in side for label in motion))
+
+    def on(self, labels: Sequence[str]) -> Array:
+        """Matrix B, shape (len(labels), r), of the joint's deformation Bᵀx by the motion x of `labels`."""
+        selection = np.zeros((len(labels), self.size))
+        row = {label: i for i, label in enumerate(labels)}
+        for sign, dofs, offset in ((1.0, self.dofs, self.offset_m), (-1.0, self.against, self.offset_against_m)):
+            for column, motion in enumerate(self._motions(dofs, offset)):
+                for label, share in motion.items():
+                    selection[row[label], column] += sign * share
+        return selection
 
     def selection(self, structure: LabelledDofs) -> Array:
         """Matrix B, shape (n, r), so that Bᵀx is the joint's deformation and B K^J Bᵀ its stiffness.
@@ -65,10 +134,111 @@ class Joint:
         Raises
         ------
         ModelError
-            If a DOF does not exist in the structure.
+            If a DOF does not exist in the structure, or the two sides of the joint do not meet.
         """
-        selection = np.zeros((structure.n_dofs, len(self.dofs)))
-        selection[structure.index(self.dofs), np.arange(len(self.dofs))] = 1.0
-        if self.against:
-            selection[structure.index(self.against), np.arange(len(self.dofs))] = -1.0
+        self._require_one_place(structure)
+        selection = np.zeros((structure.n_dofs, self.size))
+        selection[structure.index(self.labels)] = self.on(self.labels)
         return selection
+
+    def _motions(self, dofs: tuple[str, ...], offset: _Vector | None) -> list[Mapping[str, float]]:
+        """Each motion of the joint on one side as a sum of DOFs of the structure."""
+        if self.axes is None and offset is None:
+            return [{label: 1.0} for label in dofs]
+        return [self._motion(label, offset or (0.0, 0.0, 0.0)) for label in dofs]
+
+    def _motion(self, label: str, offset: _Vector) -> Mapping[str, float]:
+        node, _, direction = label.rpartition(":")
+        if not node or direction not in DIRECTIONS:
+            raise ModelError(
+                f"{self._where}: found DOF {label!r} of a joint with own axes or an offset; expected a label such as "
+                f"'3:y' that ends with one of {', '.join(DIRECTIONS)}; correct it"
+            )
+        turn = np.eye(3) if self.axes is None else np.array(self.axes)
+        along = turn["xyz".index(direction[-1])]
+        if is_rotation(direction):
+            shares = dict(zip(DIRECTIONS[3:], along.tolist(), strict=True))
+        else:
+            # u + θ × a, so that along · (θ × a) = (a × along) · θ
+            shares = dict(zip(DIRECTIONS, [*along.tolist(), *np.cross(offset, along).tolist()], strict=True))
+        return {f"{node}:{name}": share for name, share in shares.items() if share}
+
+    def _require_one_place(self, structure: LabelledDofs) -> None:
+        position = getattr(structure, "position", None)
+        if position is None or not self.against:
+            return
+        for near, far in zip(self.dofs, self.against, strict=True):
+            here, there = position(near), position(far)
+            if here is None or there is None:
+                continue
+            here = np.asarray(here) + (self.offset_m or (0.0, 0.0, 0.0))
+            there = np.asarray(there) + (self.offset_against_m or (0.0, 0.0, 0.0))
+            if np.abs(here - there).max() > _SAME_PLACE:
+                apart = ", ".join(f"{1e3 * gap:g}" for gap in there - here)
+                raise ModelError(
+                    f"{self._where}: found {near} and {far} at different places, ({apart}) mm apart; expected both "
+                    "sides of a joint at one place; state the way between them as its offset"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class Joints:
+    """Several joints, side by side.
+
+    Parameters
+    ----------
+    joints
+        In order.
+
+    Raises
+    ------
+    ModelError
+        If there is none, or one has no name or that of another.
+    """
+
+    joints: tuple[Joint, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        names = [joint.name for joint in self.joints]
+        if not names or len(set(names)) != len(names) or (len(names) > 1 and "" in names):
+            raise ModelError(
+                f"joints: found names {', '.join(map(repr, names)) or 'of none'}; expected one or more joints, each "
+                "with a name of its own; name them"
+            )
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.joints))
+
+    @property
+    def size(self) -> int:
+        """Number R of DOFs of all joints, rows of K^J."""
+        return sum(joint.size for joint in self.joints)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of all DOFs of the structure that they move with."""
+        return tuple(dict.fromkeys(label for joint in self.joints for label in joint.labels))
+
+    def on(self, labels: Sequence[str]) -> Array:
+        """Matrix B, shape (len(labels), R), of all deformations Bᵀx by the motion x of `labels`."""
+        whole = np.zeros((len(labels), self.size))
+        row, column = {label: i for i, label in enumerate(labels)}, 0
+        for joint in self.joints:
+            rows = [row[label] for label in joint.labels]
+            whole[rows, column : column + joint.size] = joint.on(joint.labels)
+            column += joint.size
+        return whole
+
+    def selection(self, structure: LabelledDofs) -> Array:
+        """Matrix B, shape (n, R), so that Bᵀx is the deformation of all joints and B K^J Bᵀ their stiffness."""
+        return np.hstack([joint.selection(structure) for joint in self.joints])
+
+
+#: One joint, or several side by side: whoever asks for DOFs, size or selection need not know which.
+AnyJoint = Joint | Joints
+
+
+def as_joints(given: AnyJoint | Iterable[Joint]) -> AnyJoint:
+    """A joint or several as they are given, or several in a sequence."""
+    return given if isinstance(given, Joint | Joints) else Joints(tuple(given))

@@ -6,22 +6,33 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
+from jointbayes.joint.coupled import CoupledPair
+from jointbayes.joint.parametrisation import CondensedCoordinates, Cone
 
 __all__ = ["PARAMETRISATION", "LogStiffness"]
 
 Array = NDArray[np.float64]
 
+_CONE = Cone(0, 1, 2)
+
 
 @dataclass(frozen=True)
-class LogStiffness(Parametrisation):
+class LogStiffness(CoupledPair):
     """Coordinates θ = (ln k11, ln k12, ln k22), so that every stiffness is positive."""
 
     key: ClassVar[str] = "log"
     expected: ClassVar[str] = "all above zero; use the signed parametrisation for a coupling of either sign"
-    cone: ClassVar[Cone | None] = Cone(0, 1, 2)
-    ridge: ClassVar[CondensedCoordinates | None] = CondensedCoordinates()
     least_coupling: ClassVar[float] = 0.1
+
+    @property
+    def cones(self) -> tuple[Cone, ...]:
+        """Joints are positive definite where 2 ln k12 < ln k11 + ln k22."""
+        return (_CONE,)
+
+    @property
+    def ridges(self) -> tuple[CondensedCoordinates, ...]:
+        """ln(k22 − k12²/k11) in place of ln k22."""
+        return (CondensedCoordinates(_CONE),)
 
     def stiffness(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""

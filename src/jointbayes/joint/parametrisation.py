@@ -1,30 +1,40 @@
-"""Coordinates θ that a joint is inferred in, and everything that is asked about them.
+"""Coordinates θ that joints are inferred in, and everything that is asked about them.
 
-A `Parametrisation` is one file of this room: its coordinates with names, labels, units and bounds, the stiffnesses that
-they describe, and where these are positive definite. Nobody outside this room asks which parametrisation it is.
+A `Parametrisation` is one file of this room: its quantities and where they stand in K^J, its coordinates with names,
+labels, units and bounds, and where joints are positive definite. Nobody outside this room asks which one it is, or
+whether it is of one joint or of several, see `jointbayes.joint.blocks`.
 """
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import ModelError
-from jointbayes.joint.quantities import COORDINATES, STIFFNESSES, Coordinate, Quantity
+from jointbayes.errors import ModelError, array_of
+from jointbayes.joint.quantities import COORDINATES, Coordinate, Quantity
 
-__all__ = ["ComplianceCoordinates", "CondensedCoordinates", "Cone", "Parametrisation", "parametrisation_named"]
+__all__ = [
+    "RIGID",
+    "ComplianceCoordinates",
+    "CondensedCoordinates",
+    "Cone",
+    "Parametrisation",
+    "parametrisation_named",
+    "symmetric_changes",
+]
 
 Array = NDArray[np.float64]
 
-_ADJUGATE_SIGNS = np.array([1.0, -1.0, 1.0])
-_ANY_JOINT = np.array([1.0, -0.5, 1.0])  # compliance and stiffness that stand where there is no joint
-_SMALLEST_STIFFNESS = math.exp(-20.0)
-_LARGEST_COUPLING = 0.9  # of √(k11 k22), in a start
+#: Stiffness (N/m, N·m/rad) of a motion that is held: every forward model takes it for rigid to rounding, and its square
+#: is still a number.
+RIGID = 1e30
+_MOST = 1e150  # of a stiffness: its square stays finite
+_ABSENT, _HELD = -1, -2  # entries of K^J that are no quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,36 +57,62 @@ class Cone:
         normal[[self.first, self.coupling, self.last]] = -1.0, 2.0, -1.0
         return normal
 
+    def moved(self, columns: int) -> "Cone":
+        """The same cone so many columns further."""
+        return Cone(self.first + columns, self.coupling + columns, self.last + columns)
+
 
 class Parametrisation(ABC):
-    """Coordinates θ of a joint of one translation and one rotation.
+    """Coordinates θ of the stiffnesses of one joint or several.
 
-    A further one is a subclass that states what is abstract here, in a file named as its entry in
-    `jointbayes.joint.quantities.COORDINATES`, of which the file's ``PARAMETRISATION`` is an instance.
+    A further kind is a subclass that states what is abstract here, in a file of its own.
     """
 
     #: Its name in case files.
     key: ClassVar[str]
-    #: What is wrong with a joint that it cannot describe.
-    expected: ClassVar[str] = "a positive definite joint; lower |k12|, or raise k11 and k22"
-    #: Its stiffnesses, in the order of `stiffness`.
-    quantities: ClassVar[tuple[Quantity, ...]] = STIFFNESSES
-    #: Where joints are positive definite, unless the bounds of each coordinate say so.
-    cone: ClassVar[Cone | None] = None
-    #: Coordinates in which a joint with hardly known k11 and k12 lies on a straight ridge; None where it does in θ.
-    ridge: ClassVar["CondensedCoordinates | None"] = None
-    #: Least coupling of a start, as a share of the largest.
-    least_coupling: ClassVar[float] = -1.0
+    #: What is expected of a joint that it can describe, and what to do.
+    expected: ClassVar[str] = "a positive definite joint; lower its couplings, or raise the stiffnesses beside them"
 
     @property
+    @abstractmethod
     def axes(self) -> tuple[Coordinate, ...]:
-        """The coordinates, in order."""
-        return COORDINATES[self.key]
+        """The d coordinates, in order."""
 
     @property
+    @abstractmethod
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The q quantities, in the order of `stiffness`."""
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """Rows of K^J that are rigid and no quantity."""
+        return ()
+
+    @cached_property
+    def size(self) -> int:
+        """Number R of rows of K^J: the DOFs of all joints side by side."""
+        rows = [place[1] for quantity in self.quantities for place in quantity.places]
+        return 1 + max((*rows, *self.held), default=-1)
+
+    @property
+    def cones(self) -> tuple[Cone, ...]:
+        """Where joints are positive definite, unless the bounds of each coordinate say so."""
+        return ()
+
+    @property
+    def ridges(self) -> tuple["CondensedCoordinates", ...]:
+        """Coordinates in which joints with hardly known stiffnesses lie on straight ridges; none where they do in θ."""
+        return ()
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
         return tuple(axis.name for axis in self.axes)
+
+    @cached_property
+    def stiffness_names(self) -> tuple[str, ...]:
+        """Names of the quantities."""
+        return tuple(quantity.name for quantity in self.quantities)
 
     @property
     def derived(self) -> tuple[str, ...]:
@@ -87,21 +123,68 @@ class Parametrisation(ABC):
         """Name of the coordinate that is a stiffness, or that stands for it."""
         return next(axis.name for axis in self.axes if axis.quantity == quantity)
 
+    @cached_property
+    def pattern(self) -> Array:
+        """∂K^J/∂k of each quantity, the paper's K_i, shape (q, R, R)."""
+        pattern = np.zeros((len(self.quantities), self.size, self.size))
+        for one, quantity in zip(pattern, self.quantities, strict=True):
+            for i, j in quantity.places:
+                one[i, j] = one[j, i] = 1.0
+        pattern.setflags(write=False)
+        return pattern
+
+    @cached_property
+    def _entries(self) -> NDArray[np.intp]:
+        """Number of the quantity that each entry of K^J is, shape (R, R)."""
+        entries = np.full((self.size, self.size), _ABSENT)
+        for number, one in enumerate(self.pattern):
+            entries[one != 0] = number
+        entries[self.held, self.held] = _HELD
+        return entries
+
+    @property
+    def rigid(self) -> Array:
+        """Quantities, shape (q,), of joints that are rigid."""
+        return np.array([0.0 if quantity.may_be_negative else RIGID for quantity in self.quantities])
+
+    def matrix(self, stiffness: ArrayLike) -> Array:
+        """K^J, shape (..., R, R), of quantities, shape (..., q).
+
+        Examples
+        --------
+        >>> parametrisation_named("log").matrix([3.0, 1.0, 2.0]).tolist()
+        [[3.0, 1.0], [1.0, 2.0]]
+        """
+        k = np.asarray(stiffness, dtype=float)
+        if (self._entries < 0).any():
+            beyond = np.broadcast_to([RIGID, 0.0], (*k.shape[:-1], 2))
+            k = np.concatenate([k, beyond], axis=-1)
+        return np.take(k, self._entries, axis=-1)
+
+    def from_matrix(self, matrix: ArrayLike) -> Array:
+        """Quantities, shape (..., q), of K^J, shape (..., R, R): at the first of their places."""
+        rows, columns = np.array([q.places[0] for q in self.quantities], dtype=int).reshape(-1, 2).T
+        return np.asarray(matrix, dtype=float)[..., rows, columns]
+
+    def by_quantity(self, slope: Array) -> Array:
+        """Derivative by each quantity, shape (n, q), of what has the derivative S by K^J, shape (n, R, R)."""
+        return np.einsum("nij,kij->nk", slope, self.pattern)
+
     @abstractmethod
     def stiffness(self, theta: ArrayLike) -> Array:
-        """(k11, k12, k22), shape (..., 3), from θ, shape (..., d)."""
+        """Quantities, shape (..., q), from θ, shape (..., d)."""
 
     @abstractmethod
     def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
-        """Whether (k11, k12, k22), shape (..., 3), have coordinates, shape (...)."""
+        """Whether quantities, shape (..., q), have coordinates, shape (...)."""
 
     @abstractmethod
     def _coordinates(self, stiffness: Array) -> Array:
-        """θ, shape (..., d), of stiffnesses that have coordinates, shape (..., 3)."""
+        """θ, shape (..., d), of quantities that have coordinates, shape (..., q)."""
 
     @abstractmethod
     def derivative(self, theta: ArrayLike) -> Array:
-        """∂(k11, k12, k22)/∂θ, shape (..., 3, d): stiffness down, coordinate across."""
+        """∂k/∂θ, shape (..., q, d): quantity down, coordinate across."""
 
     @abstractmethod
     def log_slope(self, theta: Array) -> Array:
@@ -109,10 +192,43 @@ class Parametrisation(ABC):
 
     @abstractmethod
     def log_determinant(self, theta: Array) -> Array:
-        """ln det K^J, shape (...), at feasible θ, shape (..., d); without motions that are held rigid."""
+        """ln det K^J, shape (...), at feasible θ, shape (..., d).
+
+        Without motions that are held rigid; of joints that share their quantities only one counts.
+        """
+
+    @abstractmethod
+    def nearest(self, stiffness: ArrayLike) -> Array:
+        """A joint near one of shape (q,) that has coordinates, well inside the positive definite ones."""
+
+    @abstractmethod
+    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether joints, shape (..., q), are positive semidefinite, shape (...)."""
+
+    @abstractmethod
+    def uncoupled(self, stiffness: ArrayLike) -> Array:
+        """The same joints, shape (..., q), without what couples their motions."""
+
+    @abstractmethod
+    def compliance(self, theta: Array) -> Array:
+        """Compliance φ, entries of C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
+
+    @abstractmethod
+    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
+
+    @abstractmethod
+    def log_compliance_volume(self, theta: Array) -> Array:
+        """ln |∂θ/∂φ|, shape (n,), at θ, shape (n, d)."""
+
+    def hypothesis(self, name: str) -> "Parametrisation":
+        """A simpler joint, one of `HYPOTHESES`, or this one itself."""
+        from jointbayes.joint.plain_springs import simpler
+
+        return simpler(self, name)
 
     def coordinates(self, stiffness: ArrayLike) -> Array:
-        """θ, shape (..., d), of (k11, k12, k22), shape (..., 3).
+        """θ, shape (..., d), of quantities, shape (..., q).
 
         Raises
         ------
@@ -130,23 +246,24 @@ class Parametrisation(ABC):
         """Whether K^J is positive definite, shape (...); θ has shape (..., d)."""
         t = np.asarray(theta, dtype=float)
         inside = np.ones(t.shape[:-1], dtype=np.bool_)
-        if self.cone is not None:
-            first, coupling, last = t[..., self.cone.first], t[..., self.cone.coupling], t[..., self.cone.last]
+        for cone in self.cones:
+            first, coupling, last = t[..., cone.first], t[..., cone.coupling], t[..., cone.last]
             inside = inside & (2 * coupling < first + last)
         for i, axis in enumerate(self.axes):
             if axis.bounded:
                 inside = inside & (t[..., i] > axis.bounds[0]) & (t[..., i] < axis.bounds[1])
         return np.asarray(inside)
 
-    def nearest(self, stiffness: ArrayLike) -> Array:
-        """A joint near (k11, k12, k22), shape (3,), that has coordinates, well inside the positive definite ones."""
-        k11, k12, k22 = np.asarray(stiffness, dtype=float)
-        k11, k22 = max(k11, _SMALLEST_STIFFNESS), max(k22, _SMALLEST_STIFFNESS)
-        limit = _LARGEST_COUPLING * np.sqrt(k11 * k22)
-        return np.array([k11, np.clip(k12, self.least_coupling * limit, limit), k22])
+    def middle(self, mean: Array) -> Array:
+        """The joint, shape (q,), at the means of the priors of its coordinates, shape (d,).
+
+        Independent priors may have their middle where no joint is: one without coupling is possible.
+        """
+        middle = self.stiffness(mean)
+        return middle if self.is_positive_semidefinite(middle) else self.uncoupled(middle)
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
-        """Joints (k11, k12, k22) near limits of θ, where modes of their own may be, by name; none by default.
+        """Joints, shape (q,), near limits of θ, where modes of their own may be, by name; none by default.
 
         Parameters
         ----------
@@ -155,28 +272,68 @@ class Parametrisation(ABC):
         """
         return {}
 
-    def compliance(self, theta: Array) -> Array:
-        """Compliance φ = (c11, c12, c22), C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
-        return _inverse_2x2(self.stiffness(theta))
+    def check(self, stiffness: ArrayLike) -> None:
+        """Refuse a joint that could give off energy.
 
-    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
-        c11, c12, c22 = phi.T
-        inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)
-        stiffness = _inverse_2x2(phi if inside.all() else np.where(inside[:, None], phi, _ANY_JOINT))
-        inside &= self.describes(stiffness)
-        if not inside.all():
-            stiffness = np.where(inside[:, None], stiffness, _inverse_2x2(_ANY_JOINT))
-        return self.coordinates(stiffness), inside
+        Parameters
+        ----------
+        stiffness
+            Quantities, shape (q,).
 
-    def log_compliance_volume(self, theta: Array) -> Array:
-        """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric 2 × 2 matrix is (det K)⁻³."""
-        return 3 * self.log_determinant(theta) - self.log_slope(theta)
+        Raises
+        ------
+        ModelError
+            If there are not as many, a number is not finite, or K^J is not positive semidefinite.
+        """
+        given = array_of(stiffness, float, "joint", ModelError)
+        names, count = ", ".join(self.stiffness_names) or "no stiffness", len(self.quantities)
+        if given.shape != (count,):
+            raise ModelError(f"joint: found stiffnesses of shape {given.shape}; expected {names}: shape ({count},)")
+        if not (np.abs(given) < _MOST).all():
+            pairs = zip(self.quantities, given.tolist(), strict=True)
+            found = ", ".join(f"{quantity.name} = {k:g}" for quantity, k in pairs)
+            raise ModelError(f"joint: found {found}; expected finite numbers")
+        if not self.is_positive_semidefinite(given):
+            pairs = zip(self.quantities, given.tolist(), strict=True)
+            found = ", ".join(f"{quantity.name} = {k:g} {quantity.unit}" for quantity, k in pairs)
+            raise ModelError(f"joint: found {found}; expected {self._semidefinite(given)}")
+
+    def _semidefinite(self, given: Array) -> str:
+        """What is expected of a joint, shape (q,), that is not positive semidefinite."""
+        return "a positive semidefinite matrix; lower its couplings, or raise the stiffnesses beside them"
 
 
-def parametrisation_named(key: str) -> Parametrisation:
-    """The coordinates that a case file calls so, one of `COORDINATES`."""
-    return import_module(f"jointbayes.joint.{key}").PARAMETRISATION
+def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametrisation:
+    """The coordinates that a case file calls so: one of `COORDINATES`, or a kind of joint between DOFs.
+
+    Parameters
+    ----------
+    key
+        One of `COORDINATES` for a joint of one translation and one rotation, ``"rigid"``, ``"springs"`` or ``"full"``.
+    directions
+        Directions of the joint's DOFs, as ``("y", "rz")``; those of `COORDINATES` do not ask for them.
+    """
+    if key in COORDINATES:
+        return import_module(f"jointbayes.joint.{key}").PARAMETRISATION
+    if key == "rigid":
+        from jointbayes.joint.plain_springs import Rigid
+
+        return Rigid(len(directions))
+    if key == "springs":
+        from jointbayes.joint.plain_springs import PlainSprings
+        from jointbayes.joint.quantities import spring_stiffnesses
+
+        springs = spring_stiffnesses(directions)
+        return PlainSprings(tuple(spring.name for spring in springs), springs)
+    from jointbayes.joint.full import FullStiffness
+
+    return FullStiffness(tuple(directions))
+
+
+def symmetric_changes(r: int) -> Array:
+    """Symmetric change dK^J for each entry in turn, shape (r², r, r): one on the diagonal, two halves off it."""
+    unit = np.eye(r * r).reshape(-1, r, r)
+    return (unit + unit.swapaxes(1, 2)) / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,35 +361,39 @@ class ComplianceCoordinates:
 
 @dataclass(frozen=True, slots=True)
 class CondensedCoordinates:
-    """ln(k22 − k12²/k11) in place of ln k22, for θ = (ln k11, ln k12, ln k22, …); the rest stays as it is.
+    """ln(k22 − k12²/k11) in place of ln k22, for θ with ln k11, ln k12 and ln k22 in it; the rest stays as it is.
 
     That is the rotational stiffness with the translation free to follow, 1/c22, which vibration tells best. Where k11
     and k12 are hardly known, k22 must follow them along a curved sheet that is flat in these coordinates.
+
+    Parameters
+    ----------
+    cone
+        Columns of ln k11, ln k12 and ln k22, of which the last is replaced.
     """
 
-    #: Where the coordinate stands that is replaced.
-    column: ClassVar[int] = 2
+    cone: Cone
+
+    @property
+    def column(self) -> int:
+        """Where the coordinate stands that is replaced."""
+        return self.cone.last
 
     def forward(self, theta: Array) -> Array:
         """φ, shape (n, d), of θ, shape (n, d)."""
         phi = np.array(theta, dtype=np.float64)
-        share = np.minimum(np.exp(2 * phi[:, 1] - phi[:, 0] - phi[:, 2]), 1 - np.finfo(float).eps)
-        phi[:, 2] += np.log1p(-share)
+        first, coupling, last = (phi[:, column] for column in (self.cone.first, self.cone.coupling, self.cone.last))
+        share = np.minimum(np.exp(2 * coupling - first - last), 1 - np.finfo(float).eps)
+        phi[:, self.column] += np.log1p(-share)
         return phi
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), and True for each, shape (n,): any φ is a joint."""
         theta = np.array(phi, dtype=np.float64)
-        theta[:, 2] = np.logaddexp(phi[:, 2], 2 * phi[:, 1] - phi[:, 0])
+        first, coupling, last = (phi[:, column] for column in (self.cone.first, self.cone.coupling, self.cone.last))
+        theta[:, self.column] = np.logaddexp(last, 2 * coupling - first)
         return theta, np.ones(len(phi), dtype=bool)
 
     def log_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,)."""
-        return self.forward(theta)[:, 2] - theta[:, 2]
-
-
-def _inverse_2x2(matrix: Array) -> Array:
-    """(m11, m12, m22) of the inverse, shape (..., 3)."""
-    m12 = matrix[..., 1]
-    determinant = matrix[..., 0] * matrix[..., 2] - m12 * m12
-    return matrix[..., ::-1] * _ADJUGATE_SIGNS / determinant[..., None]
+        return self.forward(theta)[:, self.column] - theta[:, self.column]

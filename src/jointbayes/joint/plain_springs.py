@@ -1,10 +1,11 @@
-"""Joints of fewer coordinates: plain springs, with every other motion of the joint held rigid.
+"""Joints without coupling: springs of their own in chosen directions, and rigid ones.
 
-They are the simpler hypotheses that a joint with coupling is compared with: a rigid joint, one that yields in
-translation only, in rotation only, and two springs without coupling.
+They are kinds of joint, and the simpler hypotheses that a joint with coupling is compared with: a rigid joint, one that
+yields in translation only, in rotation only, and springs without coupling.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -12,28 +13,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import Parametrisation
-from jointbayes.joint.quantities import STIFFNESS_NAMES, STIFFNESSES, Coordinate
+from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity, is_rotation_unit
 
-__all__ = ["RIGID", "PlainSprings"]
+__all__ = ["PlainSprings", "Rigid", "simpler"]
 
 Array = NDArray[np.float64]
 
-#: Stiffness (N/m, N·m/rad) of a motion that is held: every forward model takes it for rigid to rounding, and its square
-#: is still a number.
-RIGID = 1e30
-
-_SPRINGS = tuple(q.name for q in STIFFNESSES if not q.may_be_negative)
+_SPRINGS = tuple(quantity.name for quantity in COUPLED if not quantity.may_be_negative)
+_SMALLEST_STIFFNESS = float(np.exp(-20.0))
 
 
 @dataclass(frozen=True)
 class PlainSprings(Parametrisation):
-    """Coordinates θ = ln k of the springs that are named; a spring that is not is rigid, and k12 = 0.
+    """Coordinates θ = ln k of the springs that are named; a spring that is not is rigid, and couplings are 0.
 
     Parameters
     ----------
     names
-        Springs that yield, in order: ``()``, ``("k11",)``, ``("k22",)`` or ``("k11", "k22")``. Without any the joint is
-        rigid and has no coordinate.
+        Springs that yield, in order: ``()``, ``("k11",)``, ``("k22",)`` or ``("k11", "k22")`` of the paper's joint.
+        Without any the joint is rigid and has no coordinate.
+    of
+        The stiffnesses of the joint; by default those of the paper's, whose springs are k11 and k22.
 
     Raises
     ------
@@ -47,31 +47,38 @@ class PlainSprings(Parametrisation):
     """
 
     names: tuple[str, ...] = _SPRINGS
+    of: tuple[Quantity, ...] = COUPLED
 
     key: ClassVar[str] = "plain springs"
     expected: ClassVar[str] = "every spring that yields above zero; raise it"
 
     def __post_init__(self) -> None:
-        if self.names != tuple(name for name in _SPRINGS if name in self.names):
+        springs = tuple(quantity.name for quantity in self.of if not quantity.may_be_negative)
+        if self.names != tuple(name for name in springs if name in self.names):
             raise ModelError(
-                f"plain springs: found names {self.names}; expected none, one or both of {', '.join(_SPRINGS)}, in "
+                f"plain springs: found names {self.names}; expected none, one or more of {', '.join(springs)}, in "
                 "this order; correct them"
             )
 
     @property
     def axes(self) -> tuple[Coordinate, ...]:
         """ln k of each spring."""
-        return tuple(Coordinate.logarithm_of(q) for q in STIFFNESSES if q.name in self.names)
+        return tuple(Coordinate.logarithm_of(q) for q in self.of if q.name in self.names)
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All stiffnesses, also those of rigid motions and couplings."""
+        return self.of
 
     @property
     def _places(self) -> list[int]:
-        return [STIFFNESS_NAMES.index(name) for name in self.names]
+        return [i for i, q in enumerate(self.of) if q.name in self.names]
 
     def stiffness(self, theta: ArrayLike) -> Array:
-        """(k11, k12, k22), shape (..., 3), from θ, shape (..., d)."""
+        """Stiffnesses, shape (..., q), from θ, shape (..., d)."""
         t = np.asarray(theta, dtype=float)
-        out = np.empty((*t.shape[:-1], 3))
-        out[...] = [RIGID, 0.0, RIGID]
+        out = np.empty((*t.shape[:-1], len(self.of)))
+        out[...] = self.rigid
         out[..., self._places] = np.exp(t)
         return out
 
@@ -83,9 +90,9 @@ class PlainSprings(Parametrisation):
         return np.log(stiffness[..., self._places])
 
     def derivative(self, theta: ArrayLike) -> Array:
-        """∂(k11, k12, k22)/∂θ, shape (..., 3, d): stiffness down, coordinate across."""
+        """∂k/∂θ, shape (..., q, d): stiffness down, coordinate across."""
         t = np.asarray(theta, dtype=float)
-        out = np.zeros((*t.shape[:-1], 3, len(self.names)))
+        out = np.zeros((*t.shape[:-1], len(self.of), len(self.names)))
         for coordinate, place in enumerate(self._places):
             out[..., place, coordinate] = np.exp(t[..., coordinate])
         return out
@@ -97,6 +104,29 @@ class PlainSprings(Parametrisation):
     def log_determinant(self, theta: Array) -> Array:
         """ln of the product of the named springs, shape (...), at θ, shape (..., d): det K^J without rigid motions."""
         return self.log_slope(theta)
+
+    def nearest(self, stiffness: ArrayLike) -> Array:
+        """The same joint, shape (q,), with springs above zero."""
+        k = np.array(stiffness, dtype=float)
+        k[self._places] = np.maximum(k[self._places], _SMALLEST_STIFFNESS)
+        return k
+
+    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether no spring is below zero and nothing is coupled, shape (...)."""
+        k = np.asarray(stiffness, dtype=float)
+        coupling = np.array([quantity.may_be_negative for quantity in self.of], dtype=bool)
+        return np.asarray((k[..., ~coupling] >= 0).all(axis=-1) & (k[..., coupling] == 0).all(axis=-1))
+
+    def _semidefinite(self, given: Array) -> str:
+        return "springs of 0 or more without coupling; correct the stiffness below 0, or choose coupled springs"
+
+    def uncoupled(self, stiffness: ArrayLike) -> Array:
+        """The same joints, shape (..., q): nothing is coupled."""
+        return np.asarray(stiffness, dtype=float)
+
+    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
+        """None: springs without coupling have no mode of their own near a limit."""
+        return {}
 
     def compliance(self, theta: Array) -> Array:
         """φ = 1/k of each named spring, shape (..., d), of θ, shape (..., d)."""
@@ -110,3 +140,39 @@ class PlainSprings(Parametrisation):
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (...), at θ, shape (..., d): each θ = −ln φ gives a factor 1/φ = k."""
         return self.log_slope(theta)
+
+
+@dataclass(frozen=True)
+class Rigid(PlainSprings):
+    """A joint that holds its motions rigid: it has neither coordinates nor quantities.
+
+    Parameters
+    ----------
+    motions
+        Number of its DOFs.
+    """
+
+    names: tuple[str, ...] = field(default=(), init=False)
+    of: tuple[Quantity, ...] = field(default=(), init=False)
+    motions: int = 1
+
+    key: ClassVar[str] = "rigid"
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """All rows of K^J."""
+        return tuple(range(self.motions))
+
+
+def simpler(joint: Parametrisation, hypothesis: str) -> Parametrisation:
+    """Springs of a joint that yield under one of `HYPOTHESES`, without coupling; the joint itself under ``"full"``."""
+    if hypothesis == "full" or isinstance(joint, Rigid):
+        return joint
+    springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
+    yielding = {
+        "rigid": [],
+        "translation": [quantity for quantity in springs if not is_rotation_unit(quantity.unit)],
+        "rotation": [quantity for quantity in springs if is_rotation_unit(quantity.unit)],
+        "springs": springs,
+    }[hypothesis]
+    return PlainSprings(tuple(quantity.name for quantity in yielding), joint.quantities)

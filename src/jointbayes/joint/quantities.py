@@ -1,57 +1,143 @@
 """What a joint is made of, by name: its stiffnesses, and the coordinates that these are inferred in.
 
-A stiffness has a name, a unit and a place in K^J; a coordinate has a name, a label and bounds. Whoever reads, prints,
-stores or judges them asks these objects and knows no name itself. They are stated here, apart from what is computed
+A stiffness has a name, a unit and its places in K^J; a coordinate has a name, a label and bounds. Whoever reads,
+prints, stores or judges them asks these objects and knows no name itself. They are stated here, apart from what is computed
 with them, because what is wrong with a case file is said before NumPy is loaded.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 __all__ = [
     "COORDINATES",
+    "COUPLED",
+    "DIRECTIONS",
     "HYPOTHESES",
-    "STIFFNESSES",
-    "STIFFNESS_NAMES",
+    "KINDS",
     "Coordinate",
     "Quantity",
+    "QuantityRole",
+    "direction_of",
+    "full_coordinates",
+    "full_stiffnesses",
+    "is_rotation",
+    "is_rotation_unit",
+    "spring_stiffnesses",
 ]
+
+QuantityRole = Literal["stiffness", "viscous", "loss factor"]
+
+#: Directions in which a joint's DOF may move, as they stand after the colon of a DOF label.
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+_UNITS = ("N/m", "N", "N·m/rad")  # of an entry of K^J of none, one or two rotations
+#: Kinds of joint that a case file may ask for.
+KINDS = ("coupled", "rigid", "springs", "full")
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One stiffness of a joint.
+    """One stiffness of a joint, or of several identical ones.
 
     Parameters
     ----------
     name
-        As in case files, draws and tables.
+        As in case files, draws and tables: ``"k11"``, or ``"clamp.k11"`` where the joint has a name.
     unit
         SI unit.
     words
         What it is, for messages.
-    place
-        Row and column in K^J, row ≤ column.
+    places
+        Row and column in K^J, row ≤ column, of each entry that it is; of joints that share it one each.
+    role
+        What it does in the joint.
     """
 
     name: str
     unit: str
     words: str
-    place: tuple[int, int]
+    places: tuple[tuple[int, int], ...]
+    role: QuantityRole = "stiffness"
 
     @property
     def may_be_negative(self) -> bool:
         """Whether a joint that stores energy may have a negative one: off the diagonal."""
-        return self.place[0] != self.place[1]
+        return self.role == "stiffness" and any(row != column for row, column in self.places)
+
+    def of_joint(self, name: str, rows: Sequence[int]) -> "Quantity":
+        """The same quantity of a joint with a name, whose DOFs begin at these rows of a larger K^J."""
+        places = tuple((row + i, row + j) for row in rows for i, j in self.places)
+        return replace(self, name=prefixed(name, self.name), words=words_of(self.words, name), places=places)
+
+
+def prefixed(joint: str, name: str) -> str:
+    """Name of a quantity of a joint, which may have no name itself."""
+    return f"{joint}.{name}" if joint else name
+
+
+def words_of(words: str, joint: str) -> str:
+    """What a quantity of a joint is, for messages."""
+    return f"{words} of {joint}" if joint else words
+
+
+def direction_of(label: str) -> str:
+    """Direction of a DOF label: ``"y"`` of ``"11:y"``."""
+    return label.rpartition(":")[2]
+
+
+def is_rotation(direction: str) -> bool:
+    """Whether a direction, or the DOF of a label, is a rotation."""
+    return direction_of(direction).startswith("r")
+
+
+def is_rotation_unit(unit: str) -> bool:
+    """Whether a stiffness on the diagonal with this unit is that of a rotation."""
+    return unit == _UNITS[2]
+
+
+def _unit(rotations: int) -> str:
+    return _UNITS[rotations]
 
 
 #: Of a joint of one translation and one rotation. The paper prints N/m for all three; such a joint has these.
-STIFFNESSES = (
-    Quantity("k11", "N/m", "the translational stiffness", (0, 0)),
-    Quantity("k12", "N", "the coupling stiffness", (0, 1)),
-    Quantity("k22", "N·m/rad", "the rotational stiffness", (1, 1)),
+COUPLED = (
+    Quantity("k11", "N/m", "the translational stiffness", ((0, 0),)),
+    Quantity("k12", "N", "the coupling stiffness", ((0, 1),)),
+    Quantity("k22", "N·m/rad", "the rotational stiffness", ((1, 1),)),
 )
-STIFFNESS_NAMES = tuple(quantity.name for quantity in STIFFNESSES)
+
+
+def spring_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
+    """One spring in each direction: ``"ky"``, ``"krz"``.
+
+    Examples
+    --------
+    >>> [(spring.name, spring.unit) for spring in spring_stiffnesses(("y", "rz"))]
+    [('ky', 'N/m'), ('krz', 'N·m/rad')]
+    """
+    each = []
+    for i, direction in enumerate(directions):
+        turning = is_rotation(direction)
+        words = f"the {'rotational' if turning else 'translational'} stiffness {'about' if turning else 'along'} "
+        each.append(Quantity(f"k{direction}", _unit(2 * turning), words + direction.removeprefix("r"), ((i, i),)))
+    return tuple(each)
+
+
+def _pairs(count: int) -> Iterator[tuple[int, int]]:
+    return ((i, j) for i in range(count) for j in range(i, count))
+
+
+def full_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
+    """Every entry of a symmetric K^J, row by row from the diagonal: k11, k12, … k1r, k22, … krr."""
+    turning = [is_rotation(direction) for direction in directions]
+    each = []
+    for i, j in _pairs(len(directions)):
+        words = f"the stiffness of motion {i + 1} ({directions[i]})"
+        if i != j:
+            words = f"the coupling stiffness of motions {i + 1} ({directions[i]}) and {j + 1} ({directions[j]})"
+        each.append(Quantity(f"k{i + 1}{j + 1}", _unit(turning[i] + turning[j]), words, ((i, j),)))
+    return tuple(each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +175,16 @@ class Coordinate:
         """Of a stiffness."""
         return cls(quantity.name, quantity.unit, quantity.name, quantity.words)
 
+    def of_joint(self, name: str) -> "Coordinate":
+        """The same coordinate of a joint with a name."""
+        return replace(
+            self,
+            name=prefixed(name, self.name),
+            quantity=prefixed(name, self.quantity),
+            words=words_of(self.words, name),
+            symbol=prefixed(name, self.symbol) if self.symbol else "",
+        )
+
     @property
     def label(self) -> str:
         """How θ is written: ``"ln k11"``, ``"ρ"``."""
@@ -116,7 +212,7 @@ class Coordinate:
         return math.exp(theta) if self.logarithmic else theta
 
 
-_LN_K11, _LN_K12, _LN_K22 = (Coordinate.logarithm_of(quantity) for quantity in STIFFNESSES)
+_LN_K11, _LN_K12, _LN_K22 = (Coordinate.logarithm_of(quantity) for quantity in COUPLED)
 
 #: What ``joint.parametrisation`` of a case file may be: its coordinates by name; the first is the default. What is
 #: computed in them stands in the file of this room that has that name.
@@ -134,12 +230,23 @@ COORDINATES: dict[str, tuple[Coordinate, ...]] = {
     ),
 }
 
-#: Springs that yield in the simpler joints that `jointbayes compare` sets against the case's own joint with coupling,
-#: for which None stands; every other motion is rigid.
-HYPOTHESES: dict[str, tuple[str, ...] | None] = {
-    "rigid": (),
-    "translation": ("k11",),
-    "rotation": ("k22",),
-    "springs": ("k11", "k22"),
-    "full": None,
-}
+
+def full_coordinates(directions: Sequence[str]) -> tuple[Coordinate, ...]:
+    """Of `full_stiffnesses`: the logarithms of the diagonal, then the partial coupling coefficients row by row."""
+    stiffnesses = full_stiffnesses(directions)
+    logs = [Coordinate.logarithm_of(quantity) for quantity in stiffnesses if not quantity.may_be_negative]
+    partial = []
+    for quantity in stiffnesses:
+        ((i, j),) = quantity.places
+        if i == j:
+            continue
+        words = f"the coupling coefficient of motions {i + 1} and {j + 1}"
+        words += f" with motions 1 to {i} free" if i else ""
+        name, symbol = (f"{letter}{i + 1}{j + 1}" for letter in ("rho", "ρ"))
+        partial.append(Coordinate(name, "1", quantity.name, words, False, symbol, (-1.0, 1.0)))
+    return (*logs, *partial)
+
+
+#: What `jointbayes compare` sets against each other: which springs of the joint yield. All but the last have no
+#: coupling, and every other motion is rigid; the last is the case's own joint.
+HYPOTHESES = ("rigid", "translation", "rotation", "springs", "full")

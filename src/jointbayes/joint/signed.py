@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.coupled import CoupledPair
 
 __all__ = ["PARAMETRISATION", "SignedCoupling"]
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SignedCoupling(Parametrisation):
+class SignedCoupling(CoupledPair):
     """Coordinates θ = (ln k11, ln k22, ρ) with k12 = ρ √(k11 k22), −1 < ρ < 1, of either sign."""
 
     key: ClassVar[str] = "signed"

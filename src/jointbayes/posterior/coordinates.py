@@ -28,10 +28,11 @@ def coordinate_systems(problem: Problem) -> tuple[Coordinates, ...]:
     low[errors], high[errors] = -np.inf, np.inf
     compliance, flat = compliance_and_scores(problem.parametrisation, low, high)
     freed: tuple[Coordinates, ...] = ()
-    ridge = problem.parametrisation.ridge
-    if ridge is not None:
-        low[ridge.column], high[ridge.column] = -np.inf, np.inf
-        freed = ridge, NormalScores(low, high)
+    ridges = problem.parametrisation.ridges
+    if ridges:
+        replaced = [ridge.column for ridge in ridges]
+        low[replaced], high[replaced] = -np.inf, np.inf
+        freed = *ridges, NormalScores(low, high)
     if not errors.size:
         return (compliance, flat, ComposedCoordinates(*freed)) if freed else (compliance, flat)
 

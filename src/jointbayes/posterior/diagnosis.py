@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement
 
 __all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
@@ -185,7 +184,7 @@ def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Di
         return diagnose_frequencies(measurement.frequency_hz, predicted, measurement.sd_hz)
     frf = measurement.frf
     model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    receptance = model.receptance(joint_matrix(stiffness), problem.structural(factors))[0]
+    receptance = model.receptance(prior.matrix(point), problem.structural(factors))[0]
     names = [nuisance.name for nuisance in prior.nuisances]
     gain = float(factors[0, names.index("gain")]) if "gain" in names else 1.0
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]

@@ -13,7 +13,6 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import FrfLikelihood, Problem
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
@@ -73,7 +72,7 @@ class PosteriorDraws:
 
     @property
     def draws(self) -> xr.Dataset:
-        """Draws in physical units: k11, k12, k22 and what else is uncertain, with dimensions chain × draw."""
+        """Draws in physical units, chain × draw: the quantities of the joint and what else is uncertain."""
         return self.tree["posterior"].to_dataset()
 
     @property
@@ -138,12 +137,12 @@ class PosteriorDraws:
 
     @cached_property
     def stiffness(self) -> Array:
-        """All draws of (k11, k12, k22), shape (n, 3), chain after chain."""
+        """All draws of the joint's quantities, shape (n, q), chain after chain."""
         return np.stack([self.values(name).ravel() for name in self.stiffness_names], axis=-1)
 
     @property
     def prior_stiffness(self) -> Array:
-        """Draws of (k11, k12, k22) from the prior, shape (m, 3)."""
+        """Draws of the joint's quantities from the prior, shape (m, q)."""
         return np.stack([self.prior_values(name).ravel() for name in self.stiffness_names], axis=-1)
 
     @cached_property
@@ -195,7 +194,7 @@ class PosteriorDraws:
         count = min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // likelihood.n_data))
         theta = self.thinned(count)
         factors = prior.factors(theta)
-        z = likelihood.standardised(joint_matrix(prior.stiffness(theta)), factors)
+        z = self.problem.log_posterior.standardised(theta)
         if not isinstance(likelihood, FrfLikelihood):
             return check_frequencies(np.asarray(z.real))
         rng = np.random.default_rng([self.record.seed, 2])
@@ -214,7 +213,7 @@ class PosteriorDraws:
         return diagnose(self.problem, theta, np.random.default_rng([self.record.seed, 4]))
 
     def region_level(self, stiffness: ArrayLike) -> float:
-        """Probability of the smallest highest-density region that holds (k11, k12, k22), shape (3,).
+        """Probability of the smallest highest-density region that holds a joint, shape (q,).
 
         0.95 or less means that the point lies inside the joint 95 % region; 1 where it is impossible. Whatever else
         is uncertain is integrated out: the density is then that of a kernel estimate.

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from jointbayes.identification import refine
 from jointbayes.inference import FrfLikelihood, Problem
-from jointbayes.joint import joint_matrix
 
 __all__ = ["LARGEST_ERROR_OF_PEAK", "LARGEST_ERROR_SD", "LARGEST_SHIFT_SD", "MeshCheck", "check_mesh"]
 
@@ -106,7 +105,7 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     theta, covariance
         MAP, shape (d,), and its Laplace covariance, shape (d, d).
     draws
-        Posterior draws of (k11, k12, k22), shape (n, 3), for their standard deviations.
+        Posterior draws of the joint's quantities, shape (n, q), for their standard deviations.
     seed
         For the draws from the prior.
 
@@ -132,18 +131,14 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
 
 def _standardised(problem: Problem, theta: Array) -> NDArray[np.inexact]:
     """Residuals in standard deviations of one part, shape (n, lines, pairs) or (n, frequencies)."""
-    prior, likelihood = problem.prior, problem.log_posterior.likelihood
-    z = likelihood.standardised(joint_matrix(prior.stiffness(theta)), prior.factors(theta))
+    z = problem.log_posterior.standardised(theta)
     return z * np.sqrt(2) if np.iscomplexobj(z) else z
 
 
 def _error_of_peak(problem: Problem, reference: Problem, theta: Array) -> float:
     """Largest error at θ over the largest value of the same FRF, or over the frequency."""
-    likelihoods = [p.log_posterior.likelihood for p in (problem, reference)]
-    matrix = joint_matrix(problem.prior.stiffness(theta))[None]
-    factors = problem.prior.factors(theta)[None]
-    here, there = (likelihood.predicted(matrix, factors)[0] for likelihood in likelihoods)
-    peak = np.abs(there).max(axis=0) if isinstance(likelihoods[0], FrfLikelihood) else there
+    here, there = (p.log_posterior.predicted(theta)[0] for p in (problem, reference))
+    peak = np.abs(there).max(axis=0) if isinstance(problem.log_posterior.likelihood, FrfLikelihood) else there
     return float((np.abs(here - there) / peak).max())
 
 

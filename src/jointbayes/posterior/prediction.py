@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
-from jointbayes.joint import joint_matrix
 
 __all__ = ["FrfPrediction", "frfs_as_measured", "predict_frf"]
 
@@ -61,7 +60,7 @@ def frfs_as_measured(
     ports, quantity
         Lines, DOFs and quantity.
     stiffness
-        Joints (k11, k12, k22), shape (n, 3).
+        Quantities of the joint, shape (n, q).
     factors
         Factors of all uncertain quantities in the order of the prior, shape (n, q).
 
@@ -76,7 +75,9 @@ def frfs_as_measured(
         If a DOF does not exist.
     """
     known = np.asarray(factors, dtype=float)
-    receptance = problem.receptance_model(ports).receptance(joint_matrix(stiffness), problem.structural(known))
+    receptance = problem.receptance_model(ports).receptance(
+        problem.parametrisation.matrix(stiffness), problem.structural(known)
+    )
     names = [nuisance.name for nuisance in problem.prior.nuisances]
     if "gain" in names:
         receptance *= known[:, names.index("gain"), None, None, None]

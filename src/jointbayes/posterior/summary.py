@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -228,7 +227,7 @@ def summarise(
     posterior
         The posterior.
     initial
-        First guess of (k11, k12, k22), for the frequencies before identification.
+        First guess of the joint's quantities, for the frequencies before identification.
     measured_frequencies_hz
         Measured natural frequencies to compare with the predicted ones, if known.
     knowledge
@@ -327,8 +326,8 @@ def _frequencies(
 
 def _fit(posterior: JudgedPosterior) -> FitSummary:
     problem, theta = posterior.problem, posterior.estimate.theta
-    likelihood, prior = problem.log_posterior.likelihood, problem.prior
-    z = likelihood.standardised(joint_matrix(prior.stiffness(theta))[None], prior.factors(theta)[None])
+    likelihood = problem.log_posterior.likelihood
+    z = problem.log_posterior.standardised(theta)
     # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
     whole = 2.0 if problem.residual_kind == "log_magnitude" else 1.0
     measurement = problem.measurement

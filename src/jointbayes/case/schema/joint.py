@@ -10,12 +10,12 @@ from pydantic import Field
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import Labels, Spec, ascii_unit, either, key_field, not_negative
-from jointbayes.joint import COORDINATES, STIFFNESSES
+from jointbayes.joint import COORDINATES, COUPLED
 
 __all__ = ["JointSpec", "StiffnessSpec"]
 
-_K11, _K12, _K22 = STIFFNESSES
-_IN = {quantity.name: f"{quantity.words} in {ascii_unit(quantity.unit)}" for quantity in STIFFNESSES}
+_K11, _K12, _K22 = COUPLED
+_IN = {quantity.name: f"{quantity.words} in {ascii_unit(quantity.unit)}" for quantity in COUPLED}
 
 
 class StiffnessSpec(Spec):

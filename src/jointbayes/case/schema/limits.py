@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from jointbayes.joint import STIFFNESS_NAMES
+from jointbayes.joint import COUPLED
 
 __all__ = [
     "LIMITS",
@@ -58,7 +58,7 @@ TABLE = (
     _of("loss_factor", 1e-12, 100.0),
     _of("alpha_per_s", 1e-12, 1e9),
     _of("beta_s", 1e-20, 1e3),
-    _of(" ".join([*STIFFNESS_NAMES, "low", "high", "median", "guess"]), 1e-12, 1e15),
+    _of(" ".join([*(quantity.name for quantity in COUPLED), "low", "high", "median", "guess"]), 1e-12, 1e15),
     _of("sd_log decades", 1e-6, 100.0),
     _of("sd_percent", 1e-6, 100.0),
     _of("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),

@@ -22,7 +22,7 @@ from jointbayes.case.schema.fields import (
 )
 from jointbayes.case.schema.joint import StiffnessSpec
 from jointbayes.case.schema.limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_STEPS, MOST_WALKERS
-from jointbayes.joint import HYPOTHESES, STIFFNESS_NAMES, STIFFNESSES
+from jointbayes.joint import COUPLED, HYPOTHESES
 
 __all__ = ["CompareSpec", "Hypothesis", "IdentificationSpec", "PlanSpec", "ReferenceSpec", "SamplingSpec"]
 
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     StiffnessName = str
 else:
     Hypothesis = Literal[tuple(HYPOTHESES)]
-    StiffnessName = Literal[STIFFNESS_NAMES]
+    StiffnessName = Literal[tuple(quantity.name for quantity in COUPLED)]
 
 
 def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
@@ -86,8 +86,10 @@ class CompareSpec(Spec):
     hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = tuple(HYPOTHESES)
 
 
-_COUPLING = next(quantity.name for quantity in STIFFNESSES if quantity.may_be_negative)
-_PARAMETER = key_field("the stiffness to be known best, " + either(f'"{name}"' for name in STIFFNESS_NAMES), _COUPLING)
+_COUPLING = next(quantity.name for quantity in COUPLED if quantity.may_be_negative)
+_PARAMETER = key_field(
+    "the stiffness to be known best, " + either(f'"{quantity.name}"' for quantity in COUPLED), _COUPLING
+)
 _AVERAGES_FACTOR = Field(gt=1, description="the factor on the averages, a number above 1", examples=[4.0])
 _F_MAX = Field(description="the highest frequency of a wider band in Hz, a number greater than 0", examples=[5000.0])
 _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])

@@ -17,14 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint import Coordinate
+from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
     Combination,
-    condensed_stiffnesses,
+    combinations_of,
     parametrisation_of_draws,
     powers_text,
-    products_of_powers,
-    single_value,
+    single_values,
 )
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
@@ -134,6 +133,7 @@ def name_directions(
     prior: ArrayLike,
     known: Mapping[str, Identifiability] | None = None,
     wider: tuple[ArrayLike, ArrayLike] | None = None,
+    parametrisation: Parametrisation | None = None,
 ) -> tuple[NamedDirection, ...]:
     """Name the combinations of the stiffnesses that draws determine independently, best known first.
 
@@ -144,15 +144,17 @@ def name_directions(
     Parameters
     ----------
     stiffness
-        Posterior draws of (k11, k12, k22), shape (n, 3).
+        Posterior draws of the joint's stiffnesses, shape (n, q).
     prior
-        Prior draws of the same, shape (m, 3): a verdict asks what the data added.
+        Prior draws of the same, shape (m, q): a verdict asks what the data added.
     known
         What is already said of single stiffnesses, by name, so that it is said here in the same words; those that are
         not among them are assessed here.
     wider
         Posterior and prior draws under wider priors, where these change the posterior: a combination is no better
         known than it would be with them.
+    parametrisation
+        Says what the stiffnesses are; by default k11, k12 and k22 of a coupled pair.
 
     Returns
     -------
@@ -161,7 +163,7 @@ def name_directions(
     """
     draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
     after = None if wider is None else (np.asarray(wider[0], dtype=float), np.asarray(wider[1], dtype=float))
-    search = _Search(draws, before, dict(known or {}), after)
+    search = _Search(draws, before, dict(known or {}), after, parametrisation or parametrisation_named("log"))
     singles = [search.judged(quantity) for quantity in search.singles]
     if all(single.verdict == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
@@ -186,11 +188,16 @@ class _Search:
     """Quantities of one joint, evaluated on its draws."""
 
     def __init__(
-        self, stiffness: Array, prior: Array, known: dict[str, Identifiability], wider: tuple[Array, Array] | None
+        self,
+        stiffness: Array,
+        prior: Array,
+        known: dict[str, Identifiability],
+        wider: tuple[Array, Array] | None,
+        parametrisation: Parametrisation,
     ) -> None:
         self._stiffness, self._prior, self._known, self._wider = stiffness, prior, known, wider
         self._parametrisation = parametrisation_of_draws(
-            stiffness if wider is None else np.vstack([stiffness, wider[0]])
+            parametrisation, stiffness if wider is None else np.vstack([stiffness, wider[0]])
         )
         self.names = self._parametrisation.names
         self._theta = self._parametrisation.coordinates(stiffness)
@@ -198,8 +205,9 @@ class _Search:
         off = (self._theta - np.median(self._theta, axis=0)) / scale
         #: The draw in the middle: a possible joint, which a median of each coordinate by itself need not be.
         self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
-        self.singles = [Combination(name, single_value(name), True, 1.0) for name in self.names]
-        self._others = products_of_powers(self.names) + condensed_stiffnesses(self.names)
+        self.singles = single_values(self._parametrisation)
+        self._others = combinations_of(self._parametrisation)
+        self._linear = [axis.name for axis in self._parametrisation.axes if not axis.logarithmic]
 
     def run(self) -> tuple[NamedDirection, ...]:
         """Best known first; the last is a single stiffness, and says what moves with it."""
@@ -298,7 +306,7 @@ class _Search:
             columns = [np.log(np.abs(each[i](k))) if axes_of[i].logarithmic else each[i](k) for i in kept]
             return np.asarray(np.exp(np.stack(columns, axis=-1) @ rounded[kept]))
 
-        return [Combination(powers_text(self.names, rounded.tolist()), product, False, _ODD_POWERS)]
+        return [Combination(powers_text(self.names, rounded.tolist(), self._linear), product, False, _ODD_POWERS)]
 
     def _moving_with(self, quantity: Combination) -> str:
         """How the other coordinates move with one that is not known."""

@@ -128,7 +128,13 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
     known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
     return Knowledge(
         posterior.check,
-        name_directions(posterior.stiffness, posterior.prior_stiffness, known, _under_wider_priors(posterior)),
+        name_directions(
+            posterior.stiffness,
+            posterior.prior_stiffness,
+            known,
+            _under_wider_priors(posterior),
+            problem.parametrisation,
+        ),
         tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
         tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
         tuple(kept["assumed"]) if kept else _assumed(problem, freed),

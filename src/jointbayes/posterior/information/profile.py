@@ -197,7 +197,7 @@ class _Climb:
     def __init__(self, log_posterior: LogPosterior, theta: Array, at: int) -> None:
         self._log_posterior, self.at = log_posterior, at
         prior = log_posterior.prior
-        self._feasible, self._cone = prior.parametrisation.feasible, prior.parametrisation.cone
+        self._feasible, self._cones = prior.parametrisation.feasible, prior.parametrisation.cones
         self._joint = len(prior.parametrisation.names)
         # the priors of the nuisances, as residuals
         self._weight, self._mean = np.sqrt(prior.precision[self._joint :]), prior.mean[self._joint :]
@@ -262,9 +262,10 @@ class _Climb:
         return self._solve(best, others) if others.any() else (best, float((self._both(best)[0] ** 2).sum()) / 2)
 
     def _pulled_inside(self, theta: Array) -> Array:
-        """The point with the joint's other logarithms moved into the cone, within the prior's support."""
-        out, cone = theta.copy(), self._cone
-        if cone is not None and not self._possible(out):
+        """The point with the joint's other logarithms moved into its cones, within the prior's support."""
+        out = theta.copy()
+        outside = [] if self._possible(out) else [c for c in self._cones if c.normal(out.size) @ out >= 0]
+        for cone in outside:
             excess = 2 * out[cone.coupling] - out[cone.first] - out[cone.last] + 0.1
             for i, slope in ((cone.coupling, 2.0), (cone.first, -1.0), (cone.last, -1.0)):
                 if i != self.at:
@@ -302,9 +303,10 @@ class _Climb:
 
     def _along_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
         """Climb on along the edge of positive definite joints, where least squares, which knows boxes only, stops."""
-        if self._cone is None or self._cone.normal(theta.size) @ theta < -0.01:
+        normals = [cone.normal(theta.size) for cone in self._cones]
+        edges = np.array([normal for normal in normals if normal @ theta >= -0.01])
+        if not edges.size:
             return theta, cost
-        normal = self._cone.normal(theta.size)
         full = theta.copy()
 
         def whole(u: Array) -> Array:
@@ -325,7 +327,7 @@ class _Climb:
             jac=gradient,
             method="SLSQP",
             bounds=list(zip((self.low - theta)[free] / scale, (self.high - theta)[free] / scale, strict=True)),
-            constraints=optimize.LinearConstraint(normal[free] * scale, ub=-_EDGE - normal @ theta),
+            constraints=optimize.LinearConstraint(edges[:, free] * scale, ub=-_EDGE - edges @ theta),
             options={"ftol": 1e-9, "maxiter": 100},
         )
         end = whole(fit.x).copy()

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.inference import Problem
-from jointbayes.joint import RIGID, STIFFNESS_NAMES
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.rounding import signed
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, Section, Table
 
 __all__ = ["joint_in_modes_section"]
@@ -25,7 +25,7 @@ _MOST_MODES = 12
 
 def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
-    problem = inputs.posterior.problem
+    problem, names = inputs.posterior.problem, inputs.posterior.stiffness_names
     modes, best, rigid, change = _in_band(problem, inputs.posterior.estimate.theta)
     if not modes.size:
         return None
@@ -47,24 +47,24 @@ def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
     )
     table = Table(
         "Effect of the joint on natural frequencies",
-        (*head, *(f"{n} +1 % (%)" for n in STIFFNESS_NAMES)),
+        (*head, *(f"{foreign(n)} +1 % (%)" for n in names)),
         rows,
         note=note,
     )
-    said = _sentence(modes, change)
+    said = _sentence(modes, names, change)
     if not inputs.posterior.check.explains:
         said = f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
     return Section("joint-in-modes", "Which modes show the joint", (Paragraph(said), table))
 
 
-def _sentence(modes: NDArray[np.intp], change: Array) -> str:
+def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) -> str:
     """How well the mode that shows a stiffness most would tell it."""
     said = []
-    for name, slopes in zip(STIFFNESS_NAMES, change, strict=True):
+    for name, slopes in zip(names, change, strict=True):
         most = int(np.argmax(np.abs(slopes)))
         reached = _KNOWN_PERCENT / max(abs(slopes[most]), np.finfo(float).tiny)
         to = f"to {number(reached, 2)} %" if reached < 100 else "not even by its order"
-        said.append(f"**{name}** {to} (mode {modes[most]})")
+        said.append(f"**{foreign(name)}** {to} (mode {modes[most]})")
     return (
         f"One natural frequency that is known to {_KNOWN_PERCENT:g} %, with all else known exactly, tells "
         f"{', '.join(said)}; in brackets the mode that shows this stiffness most."
@@ -84,7 +84,7 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
     count = min(count, problem.most_modes)
     k = problem.prior.stiffness(theta)
     steps = _STEP * np.eye(k.size)
-    joints = np.stack([k, np.array([RIGID, 0.0, RIGID]), *(k * (1 + steps)), *(k * (1 - steps))])
+    joints = np.stack([k, problem.parametrisation.rigid, *(k * (1 + steps)), *(k * (1 - steps))])
     found = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))
     inside = (found[0] >= low) & (found[0] <= high)
     best, rigid, *moved = found[:, inside]

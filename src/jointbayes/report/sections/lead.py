@@ -1,6 +1,6 @@
 """Page one: banners, verdicts with their reasons, and what is said of the coupling stiffness."""
 
-from jointbayes.joint import STIFFNESSES
+from jointbayes.joint import Quantity
 from jointbayes.posterior.identifiability import RULE, Identifiability
 from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
@@ -12,6 +12,8 @@ from jointbayes.report.sections.measurement import mode_table
 
 __all__ = ["coupling_sentence", "lead"]
 
+_MOST_COUPLINGS = 6  # that page one says something of
+
 
 def lead(inputs: ReportInputs) -> tuple[Block, ...]:
     """Banners, verdict table with the reason of each verdict, and the sentence on the coupling stiffness."""
@@ -22,7 +24,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
         *_banners(inputs),
         _verdict_table(inputs),
         Paragraph(verdict_sentences(summary)),
-        *([] if summary.no_verdict else [Paragraph(coupling_sentence(summary))]),
+        *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
         *([Paragraph(_bold_head(summary.check.sentence))] if summary.check.finding == "explained" else []),
     )
 
@@ -119,9 +121,16 @@ def verdict_sentences(summary: Summary) -> str:
     return " ".join(sentences)
 
 
-def coupling_sentence(summary: Summary) -> str:
-    """What the data say of the coupling against the rotational stiffness, in words with its numbers."""
-    _, coupling, rotation = STIFFNESSES
+def _coupling_sentences(inputs: ReportInputs) -> list[str]:
+    """One sentence on each coupling against the stiffness of the second motion that it couples."""
+    quantities = inputs.posterior.problem.quantities
+    diagonal = {quantity.places[0]: quantity for quantity in quantities if not quantity.may_be_negative}
+    couplings = [quantity for quantity in quantities if quantity.may_be_negative][:_MOST_COUPLINGS]
+    return [coupling_sentence(inputs.summary, one, diagonal[one.places[0][1:] * 2]) for one in couplings]
+
+
+def coupling_sentence(summary: Summary, coupling: Quantity, rotation: Quantity) -> str:
+    """What the data say of a coupling against the stiffness of the rotation, in words with its numbers."""
     k12, k22 = (summary.parameters[quantity.name].known for quantity in (coupling, rotation))
     low, high = k12.interval95
     if low <= 0 <= high:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.identification import IterationHistory
-from jointbayes.joint import STIFFNESSES
+from jointbayes.joint import Quantity
 from jointbayes.report import figures
 from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
@@ -27,7 +27,7 @@ def starts_section(inputs: ReportInputs) -> Section:
         )
         for start in estimate.starts
     )
-    head = ("Start", "k11, k12, k22 from", "to", "ln p", "Mode reached")
+    head = ("Start", f"{foreign(', '.join(posterior.stiffness_names))} from", "to", "ln p", "Mode reached")
     reached = len(rows) - len(estimate.failed_starts)
     text = f"{reached} of {len(rows)} starts reach the mode"
     text += f"; these do not: {foreign(estimate.failed_text)}." if estimate.failed_starts else "."
@@ -39,17 +39,19 @@ def starts_section(inputs: ReportInputs) -> Section:
     blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
     provenance = posterior.problem.measurement.provenance
     if estimate.iteration is not None:
-        blocks += _iteration_blocks(estimate.iteration, inputs.reference)
+        blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
     elif provenance is not None and provenance.iteration:
         blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(provenance.iteration)}."))
     return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 
-def _iteration_blocks(history: IterationHistory, published: NDArray[np.float64] | None) -> list[Block]:
+def _iteration_blocks(
+    history: IterationHistory, quantities: tuple[Quantity, ...], published: NDArray[np.float64] | None
+) -> list[Block]:
     norm = history.residual_norm
     settled = ", ".join(
         f"{q.name} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
-        for i, q in enumerate(STIFFNESSES)
+        for i, q in enumerate(quantities)
         if history.stiffness[i] != 0
     )
     return [
@@ -65,7 +67,12 @@ def _iteration_blocks(history: IterationHistory, published: NDArray[np.float64] 
         Figure(
             "iteration-stiffness",
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
-            "History of k11, k12 and k22 over the iteration steps with the published values.",
-            figures.histories([f"{q.name} ({q.unit})" for q in STIFFNESSES], history.stiffness_history, published),
+            f"History of {_listed([q.name for q in quantities])} over the iteration steps with the published values.",
+            figures.histories([f"{q.name} ({q.unit})" for q in quantities], history.stiffness_history, published),
         ),
     ]
+
+
+def _listed(names: list[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

@@ -16,7 +16,6 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.inference.residuals import PURE_NOISE
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
 
 __all__ = ["require_simulable", "simulated_values", "with_values"]
@@ -90,9 +89,9 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     MeasurementError
         If the model has no finite FRF there.
     """
-    prior, likelihood, measured = problem.prior, problem.log_posterior.likelihood, problem.measurement
-    factors = prior.factors(theta[None])
-    predicted = likelihood.predicted(joint_matrix(prior.stiffness(theta[None])), factors)[0]
+    likelihood, measured = problem.log_posterior.likelihood, problem.measurement
+    factors = problem.prior.factors(theta[None])
+    predicted = problem.log_posterior.predicted(theta)[0]
     if not np.isfinite(predicted).all():
         raise MeasurementError(
             "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "

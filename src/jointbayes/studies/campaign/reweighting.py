@@ -189,8 +189,7 @@ class Reweighting:
         total = np.zeros(len(mean))
         if self.parametrisation is None:
             return total
-        cone = self.parametrisation.cone
-        if cone is not None:
+        for cone in self.parametrisation.cones:
             normal = cone.normal(mean.shape[1])
             total += log_ndtr(-(mean @ normal) / np.sqrt(scatter**2 @ normal**2))
         for i, axis in enumerate(self.parametrisation.axes):

@@ -10,7 +10,7 @@ from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.joint import HYPOTHESES, PlainSprings
+from jointbayes.joint import HYPOTHESES
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -46,13 +46,13 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     """
     if hypothesis not in HYPOTHESES:
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
-    springs = HYPOTHESES[hypothesis]
-    if springs is None:
-        return problem
+    simpler = problem.parametrisation.hypothesis(hypothesis)
     known = zip(problem.parametrisation.axes, problem.prior.marginals, strict=True)
-    by_stiffness = {axis.quantity: marginal for axis, marginal in known}
-    marginals = tuple(by_stiffness[name] for name in springs)
-    return replace(problem, prior=replace(problem.prior, parametrisation=PlainSprings(springs), marginals=marginals))
+    by_coordinate = {axis.name: marginal for axis, marginal in known}
+    by_stiffness = {axis.quantity: by_coordinate[axis.name] for axis in problem.parametrisation.axes}
+    # a coordinate that the joint has itself keeps its prior; a spring has that of what stands for it
+    marginals = tuple(by_coordinate.get(axis.name) or by_stiffness[axis.quantity] for axis in simpler.axes)
+    return replace(problem, prior=replace(problem.prior, parametrisation=simpler, marginals=marginals))
 
 
 def compare(
@@ -156,6 +156,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
         _piled_up(problem.prior, draws),
         loo,
         note,
+        problem.quantities,
     )
 
 

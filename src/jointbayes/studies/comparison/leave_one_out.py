@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.joint import joint_matrix
 from jointbayes.posterior.arviz_bridge import loo_pointwise
 
 __all__ = ["LeaveOneOut", "leave_one_out"]
@@ -85,7 +84,7 @@ def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOne
     most = max(_FEWEST_DRAWS, _MOST_NUMBERS // likelihood.n_data)
     rows = np.linspace(0, len(theta) - 1, min(most, len(theta))).round().astype(int)
     chosen, prior = theta[rows], problem.prior
-    values = likelihood.pointwise(joint_matrix(prior.stiffness(chosen)), prior.factors(chosen))
+    values = likelihood.pointwise(prior.matrix(chosen), prior.factors(chosen))
     flat = values.reshape(len(chosen), -1)
     if (flat == flat[0]).all():  # nothing is uncertain: leaving a value out changes nothing
         return LeaveOneOut(flat[0], np.zeros(flat.shape[1]))

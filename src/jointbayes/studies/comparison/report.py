@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from jointbayes.joint import STIFFNESS_NAMES, STIFFNESSES
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.format import number
@@ -22,10 +21,10 @@ Row = dict[str, Any]
 
 _MEANING = {
     "rigid": "a rigid joint",
-    "translation": "a spring in translation (k11), rigid in rotation",
-    "rotation": "a spring in rotation (k22), rigid in translation",
-    "springs": "two springs without coupling (k11, k22)",
-    "full": "the case's own joint, with coupling (k11, k12, k22)",
+    "translation": "springs in translation, rigid in rotation",
+    "rotation": "springs in rotation, rigid in translation",
+    "springs": "springs in every motion, without coupling",
+    "full": "the case's own joint, with coupling",
 }
 _METHOD_HEAD = ("Method", "Pareto k")
 _REACH = 12.0  # of ln Z below the best that the figure shows
@@ -175,16 +174,23 @@ def _method_table(summary: dict[str, Any]) -> Table:
 
 
 def _joint_table(summary: dict[str, Any]) -> Table:
-    head = ("Joint", "Case", *(f"{q.name} ({q.unit})" for q in STIFFNESSES))
+    units = {name: unit for row in summary["candidates"] for name, unit in row["units"].items()}
+    head = ("Joint", "Case", *(f"{foreign(name)} ({unit})" for name, unit in units.items()))
     rows = tuple(
         (
             row["hypothesis"],
             foreign(row["case"]),
-            *("rigid" if n in row["rigid"] else number(row["map"][n]).replace("-", "−", 1) for n in STIFFNESS_NAMES),
+            *(_stiffness_cell(row, name) for name in units),
         )
         for row in _ranked(summary)
     )
     return Table("Stiffness at the posterior mode", head, rows)
+
+
+def _stiffness_cell(row: Row, name: str) -> str:
+    if name in row["rigid"]:
+        return "rigid"
+    return number(row["map"][name]).replace("-", "−", 1) if name in row["map"] else "–"
 
 
 def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.joint import RIGID, STIFFNESS_NAMES
+from jointbayes.joint import COUPLED, RIGID, Quantity
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut
@@ -56,13 +56,16 @@ class Candidate:
     names
         Coordinates, those of nuisances included.
     stiffness
-        (k11, k12, k22) at the posterior mode, shape (3,); `jointbayes.joint.RIGID` stands for a motion that is held.
+        Quantities of the joint at the posterior mode, shape (q,); `jointbayes.joint.RIGID` stands for a motion that is
+        held.
     evidence
         ln Z of the data with its error, and how it was found.
     at_edge
         Edges of the prior that the posterior piles up on: there ln Z depends on where the prior ends.
     loo
         Cross-validation; None where it makes no sense, and `loo_note` says why.
+    quantities
+        What the numbers of `stiffness` are.
     """
 
     case: str
@@ -74,6 +77,7 @@ class Candidate:
     at_edge: tuple[PriorEdge, ...]
     loo: LeaveOneOut | None
     loo_note: str
+    quantities: tuple[Quantity, ...] = COUPLED
 
     @property
     def label(self) -> str:
@@ -165,14 +169,16 @@ class Comparison:
     def _row(self, candidate: Candidate, probability: float) -> dict[str, Any]:
         z = candidate.evidence
         held = [bool(k == RIGID) for k in candidate.stiffness]
-        stiffness = zip(STIFFNESS_NAMES, candidate.stiffness.tolist(), held, strict=True)
+        names = [quantity.name for quantity in candidate.quantities]
+        stiffness = zip(names, candidate.stiffness.tolist(), held, strict=True)
         return {
             "case": candidate.case,
             "title": candidate.title,
             "hypothesis": candidate.hypothesis,
             "parameters": list(candidate.names),
             "map": {name: None if rigid else value for name, value, rigid in stiffness},
-            "rigid": [name for name, rigid in zip(STIFFNESS_NAMES, held, strict=True) if rigid],
+            "rigid": [name for name, rigid in zip(names, held, strict=True) if rigid],
+            "units": {quantity.name: quantity.unit for quantity in candidate.quantities},
             "log_z": z.log_z,
             "log_z_error": z.error,
             "method": z.method,

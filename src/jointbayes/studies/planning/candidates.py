@@ -11,7 +11,6 @@ from scipy import optimize
 from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity, quantity_factor, receptance_model
 from jointbayes.inference import Problem
-from jointbayes.joint import joint_matrix
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 from jointbayes.structure import Structure, StructureFamily
 
@@ -118,8 +117,8 @@ class Candidate:
         point = np.asarray(theta, dtype=float)
         prior = problem.prior
         factors = prior.factors(point)
-        model = receptance_model(self.structure, problem.joint, self.ports)
-        true = model.receptance(joint_matrix(prior.stiffness(point)), problem.structural(factors))[0]
+        model = receptance_model(self.structure, problem.joints, self.ports)
+        true = model.receptance(prior.matrix(point), problem.structural(factors))[0]
         names = [n.name for n in prior.nuisances]
         gain = float(factors[names.index("gain")]) if "gain" in names else 1.0
         true = gain * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
@@ -183,7 +182,7 @@ def _noise(problem: Problem, theta: Array, exact: FrfMeasurement, rng: np.random
     """
     likelihood = problem.log_posterior.likelihood
     factors = problem.prior.factors(theta)[None]
-    z = likelihood.standardised(joint_matrix(problem.prior.stiffness(theta))[None], factors)
+    z = problem.log_posterior.standardised(theta)
     noise, hyper = likelihood.noise.with_scale((np.abs(z) ** 2).sum(), likelihood.n_data, likelihood.hyper(factors))
     # noise is made in both parts even where only the magnitude is looked at
     shape = exact.frf.values.shape

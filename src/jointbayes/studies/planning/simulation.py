@@ -21,7 +21,6 @@ from scipy import optimize
 
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import LogPosterior, Problem
-from jointbayes.joint import STIFFNESS_NAMES
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.fisher import fisher_information
@@ -129,7 +128,7 @@ class Simulator:
         ]  # a truth must not be among the draws that are reweighted
         self._draw_sd = draws.std(axis=0)
         self._problem, self._systems = problem, tuple(systems)
-        self._column = STIFFNESS_NAMES.index(quantity)
+        self._column = problem.parametrisation.stiffness_names.index(quantity)
         self._prior_values = self._values(problem.prior.sample(rng, _RESAMPLED))
         self._seed = int(rng.integers(2**32))
         #: What is known now.
@@ -248,7 +247,7 @@ def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array
     theta
         Mode of its posterior, shape (d,), from which the other quantities start.
     stiffness
-        (k11, k12, k22), shape (3,).
+        Quantities of the joint, shape (q,).
 
     Raises
     ------

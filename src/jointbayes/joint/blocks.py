@@ -1,0 +1,220 @@
+"""Several joints as one parametrisation: their coordinates, stiffnesses and matrices side by side."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
+from jointbayes.joint.quantities import Coordinate, Quantity
+
+__all__ = ["Block", "Blocks", "blocks_of"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One joint, or several that share their quantities.
+
+    Parameters
+    ----------
+    name
+        What its quantities are prefixed with; none where it is empty.
+    parametrisation
+        Of one of the joints.
+    rows
+        Rows of K^J at which the DOFs of each joint begin.
+    """
+
+    name: str
+    parametrisation: Parametrisation
+    rows: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Blocks(Parametrisation):
+    """Product of parametrisations: θ, quantities and matrices one after the other, see `blocks_of`.
+
+    Parameters
+    ----------
+    blocks
+        In order.
+
+    Raises
+    ------
+    ModelError
+        If a name occurs twice.
+    """
+
+    blocks: tuple[Block, ...]
+
+    key: ClassVar[str] = "blocks"
+
+    def __post_init__(self) -> None:
+        names = [block.name for block in self.blocks]
+        if len(set(names)) != len(names):
+            raise ModelError(f"joints: found names {', '.join(names)}; expected each once; rename one")
+
+    @cached_property
+    def axes(self) -> tuple[Coordinate, ...]:
+        """The coordinates of all, with the names of their joints."""
+        return tuple(axis.of_joint(block.name) for block in self.blocks for axis in block.parametrisation.axes)
+
+    @cached_property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The quantities of all, with the names of their joints."""
+        return tuple(
+            q.of_joint(block.name, block.rows) for block in self.blocks for q in block.parametrisation.quantities
+        )
+
+    @cached_property
+    def held(self) -> tuple[int, ...]:
+        """Rows of K^J that are rigid and no quantity."""
+        return tuple(row + i for block in self.blocks for row in block.rows for i in block.parametrisation.held)
+
+    @cached_property
+    def _parts(self) -> tuple[tuple[Parametrisation, slice, slice], ...]:
+        """Each block with its columns of θ and of the quantities."""
+        parts, t, k = [], 0, 0
+        for block in self.blocks:
+            one = block.parametrisation
+            parts.append((one, slice(t, t + len(one.axes)), slice(k, k + len(one.quantities))))
+            t, k = t + len(one.axes), k + len(one.quantities)
+        return tuple(parts)
+
+    @cached_property
+    def cones(self) -> tuple[Cone, ...]:
+        """Those of all."""
+        return tuple(cone.moved(t.start) for one, t, _ in self._parts for cone in one.cones)
+
+    @cached_property
+    def ridges(self) -> tuple[CondensedCoordinates, ...]:
+        """Those of all."""
+        return tuple(CondensedCoordinates(r.cone.moved(t.start)) for one, t, _ in self._parts for r in one.ridges)
+
+    def _each(
+        self, of: Callable[[Parametrisation, Array], ArrayLike], values: ArrayLike, stiffness: bool
+    ) -> list[Array]:
+        """What a function gives of each block and its part of θ or of the quantities, shape (..., d) or (..., q)."""
+        given = np.asarray(values, dtype=float)
+        return [np.asarray(of(one, given[..., k if stiffness else t])) for one, t, k in self._parts]
+
+    def _side_by_side(self, parts: Sequence[Array]) -> Array:
+        return np.concatenate(parts, axis=-1)
+
+    def stiffness(self, theta: ArrayLike) -> Array:
+        """Quantities, shape (..., q), from θ, shape (..., d)."""
+        return self._side_by_side(self._each(lambda one, t: one.stiffness(t), theta, False))
+
+    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether all have coordinates."""
+        return np.logical_and.reduce(self._each(lambda one, k: one.describes(k), stiffness, True))
+
+    def _coordinates(self, stiffness: Array) -> Array:
+        return self._side_by_side(self._each(lambda one, k: one._coordinates(k), stiffness, True))
+
+    def derivative(self, theta: ArrayLike) -> Array:
+        """∂k/∂θ, shape (..., q, d), block by block."""
+        t = np.asarray(theta, dtype=float)
+        out = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
+        for one, columns, rows in self._parts:
+            out[..., rows, columns] = one.derivative(t[..., columns])
+        return out
+
+    def log_slope(self, theta: Array) -> Array:
+        """ln |∂k/∂θ|, shape (...): the sum of all."""
+        return np.sum(self._each(lambda one, t: one.log_slope(t), theta, False), axis=0)
+
+    def log_determinant(self, theta: Array) -> Array:
+        """ln det of the blocks, shape (...): the sum of all."""
+        return np.sum(self._each(lambda one, t: one.log_determinant(t), theta, False), axis=0)
+
+    def nearest(self, stiffness: ArrayLike) -> Array:
+        """The nearest joint of each, shape (q,)."""
+        return self._side_by_side(self._each(lambda one, k: one.nearest(k), stiffness, True))
+
+    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether every joint is, shape (...)."""
+        return np.logical_and.reduce(self._each(lambda one, k: one.is_positive_semidefinite(k), stiffness, True))
+
+    def uncoupled(self, stiffness: ArrayLike) -> Array:
+        """The same joints, shape (..., q), each without coupling."""
+        return self._side_by_side(self._each(lambda one, k: one.uncoupled(k), stiffness, True))
+
+    def middle(self, mean: Array) -> Array:
+        """The joints, shape (q,), at the means of the priors of their coordinates, shape (d,)."""
+        return self._side_by_side(self._each(lambda one, t: one.middle(t), mean, False))
+
+    def _semidefinite(self, given: Array) -> str:
+        at_fault = [
+            block.name
+            for block, (one, _, k) in zip(self.blocks, self._parts, strict=True)
+            if not one.is_positive_semidefinite(given[k])
+        ]
+        return (
+            f"a positive semidefinite matrix of {', '.join(at_fault)}; lower its couplings, or raise the stiffnesses "
+            "beside them"
+        )
+
+    def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
+        """Those of each joint, with the others in the middle."""
+        middle, found = self.middle(mean), {}
+        for block, (one, t, k) in zip(self.blocks, self._parts, strict=True):
+            for name, joint in one.limiting_joints(mean[t], sd[t]).items():
+                found[f"{block.name}: {name}" if block.name else name] = whole = middle.copy()
+                whole[k] = joint
+        return found
+
+    def compliance(self, theta: Array) -> Array:
+        """φ of each joint, shape (n, d), of θ, shape (n, d)."""
+        return self._side_by_side(self._each(lambda one, t: one.compliance(t), theta, False))
+
+    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint each, shape (n,)."""
+        parts = [one.from_compliance(phi[:, t]) for one, t, _ in self._parts]
+        return self._side_by_side([theta for theta, _ in parts]), np.logical_and.reduce([inside for _, inside in parts])
+
+    def log_compliance_volume(self, theta: Array) -> Array:
+        """ln |∂θ/∂φ|, shape (n,): the sum of all."""
+        return np.sum(self._each(lambda one, t: one.log_compliance_volume(t), theta, False), axis=0)
+
+    def hypothesis(self, name: str) -> "Blocks":
+        """Every joint under a hypothesis."""
+        return Blocks(tuple(Block(b.name, b.parametrisation.hypothesis(name), b.rows) for b in self.blocks))
+
+
+def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
+    """Parametrisation of several joints in the order in which they are given.
+
+    Parameters
+    ----------
+    joints
+        By the joint's name its parametrisation, or the name of the joint whose quantities it shares. Of a lone joint
+        without a name the parametrisation itself comes back.
+
+    Raises
+    ------
+    ModelError
+        If a joint shares the quantities of one that is not there, or that shares those of another.
+    """
+    rows: dict[str, list[int]] = {name: [] for name in joints}
+    row = 0
+    for name, one in joints.items():
+        owner = one if isinstance(one, str) else name
+        shared = joints.get(owner)
+        if not isinstance(shared, Parametrisation):
+            raise ModelError(
+                f"joint {name}: found shared quantities of {owner!r}; expected a joint with quantities of its own; "
+                "name that one"
+            )
+        rows[owner].append(row)
+        row += shared.size
+    alone = [(name, one) for name, one in joints.items() if not isinstance(one, str)]
+    if len(joints) == 1 and alone[0][0] == "":
+        return alone[0][1]
+    return Blocks(tuple(Block(name, one, tuple(rows[name])) for name, one in alone))

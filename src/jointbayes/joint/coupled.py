@@ -1,0 +1,95 @@
+"""A joint of one translation and one rotation that are coupled: K^J = [[k11, k12], [k12, k22]], as in the paper.
+
+References
+----------
+Cao, H., Li, B., He, Z. A joint stiffness identification method based on finite element modeling and
+frequency response functions, section 3 (K^J with k11, k12, k22 at one translation and one rotation).
+"""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.quantities import COORDINATES, COUPLED, Coordinate, Quantity
+
+__all__ = ["CoupledPair"]
+
+Array = NDArray[np.float64]
+
+_ADJUGATE_SIGNS = np.array([1.0, -1.0, 1.0])
+_ANY_JOINT = np.array([1.0, -0.5, 1.0])  # compliance and stiffness that stand where there is no joint
+_SMALLEST_STIFFNESS = math.exp(-20.0)
+_LARGEST_COUPLING = 0.9  # of √(k11 k22), in a start
+
+
+class CoupledPair(Parametrisation):
+    """Coordinates θ of (k11, k12, k22).
+
+    A further one is a subclass in a file named as its entry in `jointbayes.joint.quantities.COORDINATES`, of which the
+    file's ``PARAMETRISATION`` is an instance.
+    """
+
+    expected: ClassVar[str] = "a positive definite joint; lower |k12|, or raise k11 and k22"
+    #: Least coupling of a start, as a share of the largest.
+    least_coupling: ClassVar[float] = -1.0
+
+    @property
+    def axes(self) -> tuple[Coordinate, ...]:
+        """The coordinates, in order."""
+        return COORDINATES[self.key]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """k11, k12 and k22."""
+        return COUPLED
+
+    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+        """Whether joints (k11, k12, k22), shape (..., 3), are positive semidefinite, shape (...)."""
+        k11, k12, k22 = np.moveaxis(np.asarray(stiffness, dtype=float), -1, 0)
+        return np.asarray((k11 >= 0) & (k22 >= 0) & (k12**2 <= k11 * k22))
+
+    def _semidefinite(self, given: Array) -> str:
+        k11, _, k22 = given.tolist()
+        return (
+            f"a positive semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g}); "
+            "lower |k12| or raise k11, k22"
+        )
+
+    def uncoupled(self, stiffness: ArrayLike) -> Array:
+        """The same joints, shape (..., 3), with k12 = 0."""
+        return np.asarray(stiffness, dtype=float) * np.array([1.0, 0.0, 1.0])
+
+    def nearest(self, stiffness: ArrayLike) -> Array:
+        """A joint near (k11, k12, k22), shape (3,), that has coordinates, well inside the positive definite ones."""
+        k11, k12, k22 = np.asarray(stiffness, dtype=float)
+        k11, k22 = max(k11, _SMALLEST_STIFFNESS), max(k22, _SMALLEST_STIFFNESS)
+        limit = _LARGEST_COUPLING * np.sqrt(k11 * k22)
+        return np.array([k11, np.clip(k12, self.least_coupling * limit, limit), k22])
+
+    def compliance(self, theta: Array) -> Array:
+        """Compliance φ = (c11, c12, c22), C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
+        return _inverse_2x2(self.stiffness(theta))
+
+    def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
+        c11, c12, c22 = phi.T
+        inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)
+        stiffness = _inverse_2x2(phi if inside.all() else np.where(inside[:, None], phi, _ANY_JOINT))
+        inside &= self.describes(stiffness)
+        if not inside.all():
+            stiffness = np.where(inside[:, None], stiffness, _inverse_2x2(_ANY_JOINT))
+        return self.coordinates(stiffness), inside
+
+    def log_compliance_volume(self, theta: Array) -> Array:
+        """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric 2 × 2 matrix is (det K)⁻³."""
+        return 3 * self.log_determinant(theta) - self.log_slope(theta)
+
+
+def _inverse_2x2(matrix: Array) -> Array:
+    """(m11, m12, m22) of the inverse, shape (..., 3)."""
+    m12 = matrix[..., 1]
+    determinant = matrix[..., 0] * matrix[..., 2] - m12 * m12
+    return matrix[..., ::-1] * _ADJUGATE_SIGNS / determinant[..., None]
