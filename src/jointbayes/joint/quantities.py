@@ -1,8 +1,8 @@
 """What a joint is made of, by name: its stiffnesses, and the coordinates that these are inferred in.
 
 A stiffness has a name, a unit and its places in K^J; a coordinate has a name, a label and bounds. Whoever reads,
-prints, stores or judges them asks these objects and knows no name itself. They are stated here, apart from what is computed
-with them, because what is wrong with a case file is said before NumPy is loaded.
+prints, stores or judges them asks these objects and knows no name itself. They are stated here, apart from what is
+computed with them, because what is wrong with a case file is said before NumPy is loaded.
 """
 
 import math
