@@ -1,0 +1,230 @@
+"""Kinds of joint beside the coupled pair: full matrices, springs, rigid ones, and several joints side by side."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jointbayes.errors import ModelError
+from jointbayes.joint import (
+    HYPOTHESES,
+    RIGID,
+    ComplianceCoordinates,
+    ElasticCentre,
+    FullStiffness,
+    LogStiffness,
+    PlainSprings,
+    Rigid,
+    SignedCoupling,
+    blocks_of,
+    parametrisation_named,
+    spring_stiffnesses,
+)
+from tests.conftest import PAIR, TABLE_3
+
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+SPRINGS = parametrisation_named("springs", ("x", "rz"))
+TWO = blocks_of({"left": LogStiffness(), "right": SignedCoupling()})
+SHARED = blocks_of({"a": LogStiffness(), "b": "a", "c": SPRINGS, "d": Rigid(2), "e": ElasticCentre()})
+KINDS = {
+    "full of 1": parametrisation_named("full", ("rz",)),
+    "full of 2": parametrisation_named("full", ("y", "rz")),
+    "full of 3": parametrisation_named("full", ("x", "y", "rz")),
+    "full of 6": parametrisation_named("full", DIRECTIONS),
+    "springs": SPRINGS,
+    "rigid": Rigid(3),
+    "two": TWO,
+    "shared": SHARED,
+}
+ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def theta_of(kind, seed, widest=0.9):
+    """Random coordinates of possible joints, their stiffnesses over decades."""
+    rng = np.random.default_rng(seed)
+    draw = {True: lambda: rng.normal(np.log(1e7), 3.0), False: lambda: rng.uniform(-widest, widest)}
+    theta = np.array([draw[axis.logarithmic]() for axis in kind.axes])
+    for cone in kind.cones:
+        theta[cone.coupling] = (theta[cone.first] + theta[cone.last]) / 2 + np.log(rng.uniform(0.01, widest))
+    return theta
+
+
+@ALL
+@given(SEEDS)
+def test_coordinates_and_stiffness_are_inverse_to_each_other(kind, seed):
+    theta = theta_of(kind, seed)
+    stiffness = kind.stiffness(theta)
+    assert stiffness.shape == (len(kind.quantities),)
+    assert kind.describes(stiffness)
+    assert kind.feasible(theta)
+    assert kind.is_positive_semidefinite(stiffness)
+    kind.check(stiffness)
+    np.testing.assert_allclose(kind.coordinates(stiffness), theta, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(kind.from_matrix(kind.matrix(stiffness)), stiffness)
+
+
+@ALL
+@given(SEEDS)
+def test_the_derivative_and_its_volume_are_those_of_the_stiffness(kind, seed):
+    theta = theta_of(kind, seed)
+    exact, d = kind.derivative(theta), len(kind.axes)
+    assert exact.shape == (len(kind.quantities), d)
+    size = np.abs(exact).max(axis=1, initial=0.0)
+    for i, step in enumerate(1e-5 * np.eye(d)):
+        difference = (kind.stiffness(theta + step) - kind.stiffness(theta - step)) / 2e-5
+        np.testing.assert_allclose(exact[:, i] / size, difference / size, atol=1e-7)
+    if len(kind.quantities) == d:
+        sign, log_slope = np.linalg.slogdet(exact / size[:, None])
+        assert sign != 0
+        assert kind.log_slope(theta) == pytest.approx(log_slope + np.log(size).sum(), abs=1e-8)
+
+
+@ALL
+@given(SEEDS)
+def test_the_compliance_leads_back_with_the_volume_it_states(kind, seed):
+    coordinates, theta = ComplianceCoordinates(kind), theta_of(kind, seed, widest=0.7)
+    phi = coordinates.forward(theta[None])
+    back, inside = coordinates.inverse(phi)
+    assert inside.tolist() == [True]
+    np.testing.assert_allclose(back[0], theta, rtol=1e-7, atol=1e-7)
+    step = 1e-5 * np.eye(theta.size)
+    size = np.maximum(np.abs(phi[0]), np.abs(coordinates.forward(theta + step) - phi).max(axis=0, initial=0.0) * 1e4)
+    jacobian = ((coordinates.forward(theta + step) - coordinates.forward(theta - step)) / size).T / 2e-5
+    _, log_determinant = np.linalg.slogdet(jacobian)
+    expected = -log_determinant - np.log(size).sum() if theta.size else 0.0
+    assert coordinates.log_volume(theta[None])[0] == pytest.approx(expected, abs=1e-4)
+
+
+@ALL
+def test_batches_are_the_same_as_one_by_one(kind):
+    theta = np.array([[theta_of(kind, 10 * i + j) for j in range(2)] for i in range(3)])
+    stiffness = kind.stiffness(theta)
+    for name, given_, close in (("stiffness", theta, 0), ("derivative", theta, 1), ("feasible", theta, 0), ("matrix", stiffness, 0)):  # fmt: skip
+        together = getattr(kind, name)(given_)
+        one_by_one = np.array([[getattr(kind, name)(t) for t in row] for row in given_])
+        np.testing.assert_allclose(together, one_by_one, rtol=1e-12 * close, atol=0, err_msg=name)
+
+
+@given(st.integers(1, 6), SEEDS)
+def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(r, r)) + 0.1 * np.eye(r)
+    size = np.exp(rng.normal(10, 3, r))
+    matrix = (root @ root.T + 1e-3 * np.eye(r)) * np.outer(size, size)
+    full = FullStiffness(DIRECTIONS[:r])
+    stiffness = full.from_matrix(matrix)
+    theta = full.coordinates(stiffness)
+    assert full.feasible(theta)
+    np.testing.assert_allclose(full.matrix(full.stiffness(theta)) / np.outer(size, size), matrix / np.outer(size, size), atol=1e-9)  # fmt: skip
+    _, log_determinant = np.linalg.slogdet(matrix / np.outer(size, size))
+    assert full.log_determinant(theta) == pytest.approx(log_determinant + 2 * np.log(size).sum(), abs=1e-6)
+    np.testing.assert_allclose(
+        full.matrix(full.compliance(theta[None])[0]) * np.outer(size, size), np.linalg.inv(matrix / np.outer(size, size)),
+        rtol=1e-6, atol=1e-6 * np.abs(np.linalg.inv(matrix / np.outer(size, size))).max(),
+    )  # fmt: skip
+
+
+def test_a_full_joint_of_two_motions_is_the_coupled_pair():
+    full, signed = FullStiffness(("y", "rz")), SignedCoupling()
+    np.testing.assert_allclose(full.coordinates(TABLE_3), signed.coordinates(TABLE_3), rtol=1e-12)
+    assert full.stiffness_names == signed.stiffness_names
+    assert [q.unit for q in full.quantities] == [q.unit for q in signed.quantities]
+    np.testing.assert_array_equal(full.matrix(TABLE_3), PAIR.matrix(TABLE_3))
+
+
+def test_a_full_joint_refuses_what_is_no_joint():
+    full = FullStiffness(("x", "y", "z"))
+    indefinite = np.array([1.0, 0.9, -0.9, 1.0, 0.9, 1.0])  # each pair possible, all three together not
+    assert not full.is_positive_semidefinite(indefinite)
+    assert not full.describes(indefinite)
+    for broken in (lambda: full.check(indefinite), lambda: full.coordinates(indefinite), lambda: FullStiffness(("w",)),
+                   lambda: FullStiffness(()), lambda: full.check([1.0, 2.0])):  # fmt: skip
+        with pytest.raises(ModelError, match="expected") as caught:
+            broken()
+        assert "\n" not in str(caught.value)
+    near = full.nearest(indefinite)
+    assert full.describes(near)
+    np.testing.assert_array_equal(near, [1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+
+
+def test_springs_are_named_after_their_directions_and_stand_on_the_diagonal():
+    springs = parametrisation_named("springs", DIRECTIONS)
+    assert springs.names == springs.stiffness_names == ("kx", "ky", "kz", "krx", "kry", "krz")
+    assert [q.unit for q in springs.quantities] == ["N/m"] * 3 + ["N·m/rad"] * 3
+    np.testing.assert_array_equal(springs.matrix(np.arange(1.0, 7.0)), np.diag(np.arange(1.0, 7.0)))
+
+
+def test_a_rigid_joint_has_no_quantity_and_holds_every_motion():
+    rigid = Rigid(3)
+    assert (rigid.names, rigid.quantities, rigid.size) == ((), (), 3)
+    np.testing.assert_array_equal(rigid.matrix(np.empty((4, 0))), np.broadcast_to(RIGID * np.eye(3), (4, 3, 3)))
+
+
+# ---- several joints
+
+
+def test_joints_side_by_side_have_their_names_and_their_own_matrices():
+    assert TWO.names == ("left.k11", "left.k12", "left.k22", "right.k11", "right.k22", "right.rho")
+    assert TWO.stiffness_names == tuple(f"{side}.{k}" for side in ("left", "right") for k in PAIR.stiffness_names)
+    assert [axis.label for axis in TWO.axes][-2:] == ["ln right.k22", "right.ρ"]
+    assert TWO.standing_for("right.k12") == "right.rho"
+    theta = theta_of(TWO, 1)
+    left, right = LogStiffness(), SignedCoupling()
+    k = TWO.stiffness(theta)
+    np.testing.assert_array_equal(k, np.concatenate([left.stiffness(theta[:3]), right.stiffness(theta[3:])]))
+    matrix = TWO.matrix(k)
+    np.testing.assert_array_equal(matrix[:2, :2], left.matrix(k[:3]))
+    np.testing.assert_array_equal(matrix[2:, 2:], right.matrix(k[3:]))
+    assert not matrix[:2, 2:].any()
+    np.testing.assert_allclose(np.einsum("q,qij->ij", k, TWO.pattern), matrix, rtol=1e-15)
+
+
+def test_what_joints_share_is_named_once_and_stands_in_each_of_them():
+    assert SHARED.stiffness_names == ("a.k11", "a.k12", "a.k22", "c.kx", "c.krz", "e.k11", "e.k12", "e.k22")
+    matrix = SHARED.matrix(SHARED.stiffness(theta_of(SHARED, 2)))
+    np.testing.assert_array_equal(matrix[:2, :2], matrix[2:4, 2:4])
+    assert SHARED.size == 10
+    np.testing.assert_array_equal(np.diag(matrix)[6:8], [RIGID, RIGID])
+
+
+def test_a_lone_joint_without_a_name_is_its_parametrisation_itself():
+    assert blocks_of({"": PAIR}) is PAIR
+    assert blocks_of({"clamp": PAIR}).names == ("clamp.k11", "clamp.k12", "clamp.k22")
+
+
+def test_the_limits_of_each_joint_leave_the_others_in_the_middle():
+    mean = theta_of(TWO, 3)
+    limits = TWO.limiting_joints(mean, np.ones(6))
+    assert set(limits) == {f"right: {name}" for name in SignedCoupling().limiting_joints(mean[3:], np.ones(3))}
+    for joint in limits.values():
+        np.testing.assert_allclose(joint[:3], LogStiffness().stiffness(mean[:3]))
+
+
+def test_a_hypothesis_is_that_of_every_joint():
+    assert TWO.hypothesis("full").names == TWO.names
+    assert TWO.hypothesis("rigid").names == ()
+    assert TWO.hypothesis("translation").names == ("left.k11", "right.k11")
+    assert SHARED.hypothesis("rotation").names == ("a.k22", "c.krz", "e.k22")
+    assert all(TWO.hypothesis(name).size == TWO.size for name in HYPOTHESES)
+    full = parametrisation_named("full", ("x", "y", "rz"))
+    assert full.hypothesis("translation").names == ("k11", "k22")
+    np.testing.assert_array_equal(full.hypothesis("springs").matrix(full.rigid), RIGID * np.eye(3))
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        lambda: blocks_of({"a": PAIR, "b": "c"}),
+        lambda: blocks_of({"a": PAIR, "b": "a", "c": "b"}),
+        lambda: blocks_of({"a": "a"}),
+        lambda: TWO.check(np.array([1.0, 2.0, 1.0, 1.0, 0.0, 1.0])),
+        lambda: TWO.check(np.ones(3)),
+        lambda: TWO.coordinates(np.array([1.0, 0.5, 1.0, 1.0, 0.0, -1.0])),
+        lambda: PlainSprings(("krz", "kx"), spring_stiffnesses(("x", "rz"))),
+    ],
+)
+def test_impossible_joints_are_refused_in_one_line(broken):
+    with pytest.raises(ModelError, match="expected") as caught:
+        broken()
+    assert "\n" not in str(caught.value)
