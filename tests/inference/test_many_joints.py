@@ -77,7 +77,8 @@ def test_natural_frequencies_of_several_joints_are_those_of_the_assembled_matric
     )
     expected = np.sqrt(linalg.eigh(structure.stiffness + added, structure.mass, eigvals_only=True)[:5]) / (2 * np.pi)
     measurement = FrequencyMeasurement(expected, np.ones(5))
-    prior = JointPrior(parametrisation, tuple(Uniform(-1.0, 40.0) if a.logarithmic else Uniform(-1, 1) for a in parametrisation.axes))  # fmt: skip
+    wide = {True: Uniform(-1.0, 40.0), False: Uniform(-1.0, 1.0)}
+    prior = JointPrior(parametrisation, tuple(wide[axis.logarithmic] for axis in parametrisation.axes))
     problem = jb.Problem(structure, list(PLACES.values()), measurement, prior)
     np.testing.assert_allclose(problem.natural_frequencies_hz(K, 5)[0], expected, rtol=1e-8)
     assert problem.most_modes == structure.n_dofs - 6

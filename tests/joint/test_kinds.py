@@ -100,7 +100,8 @@ def test_the_compliance_leads_back_with_the_volume_it_states(kind, seed):
 def test_batches_are_the_same_as_one_by_one(kind):
     theta = np.array([[theta_of(kind, 10 * i + j) for j in range(2)] for i in range(3)])
     stiffness = kind.stiffness(theta)
-    for name, given_, close in (("stiffness", theta, 0), ("derivative", theta, 1), ("feasible", theta, 0), ("matrix", stiffness, 0)):  # fmt: skip
+    asked = {"stiffness": (theta, 0), "derivative": (theta, 1), "feasible": (theta, 0), "matrix": (stiffness, 0)}
+    for name, (given_, close) in asked.items():
         together = getattr(kind, name)(given_)
         one_by_one = np.array([[getattr(kind, name)(t) for t in row] for row in given_])
         np.testing.assert_allclose(together, one_by_one, rtol=1e-12 * close, atol=0, err_msg=name)
@@ -116,13 +117,13 @@ def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
     stiffness = full.from_matrix(matrix)
     theta = full.coordinates(stiffness)
     assert full.feasible(theta)
-    np.testing.assert_allclose(full.matrix(full.stiffness(theta)) / np.outer(size, size), matrix / np.outer(size, size), atol=1e-9)  # fmt: skip
-    _, log_determinant = np.linalg.slogdet(matrix / np.outer(size, size))
+    scale = np.outer(size, size)
+    np.testing.assert_allclose(full.matrix(full.stiffness(theta)) / scale, matrix / scale, atol=1e-9)
+    _, log_determinant = np.linalg.slogdet(matrix / scale)
     assert full.log_determinant(theta) == pytest.approx(log_determinant + 2 * np.log(size).sum(), abs=1e-6)
-    np.testing.assert_allclose(
-        full.matrix(full.compliance(theta[None])[0]) * np.outer(size, size), np.linalg.inv(matrix / np.outer(size, size)),
-        rtol=1e-6, atol=1e-6 * np.abs(np.linalg.inv(matrix / np.outer(size, size))).max(),
-    )  # fmt: skip
+    inverse = np.linalg.inv(matrix / scale)
+    compliance = full.matrix(full.compliance(theta[None])[0]) * scale
+    np.testing.assert_allclose(compliance, inverse, rtol=1e-6, atol=1e-6 * np.abs(inverse).max())
 
 
 def test_a_full_joint_of_two_motions_is_the_coupled_pair():

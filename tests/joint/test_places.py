@@ -27,7 +27,8 @@ class Points:
 
     def moved(self, translation, rotation):
         """Motion of all DOFs in a small rigid motion about the origin."""
-        return np.concatenate([[*(translation + np.cross(rotation, place)), *rotation] for place in self.places.values()])  # fmt: skip
+        at_nodes = (translation + np.cross(rotation, place) for place in self.places.values())
+        return np.concatenate([[*moved, *rotation] for moved in at_nodes])
 
 
 def labels(node, directions=SIX):
