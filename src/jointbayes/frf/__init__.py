@@ -3,19 +3,25 @@
 from jointbayes.frf.coupling import LowRankCoupling, receptance_model
 from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
+from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, Substructures
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
 from jointbayes.frf.ports import Ports, ReceptanceModel
+from jointbayes.frf.propagation import NoisePropagation
 
 __all__ = [
     # data
     "FrfSet",
+    "MeasuredBody",
     "Quantity",
+    "Substructures",
     "quantity_factor",
     # forward models
+    "AnyStructure",
     "AssembledModes",
     "DirectSolve",
     "LowRankCoupling",
     "NaturalFrequencies",
+    "NoisePropagation",
     "Ports",
     "ReceptanceModel",
     "receptance_model",

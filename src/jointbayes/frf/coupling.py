@@ -14,10 +14,11 @@ from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
 from jointbayes.frf.kernels.pair import PairCoupling
+from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes
 from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_batch, as_factors, split_along
 from jointbayes.joint import AnyJoint
-from jointbayes.structure import FreeModes, Structure, StructureFamily, as_family
+from jointbayes.structure import FreeModes, StructureFamily
 
 __all__ = ["LowRankCoupling", "free_receptance", "receptance_model"]
 
@@ -30,16 +31,14 @@ _SOLVED_LINE_BY_LINE = 50
 
 
 @compiled
-def _sum_modes(
-    lam: Array, rows: Array, loss: float, alpha: float, beta: float, omega: Array, out: ComplexArray
-) -> None:
-    """Σ φ_a φ_b/(λ(1 + jη) − ω² + jω(α + βλ)) into `out` (lines, k, k), of modes (m,) and motions (k, m)."""
+def _sum_modes(lam: Array, rate: Array, rows: Array, loss: float, omega: Array, out: ComplexArray) -> None:
+    """Σ φ_a φ_b/(λ(1 + jη) − ω² + jωc) into `out` (lines, k, k), of modes λ, c (m,) and motions (k, m)."""
     k, m = rows.shape
     re, im = np.empty(m), np.empty(m)
     for line in range(len(omega)):
         w = omega[line]
         for s in range(m):
-            a, b = lam[s] - w * w, lam[s] * loss + w * (alpha + beta * lam[s])
+            a, b = lam[s] - w * w, lam[s] * loss + w * rate[s]
             d = 1.0 / (a * a + b * b)
             re[s], im[s] = a * d, -b * d
         for p in range(k):
@@ -59,12 +58,13 @@ def free_receptance(
     """Receptance without the joint, shape (lines, k, k), between k motions.
 
     Summed over the free modes, in which a loss factor and Rayleigh's damping are diagonal:
-    A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)).
+    A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)). Modal damping is here that of the free modes themselves, 2ζ√λ for
+    α + βλ, the ratios those of the elastic modes in order.
 
     Parameters
     ----------
     family
-        Structures with loss-factor or Rayleigh damping.
+        Structures with any damping.
     modes
         Their free modes with the k motions.
     factors
@@ -75,18 +75,25 @@ def free_receptance(
     (lam,), (rows,) = modes(factors[None])
     alpha, beta = family.nominal.damping.viscous
     (loss,) = family.loss_factors(factors[None])
+    rate = alpha + beta * lam
+    if family.nominal.damping.of_assembled_modes:
+        (ratios,) = family.damping_ratios(factors[None])
+        elastic = np.flatnonzero(lam > 0)
+        rate[elastic] = 2 * ratios[: elastic.size] * np.sqrt(lam[elastic])
     free = np.empty((omega.size, len(rows), len(rows)), dtype=complex)
-    _sum_modes(lam, np.ascontiguousarray(rows), float(loss), alpha, beta, omega, free)
+    _sum_modes(lam, rate, np.ascontiguousarray(rows), float(loss), omega, free)
     return free
 
 
 class LowRankCoupling:
-    """Assembled receptance where damping belongs to the structure without the joint.
+    """Assembled receptance where damping belongs to the bodies without the joint.
+
+    A of a measured body is what was measured; between two bodies it is zero.
 
     Parameters
     ----------
     structure
-        Structure with loss-factor or Rayleigh damping, or a family of such.
+        Structure with loss-factor or Rayleigh damping, a family of such, or measured bodies beside a modelled one.
     joint
         Where the joint acts, r DOFs.
     ports
@@ -95,30 +102,60 @@ class LowRankCoupling:
     Raises
     ------
     ModelError
-        If the damping law is modal: its modes are those of the assembled structure, see `AssembledModes`.
+        If the damping law is modal: its modes are those of the assembled structure, see `AssembledModes`; unless a body
+        is measured. If a measured body lacks one of the lines.
     """
 
-    def __init__(self, structure: Structure | StructureFamily, joint: AnyJoint, ports: Ports) -> None:
-        self._family = family = as_family(structure)
-        if family.nominal.damping.of_assembled_modes:
+    def __init__(self, structure: AnyStructure, joint: AnyJoint, ports: Ports) -> None:
+        whole = substructures(structure)
+        self._family = family = whole.family
+        modal = family.nominal.damping.of_assembled_modes
+        if modal and not whole.measured:
             raise ModelError(
                 "low-rank coupling: found modal damping of the assembled structure; expected a loss factor or "
                 "Rayleigh damping; use the modal sum instead"
             )
-        joined, outputs, inputs = ports.selections(family.nominal, joint)
-        self._along, rest = split_along(np.hstack([outputs, inputs]), joined)
-        self._n_out, self._omega = len(ports.outputs), ports.omega
-        driven = np.hstack([joined, rest])
+        joined, outputs, inputs = ports.selections(whole, joint)
+        #: Part of each output and input that is the joint's own motion, shape (r, outputs + inputs).
+        self.along, rest = split_along(np.hstack([outputs, inputs]), joined)
+        #: Number of outputs; they come first.
+        self.n_out = len(ports.outputs)
+        self._omega = ports.omega
+        driven, n = np.hstack([joined, rest]), family.nominal.n_dofs
+        #: Measured bodies at the lines, each with the motion of its DOFs in the joint's motions and the ports'.
+        self.bodies: list[tuple[MeasuredBody, Array]] = []
+        for body in whole.measured:
+            self.bodies.append((body.at_lines(ports.frequency_hz), driven[n : n + len(body.dofs)]))
+            n += len(body.dofs)
+        driven = driven[: family.nominal.n_dofs]
         self._known: _Coupling | None = None
-        small = family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE
+        self._free: ComplexArray | None = None
+        small = family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE and not modal
         if not family.names and (small or family.nominal.damping.matrix is not None):
-            self._known = self._coupling(solve_lines(family.nominal, ports.omega, driven, driven))
-            return
-        forced = np.arange(driven.shape[1]) - joined.shape[1] >= len(ports.outputs)
-        forced[: joined.shape[1]] = True
-        self._modes = family.free_modes(driven, forced)
-        if not family.names:
-            self._known = self._at(np.empty(0))
+            self._free = self._with_bodies(solve_lines(family.nominal, ports.omega, driven, driven))
+        else:
+            forced = np.arange(driven.shape[1]) - joined.shape[1] >= len(ports.outputs)
+            forced[: joined.shape[1]] = True
+            self._modes = family.free_modes(driven, forced)
+            if not family.names:
+                self._free = self.free(np.empty(0))
+        if self._free is not None:
+            self._known = self._coupling(self._free)
+
+    def free(self, factors: Array) -> ComplexArray:
+        """Receptance without the joint, shape (lines, k, k), between the joint's r motions and the ports' rest.
+
+        At factors on the structure's quantities, shape (q,).
+        """
+        if self._free is not None:
+            return self._free
+        return self._with_bodies(free_receptance(self._family, self._modes, factors, self._omega))
+
+    def _with_bodies(self, modelled: ComplexArray) -> ComplexArray:
+        for body, motions in self.bodies:
+            modelled = modelled + motions.T @ body.receptance @ motions
+        # reciprocity holds to the last bits if it holds here
+        return (modelled + modelled.swapaxes(-1, -2)) / 2
 
     def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
@@ -140,13 +177,11 @@ class LowRankCoupling:
 
     def _at(self, factors: Array) -> _Coupling:
         """Coupling of the structure at factors (q,)."""
-        return self._coupling(free_receptance(self._family, self._modes, factors, self._omega))
+        return self._coupling(self.free(factors))
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
-        # reciprocity holds to the last bits if it holds here
-        free = (free + free.swapaxes(-1, -2)) / 2
-        form = PairCoupling if len(self._along) <= 2 else MultiDofCoupling
-        return form(free, self._along, self._n_out)
+        form = PairCoupling if len(self.along) <= 2 else MultiDofCoupling
+        return form(free, self.along, self.n_out)
 
 
 class _UncertainMisfit:
@@ -170,16 +205,16 @@ class _UncertainMisfit:
         return self._model._at(factors).misfit(self._measured, self._weight)
 
 
-def receptance_model(structure: Structure | StructureFamily, joint: AnyJoint, ports: Ports) -> ReceptanceModel:
-    """Return the exact low-rank forward model for the damping law of a structure or of a family of them.
+def receptance_model(structure: AnyStructure, joint: AnyJoint, ports: Ports) -> ReceptanceModel:
+    """Return the exact low-rank forward model for the damping law of a structure, or for one with measured bodies.
 
     Raises
     ------
     ModelError
-        If a DOF does not exist.
+        If a DOF does not exist, or a measured body lacks one of the lines.
     """
     dofs = dict.fromkeys((*joint.labels, *ports.outputs, *ports.inputs))
-    family = as_family(structure).at(dofs, float(np.max(ports.frequency_hz)))
-    if family.nominal.damping.of_assembled_modes:
-        return AssembledModes(family, joint, ports)
-    return LowRankCoupling(family, joint, ports)
+    whole = substructures(structure).at(dofs, float(np.max(ports.frequency_hz)))
+    if whole.family.nominal.damping.of_assembled_modes and not whole.measured:
+        return AssembledModes(whole.family, joint, ports)
+    return LowRankCoupling(whole, joint, ports)

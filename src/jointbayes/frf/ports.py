@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.joint import AnyJoint
-from jointbayes.structure import Structure
+from jointbayes.joint.joint import LabelledDofs
 
 __all__ = ["Misfit", "Ports", "ReceptanceModel"]
 
@@ -34,7 +34,7 @@ class Ports:
         return 2 * np.pi * np.asarray(self.frequency_hz, dtype=float)
 
     def selections(
-        self, structure: Structure, joint: AnyJoint
+        self, structure: LabelledDofs, joint: AnyJoint
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Selection matrices of joint, outputs and inputs, shapes (n, r), (n, outputs), (n, inputs)."""
         unit = np.eye(structure.n_dofs)

@@ -1,0 +1,297 @@
+"""Measured bodies: coupled as if they were modelled, their errors propagated, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointbayes.errors import JointBayesError, MeasurementError, ModelError
+from jointbayes.frf import (
+    FrfSet,
+    LowRankCoupling,
+    MeasuredBody,
+    NoisePropagation,
+    Ports,
+    Substructures,
+    receptance_model,
+)
+from jointbayes.joint import Joint, Joints
+from jointbayes.structure import BeamFamily, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section, Structure, beam
+from tests.conftest import STEEL
+
+LINES = np.arange(40.0, 1200.0, 20.0)
+OMEGA = 2 * np.pi * LINES
+K_PAIR = np.array([[2e8, 3e6], [3e6, 1e5]])
+TAPER = Joint(("1:y", "1:rz"), ("s5:y", "s5:rz"))
+#: Two joints: the taper, and a spring between the tool's third point and the spindle's nose.
+TWO = Joints((replace(TAPER, name="taper"), Joint(("3:y",), ("s4:y",), name="ring")))
+K_TWO = np.array([[2e8, 3e6, 0], [3e6, 1e5, 0], [0, 0, 4e6]])
+
+
+def tool(damping=None) -> Structure:
+    return beam(0.18, Section.circle(0.02), STEEL, damping or LossFactor(0.02), elements=6)
+
+
+def spindle() -> Structure:
+    """A stub on two bearings, with other labels than the tool's."""
+    free = beam(0.25, Section.circle(0.06), STEEL, Rayleigh(20.0, 2e-5), elements=4)
+    k = free.stiffness.copy()
+    for label, spring in (("1:y", 8e7), ("4:y", 5e7)):
+        i = free.dofs.index(label)
+        k[i, i] += spring
+    return Structure(k, free.mass, free.damping, tuple(f"s{label}" for label in free.dofs))
+
+
+def dynamic_stiffness(structure: Structure, omega: float) -> np.ndarray:
+    """Z of one body, written out."""
+    alpha, beta = structure.damping.viscous
+    c = alpha * structure.mass + beta * structure.stiffness
+    return structure.stiffness * (1 + 1j * structure.damping.hysteretic) + 1j * omega * c - omega**2 * structure.mass
+
+
+def dense(bodies, joint, k, outputs, inputs, omega=OMEGA) -> np.ndarray:
+    """Receptance of all bodies assembled, by one dense solution of each line."""
+    labels = [label for body in bodies for label in body.dofs]
+    deformation = np.zeros((len(labels), joint.size))
+    row = 0
+    for one in getattr(joint, "joints", (joint,)):
+        for i, label in enumerate(one.dofs):
+            deformation[labels.index(label), row + i] = 1.0
+        for i, label in enumerate(one.against):
+            deformation[labels.index(label), row + i] = -1.0
+        row += one.size
+    out = []
+    for w in omega:
+        z = np.zeros((len(labels), len(labels)), dtype=complex)
+        start = 0
+        for body in bodies:
+            end = start + body.n_dofs
+            z[start:end, start:end] = dynamic_stiffness(body, w)
+            start = end
+        z += deformation @ k @ deformation.T
+        x = np.linalg.solve(z, np.eye(len(labels))[:, [labels.index(label) for label in inputs]])
+        out.append(x[[labels.index(label) for label in outputs]])
+    return np.array(out)
+
+
+def frfs_of(structure: Structure, dofs, quantity="receptance", frequency_hz=LINES) -> FrfSet:
+    """Exact FRFs of a body by itself."""
+    values = []
+    for f in frequency_hz:
+        inverse = np.linalg.inv(dynamic_stiffness(structure, 2 * np.pi * f))
+        at = structure.index(dofs)
+        values.append(inverse[np.ix_(at, at)])
+    return FrfSet(frequency_hz, np.array(values), tuple(dofs), tuple(dofs)).converted(quantity)
+
+
+def measured_spindle(dofs=("s5:y", "s5:rz", "s4:y"), sd=0.01, quantity="receptance") -> MeasuredBody:
+    frf = frfs_of(spindle(), dofs, quantity)
+    return MeasuredBody.of(frf, (sd * np.abs(frf.values)) ** 2, "spindle")
+
+
+def error_of_peak(found, truth) -> float:
+    return float((np.abs(found - truth).max(axis=0) / np.abs(truth).max(axis=0)).max())
+
+
+@pytest.mark.parametrize(("joint", "k"), [(TAPER, K_PAIR), (TWO, K_TWO)])
+@pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+def test_a_body_with_exact_frfs_couples_as_if_it_were_modelled(joint, k, quantity):
+    ports = Ports(LINES, ("7:y", "3:rz", "s4:y"), ("7:y", "s5:y"))
+    model = receptance_model(Substructures(tool(), (measured_spindle(quantity=quantity),)), joint, ports)
+    truth = dense((tool(), spindle()), joint, k, ports.outputs, ports.inputs)
+    assert error_of_peak(model.receptance(k)[0], truth) < 1e-10
+
+
+def test_both_bodies_may_be_measured_but_for_a_model_that_no_joint_touches():
+    outside = Structure(np.eye(1) * 1e6, np.eye(1), LossFactor(0.1), ("99:y",))
+    blank = frfs_of(tool(), ("1:y", "1:rz", "7:y"))
+    bodies = (MeasuredBody.of(blank, np.zeros(blank.values.shape), "tool"), measured_spindle())
+    ports = Ports(LINES, ("7:y", "s4:y"), ("7:y",))
+    found = receptance_model(Substructures(outside, bodies), TAPER, ports).receptance(K_PAIR)[0]
+    assert error_of_peak(found, dense((tool(), spindle()), TAPER, K_PAIR, ports.outputs, ports.inputs)) < 1e-10
+
+
+def test_modal_damping_is_that_of_the_modelled_body_by_itself():
+    ratios = (0.01, 0.03)
+    free = tool(ModalDamping(ratios))
+    modes = free.modes()
+    elastic = modes.eigenvalues > 0
+    zeta = np.zeros(free.n_dofs)
+    zeta[elastic] = [*ratios, *[ratios[-1]] * (elastic.sum() - 2)]
+    c = free.mass @ modes.shapes @ np.diag(2 * zeta * np.sqrt(modes.eigenvalues)) @ modes.shapes.T @ free.mass
+    ports = Ports(LINES, ("7:y",), ("7:y", "3:y"))
+    found = LowRankCoupling(Substructures(free, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)[0]
+    labels = (*free.dofs, *spindle().dofs)
+    at = [labels.index(label) for label in ("1:y", "1:rz", "s5:y", "s5:rz")]
+    b = np.zeros((len(labels), 2))
+    b[at[:2]], b[at[2:]] = np.eye(2), -np.eye(2)
+    for line, w in enumerate(OMEGA):
+        z = np.zeros((len(labels), len(labels)), dtype=complex)
+        n = free.n_dofs
+        z[:n, :n] = free.stiffness - w**2 * free.mass + 1j * w * c
+        z[n:, n:] = dynamic_stiffness(spindle(), w)
+        x = np.linalg.inv(z + b @ K_PAIR @ b.T)
+        want = x[np.ix_([labels.index("7:y")], [labels.index("7:y"), labels.index("3:y")])]
+        assert np.abs(found[line] - want).max() < 1e-8 * np.abs(found).max()
+
+
+def test_an_uncertain_model_beside_a_measured_body_is_the_one_of_its_factors():
+    recipe = BeamRecipe(0.18, Section.circle(0.02), STEEL, LossFactor(0.02), elements=6)
+    ports = Ports(LINES, ("7:y",), ("7:y",))
+    family = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
+    found = receptance_model(Substructures(family, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR, [1.05])
+    stiffer = BeamFamily(replace(recipe, material=replace(STEEL, youngs_modulus=1.05 * STEEL.youngs_modulus)), {})
+    want = receptance_model(Substructures(stiffer, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
+    assert error_of_peak(found[0], want[0]) < 1e-6
+
+
+def test_sensors_beside_the_joint_see_it_through_a_rigid_link():
+    """Two translations of a rigid block, 10 and 30 mm from its face, give translation and rotation at the face."""
+    block = Structure(np.diag([2e7, 3e4]), np.diag([4.0, 0.02]), LossFactor(0.05), ("b:y", "b:rz"))
+    at_face, at_sensors = frfs_of(block, ("b:y", "b:rz")), np.array([[1.0, 0.01], [1.0, 0.03]])
+    seen = FrfSet(LINES, at_sensors @ at_face.values @ at_sensors.T, ("p:y", "q:y"), ("p:y", "q:y"))
+    variance = (0.01 * np.abs(seen.values)) ** 2
+    body = MeasuredBody.of(seen, variance, "block").seen_at(
+        {"b:y": {"p:y": 1.5, "q:y": -0.5}, "b:rz": {"p:y": -50.0, "q:y": 50.0}}
+    )
+    assert np.allclose(body.receptance, at_face.values, rtol=1e-9, atol=1e-9 * np.abs(at_face.values).max())
+    # the errors of the three receptances, propagated by hand: A′ = T A Tᵀ entry by entry
+    t = np.array([[1.5, -0.5], [-50.0, 50.0]])
+    rng = np.random.default_rng(1)
+    draws = np.array([[0, 0], [0, 1], [1, 1]])
+    noise = np.zeros((20000, 2, 2))
+    for i, j in draws:
+        noise[:, i, j] = noise[:, j, i] = rng.standard_normal(20000) * np.sqrt(_averaged(variance)[0, i, j])
+    moved = t @ noise @ t.T
+    entries = np.stack([moved[:, 0, 0], moved[:, 0, 1], moved[:, 1, 1]])
+    size = np.sqrt(np.diag(body.covariance[0]))
+    assert np.abs((np.cov(entries) - body.covariance[0]) / np.outer(size, size)).max() < 0.04
+
+
+def _averaged(variance):
+    """Variance of the mean of two FRFs that reciprocity makes equal."""
+    out = np.array(variance)
+    out[:, 0, 1] = out[:, 1, 0] = variance[:, 0, 1] * variance[:, 1, 0] / (variance[:, 0, 1] + variance[:, 1, 0])
+    return out
+
+
+def test_an_offset_of_the_joint_is_a_rigid_link_of_the_measured_body():
+    ports = Ports(LINES, ("7:y",), ("7:y",))
+    body = measured_spindle(("s5:y", "s5:rz"))
+    moved = body.seen_at({"t:y": {"s5:y": 1.0, "s5:rz": 0.02}, "t:rz": {"s5:rz": 1.0}})
+    by_joint = receptance_model(
+        Substructures(tool(), (body,)), replace(TAPER, offset_against_m=(0.02, 0.0, 0.0)), ports
+    )
+    by_body = receptance_model(Substructures(tool(), (moved,)), replace(TAPER, against=("t:y", "t:rz")), ports)
+    assert error_of_peak(by_joint.receptance(K_PAIR)[0], by_body.receptance(K_PAIR)[0]) < 1e-12
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies(correlated):
+    """Against Monte Carlo: bodies with drawn errors, coupled one by one by the dense reference formula."""
+    ports = Ports(LINES[[5, 20, 40]], ("7:y", "s4:y"), ("7:y",))
+    body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
+    if correlated:
+        mix = np.random.default_rng(5).normal(size=(6, 6))
+        size = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
+        body = replace(body, covariance=(size[:, :, None] * (mix @ mix.T / 6)) * size[:, None, :])
+    model = receptance_model(Substructures(tool(), (body,)), TWO, ports)
+    found = NoisePropagation(model).covariance(K_TWO)[0]
+    rng, count = np.random.default_rng(3), 4000
+    root = np.linalg.cholesky(body.covariance)
+    a, b = np.triu_indices(3)
+    values = np.empty((count, 3, 2), dtype=complex)
+    for i in range(count):
+        white = rng.standard_normal((3, 6, 2)) @ [1, 1j] / np.sqrt(2)
+        delta = np.zeros((3, 3, 3), dtype=complex)
+        delta[:, a, b] = delta[:, b, a] = (root @ white[..., None])[..., 0]
+        noisy = replace(body, receptance=body.receptance + delta)
+        values[i] = receptance_model(Substructures(tool(), (noisy,)), TWO, ports).receptance(K_TWO)[0, :, :, 0]
+    values -= values.mean(axis=0)
+    sampled = np.einsum("nlp,nlq->lpq", values, values.conj()) / count
+    size = np.sqrt(np.abs(np.diagonal(found, axis1=1, axis2=2)))
+    relative = np.abs(sampled - found) / (size[:, :, None] * size[:, None, :])
+    assert relative.max() < 4 / np.sqrt(count)
+    # circular: real and imaginary parts alike, and independent of each other
+    pseudo = np.einsum("nlp,nlp->lp", values, values) / count
+    assert (np.abs(pseudo) / size**2).max() < 4 / np.sqrt(count)
+
+
+def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies():
+    ports = Ports(LINES[[5, 20, 40]], ("7:y",), ("7:y",))
+    body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
+    model = receptance_model(Substructures(tool(), (body,)), TWO, ports)
+    found = NoisePropagation(model).relative_sd(K_TWO)[0]
+    rng, a, b = np.random.default_rng(4), *np.triu_indices(3)
+    sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
+    free = model.free(np.empty(0))[:, :3, :3]
+    motions = model.bodies[0][1][:, :3]
+    ratio = np.empty((4000, 3), dtype=complex)
+    for i in range(len(ratio)):
+        delta = np.zeros((3, 3, 3), dtype=complex)
+        delta[:, a, b] = delta[:, b, a] = sd * (rng.standard_normal((3, 6, 2)) @ [1, 1j]) / np.sqrt(2)
+        noisy = free + motions.T @ delta @ motions
+        ratio[i] = np.linalg.det(np.eye(3) + noisy @ K_TWO) / np.linalg.det(np.eye(3) + free @ K_TWO)
+    assert np.allclose(np.sqrt(np.mean(np.abs(ratio - 1) ** 2, axis=0)), found, rtol=0.06)
+
+
+def test_two_frfs_of_one_pair_are_averaged_by_their_variances_and_compared():
+    frf = frfs_of(spindle(), ("s5:y", "s5:rz"))
+    rng = np.random.default_rng(2)
+    variance = (0.01 * np.abs(frf.values)) ** 2
+    variance[:, 0, 1] *= 4
+    noise = rng.standard_normal((*variance.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
+    body = MeasuredBody.of(replace(frf, values=frf.values + noise), variance, "spindle")
+    noisy = frf.values + noise
+    assert np.allclose(body.receptance[:, 0, 1], 0.2 * noisy[:, 0, 1] + 0.8 * noisy[:, 1, 0])
+    assert np.allclose(body.covariance[:, 1, 1], 0.8 * variance[:, 1, 0])
+    assert body.discrepancy == pytest.approx(1.0, abs=4 / np.sqrt(len(LINES)))
+    one_way = frf.select(("s5:y", "s5:rz"), ("s5:y",))
+    assert measured_one_way(one_way) is None
+
+
+def measured_one_way(frf):
+    """Reciprocity gives the FRF that was not measured; that of the second drive point it cannot."""
+    with pytest.raises(MeasurementError, match=r"no FRF between s5:rz and s5:rz; expected one way round"):
+        MeasuredBody.of(frf, np.ones(frf.values.shape))
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (lambda: MeasuredBody.of(_turned(), np.ones((58, 2, 2))), "change places; expected them equal by reciprocity"),
+        (lambda: MeasuredBody.of(frfs_of(spindle(), ("s5:y",)), -np.ones((58, 1, 1))), "0 or more"),
+        (lambda: measured_spindle().at_lines(LINES[:5] + 1.0), "nothing is interpolated; measure both"),
+        (lambda: measured_spindle().seen_at({"t:y": {"s9:y": 1.0}}), "found s9:y in the motion t:y; expected one of"),
+        (lambda: Substructures(spindle(), (measured_spindle(),)), "found DOF s5:y in measured body spindle"),
+        (lambda: Substructures(tool(), (measured_spindle(),) * 2), "expected each name once"),
+        (lambda: replace(measured_spindle(), receptance=np.arange(58 * 9.0).reshape(58, 3, 3)), "not symmetric"),
+        (lambda: replace(measured_spindle(), covariance=-np.ones((58, 6, 6))), "not positive semidefinite"),
+        (lambda: replace(measured_spindle(), covariance=np.ones((58, 3, 3))), "expected finite numbers of shape"),
+        (lambda: replace(measured_spindle(), dofs=("a", "a", "b")), "each label once"),
+        (lambda: _coupled(Joint(("1:y",), ("s9:y",))), "found DOF 's9:y'"),
+    ],
+)
+def test_what_cannot_be_a_measured_body_is_refused_in_one_line(broken, words):
+    with pytest.raises(JointBayesError, match=words) as caught:
+        broken()
+    assert "\n" not in str(caught.value)
+
+
+def _turned() -> FrfSet:
+    """A sensor that points the other way as a response than as a force."""
+    frf = frfs_of(spindle(), ("s5:y", "s5:rz"))
+    return replace(frf, values=frf.values * np.array([[1.0, 1.0], [-1.0, 1.0]]))
+
+
+def _coupled(joint):
+    return receptance_model(Substructures(tool(), (measured_spindle(),)), joint, Ports(LINES, ("7:y",), ("7:y",)))
+
+
+def test_lines_of_the_data_may_be_some_of_the_lines_of_the_body():
+    some = LINES[3::7]
+    whole, few = measured_spindle(), measured_spindle().at_lines(some)
+    assert (few.receptance == whole.receptance[3::7]).all()
+    assert (few.covariance == whole.covariance[3::7]).all()
+    with pytest.raises(ModelError, match=r"58 of 58 lines are missing"):
+        whole.at_lines(LINES + 1e-3)
