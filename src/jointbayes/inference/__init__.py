@@ -1,6 +1,8 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
-from jointbayes.inference.likelihood import FrequencyLikelihood, FrfLikelihood, Likelihood, likelihood_of
+from jointbayes.inference.frequency_likelihood import FrequencyLikelihood
+from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
+from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.marginals import Distribution, Marginal, Normal, OwnMarginal, Uniform
 from jointbayes.inference.noise.base import NoiseModel

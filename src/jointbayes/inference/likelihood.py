@@ -5,7 +5,6 @@ noise of known size, and their Jacobian.
 """
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,14 +12,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, ReceptanceModel, quantity_factor, receptance_model
+from jointbayes.frf import (
+    AnyStructure,
+    FrfSet,
+    LowRankCoupling,
+    NaturalFrequencies,
+    Ports,
+    ReceptanceModel,
+    quantity_factor,
+    receptance_model,
+)
+from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import as_factors
+from jointbayes.inference.frequency_likelihood import FrequencyLikelihood
+from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
+from jointbayes.inference.propagated import PropagatedNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
-from jointbayes.joint import AnyJoint, symmetric_changes
+from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
-from jointbayes.structure import Structure, StructureFamily, as_family
 
 __all__ = ["FrequencyLikelihood", "FrfLikelihood", "Likelihood", "likelihood_of"]
 
@@ -28,82 +39,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _GAIN = "gain"
-_STEP = 1e-5  # of the logarithm of a quantity, in differences
 _AT_ONCE, _VALUES_AT_ONCE = 64, 8_000_000  # joints whose lines are held in memory together, and values of all
-
-
-class Likelihood(ABC):
-    """What the two kinds of data have in common.
-
-    Parameters
-    ----------
-    names
-        Uncertain quantities beside the joint, in the order in which factors come; those of the noise are the last.
-    noise
-        Noise model.
-    constant
-        ln L of a perfect fit where the noise is as stated.
-    n_data
-        Number of measured values.
-    """
-
-    def __init__(self, names: Sequence[str], noise: NoiseModel, constant: float, n_data: int) -> None:
-        self.names, self.noise, self.constant, self.n_data = tuple(names), noise, constant, n_data
-        #: Number of the noise model's parameters.
-        self.hyper_count = len(noise.names)
-        if self.names[len(self.names) - self.hyper_count :] != noise.names:
-            raise ModelError(
-                f"likelihood: found uncertain quantities {self.names}; expected {noise.names} last; reorder them"
-            )
-
-    @property
-    def gaussian(self) -> bool:
-        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size."""
-        return self.noise.as_stated
-
-    def hyper(self, factors: ArrayLike) -> Array:
-        """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
-        known = np.atleast_2d(np.asarray(factors, dtype=float))
-        return known[:, known.shape[1] - self.hyper_count :]
-
-    @abstractmethod
-    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
-        """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q).
-
-        −inf where the model has no finite value: a joint that resonates, undamped, on a line.
-        """
-
-    @abstractmethod
-    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Residuals:
-        """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`, or (batch, n)."""
-
-    @abstractmethod
-    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
-        """What is compared with the data: FRFs (batch, lines, outputs, inputs), or natural frequencies (batch, n)."""
-
-    @abstractmethod
-    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
-        """Real residuals, shape (batch, m), that are white with unit variance if model and noise hold."""
-
-    @abstractmethod
-    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
-        """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK.
-
-        Raises
-        ------
-        ModelError
-            If the noise is not Gaussian of known size.
-        """
-
-    @abstractmethod
-    def residuals(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
-        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint.
-
-        Along changes dK^J (p, r, r), exact, and along the logarithms of the factors (q,), by differences. Columns of
-        the noise model's parameters are zero: it is held fixed, and whitens residual and derivative alike.
-        """
 
 
 class FrfLikelihood(Likelihood):
@@ -124,6 +60,13 @@ class FrfLikelihood(Likelihood):
         Noise model; its parameters are the factors themselves.
     kind
         What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
+    propagate
+        Whether errors of measured bodies, which the model then has, are part of the noise.
+
+    Raises
+    ------
+    ModelError
+        If they are to be and the residuals are no complex values, or the noise model is one that does without.
 
     References
     ----------
@@ -138,6 +81,8 @@ class FrfLikelihood(Likelihood):
         names: Sequence[str] = (),
         noise: NoiseModel | None = None,
         kind: ResidualKind = "complex",
+        *,
+        propagate: bool = False,
     ) -> None:
         frf, self.kind = measurement.frf, kind
         # of the FRF as it was measured
@@ -147,13 +92,28 @@ class FrfLikelihood(Likelihood):
         self._n_structure = len(self.names) - self.hyper_count - self._gain
         # receptance and its measured counterpart carry the same factor (jω)ⁿ: residual/σ does not depend on it
         factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-        self._model, self._factor = model, factor
+        self._model, self._factor, self._stated = model, factor, measurement.variance
         variance = measurement.variance / np.abs(factor) ** 2
-        self._residual = residual_of(kind, frf.values / factor, variance)
+        self._measured = frf.values / factor
+        self._residual = residual_of(kind, self._measured, variance)
+        #: What errors of measured bodies make of the noise; None where there are none, or they are ignored.
+        self.propagated: PropagatedNoise | None = None
+        if propagate:
+            if kind != "complex" or not self.noise.takes_white_residuals or not isinstance(model, LowRankCoupling):
+                raise ModelError(
+                    f"measured body: found {kind} residuals with {type(self.noise).__name__}; expected complex ones "
+                    "with Gaussian or Student-t noise, beside which the noise of the body counts; choose those"
+                )
+            self.propagated = PropagatedNoise(model, variance)
         # where a sum of squares says it all, it is summed without any array over lines
-        self._squares = self.noise.needs_chi2_only and not self._gain and kind == "complex"
+        self._squares = self.noise.needs_chi2_only and not (self._gain or propagate) and kind == "complex"
         if self._squares:
-            self._misfit = model.misfit(frf.values / factor, 1 / np.sqrt(variance))
+            self._misfit = model.misfit(self._measured, 1 / np.sqrt(variance))
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size, the same for all θ."""
+        return super().gaussian and self.propagated is None
 
     def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
@@ -167,16 +127,39 @@ class FrfLikelihood(Likelihood):
             at_once = max(1, min(_AT_ONCE, _VALUES_AT_ONCE // self.n_data))
             for start in range(0, len(matrices), at_once):
                 part = slice(start, start + at_once)
-                z = self.standardised(matrices[part], known[part])
-                value[part] = self.constant + self.noise.log_likelihood(z, self.hyper(known[part]))
+                z, excess = self._compared(matrices[part], known[part])
+                value[part] = self.constant + self.noise.log_likelihood(z, self.hyper(known[part])) - excess
         value[~np.isfinite(value)] = -np.inf
         return value
 
     def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Residuals:
         """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`."""
         matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
-        return self._residual.z(self._predicted(matrices, known))
+        return self._compared(matrices, as_factors(factors, len(matrices)))[0]
+
+    def _compared(self, matrices: Array, known: Array) -> tuple[Residuals, ArrayLike]:
+        """Residuals over σ, and what a noise that depends on the joint takes from ln L, shape (batch,) or 0."""
+        predicted = self._predicted(matrices, known)
+        if self.propagated is None:
+            return self._residual.z(predicted), 0.0
+        roots = self._roots(matrices, known)
+        return self.propagated.white(roots, predicted - self._measured), self.propagated.excess(roots).sum(axis=(1, 2))
+
+    def _roots(self, matrices: Array, known: Array) -> ComplexArray:
+        """Roots of the noise's covariance at each line, see `PropagatedNoise`."""
+        assert self.propagated is not None
+        gain = known[:, self._n_structure] if self._gain else np.ones(len(known))
+        return self.propagated.roots(matrices, self._structural(known), gain)
+
+    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """σ² of the measured FRFs with what measured bodies add, in their quantity, (batch, lines, outputs, inputs)."""
+        matrices = np.asarray(stiffness, dtype=float)
+        own = self._stated
+        if self.propagated is None:
+            return np.broadcast_to(own, (len(matrices), *own.shape))
+        roots = self._roots(matrices, as_factors(factors, len(matrices)))
+        whole = self.propagated.variance(roots).reshape(len(matrices), *own.shape)
+        return whole * np.abs(self._factor) ** 2
 
     def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """FRFs in the measured quantity, gain included, shape (batch, lines, outputs, inputs)."""
@@ -204,7 +187,15 @@ class FrfLikelihood(Likelihood):
         """
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
-        values: Array = self.noise.pointwise(self.standardised(matrices, known), self.hyper(known))
+        z = self.standardised(matrices, known)
+        values: Array = self.noise.pointwise(z, self.hyper(known))
+        if self.propagated is not None:
+            if z.shape[2] > 1:
+                raise ModelError(
+                    "pointwise: found FRFs that share the noise of a measured body; expected independent values; "
+                    "compare models by their evidence instead"
+                )
+            values = values - self.propagated.excess(self._roots(matrices, known))
         return values + self.constant / self.n_data
 
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -225,20 +216,24 @@ class FrfLikelihood(Likelihood):
         if self._gain:
             gain = float(known[0, self._n_structure])
             value, derivative = gain * value, gain * derivative
-        moved = _moved(known[:, : known.shape[1] - self.hyper_count])
+        moved = moved_factors(known[:, : known.shape[1] - self.hyper_count])
         along = [derivative]
         if len(moved):
             up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
             up -= down
-            up /= 2 * _STEP
+            up /= 2 * STEP
             along.append(up)
         hyper = self.hyper(known)[0]
         here = value[None]
-        slopes = [self._residual.tangent(here, some) for some in along]
+        if self.propagated is None:
+            z, slopes = self._residual.z(here), [self._residual.tangent(here, some) for some in along]
+        else:
+            roots, white = self._roots(np.asarray(stiffness)[None], known), self.propagated.white
+            z, slopes = white(roots, here - self._measured), [white(roots, some) for some in along]
         parts = 2 if self.kind == "complex" else 1
         rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))
         row = 0
-        for some in (self._residual.z(here), *filter(len, slopes)):
+        for some in (z, *filter(len, slopes)):
             white = self.noise.whiten(some, hyper).reshape(len(some), -1)
             for part, values in enumerate((white.real, white.imag)[:parts]):
                 columns = rows[row : row + len(some), part * self.n_data : (part + 1) * self.n_data]
@@ -257,100 +252,8 @@ class FrfLikelihood(Likelihood):
         return factors[:, : self._n_structure]
 
 
-class FrequencyLikelihood(Likelihood):
-    """Independent Gaussian likelihood of the lowest natural frequencies.
-
-    Parameters
-    ----------
-    model
-        Predicts as many frequencies as were measured.
-    measurement
-        Frequencies with standard deviations.
-    names
-        Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
-    noise
-        Noise model of real residuals of which their sum of squares says all; Gaussian of known size by default.
-
-    Raises
-    ------
-    ModelError
-        If the noise model is another one.
-    """
-
-    def __init__(
-        self,
-        model: NaturalFrequencies,
-        measurement: FrequencyMeasurement,
-        names: Sequence[str] = (),
-        noise: NoiseModel | None = None,
-    ) -> None:
-        self._model, self._measured, self._sd = model, measurement.frequency_hz, measurement.sd_hz
-        noise = noise or GaussianNoise(1)
-        if not noise.needs_chi2_only:
-            raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
-        constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
-        super().__init__(names, noise, constant, self._measured.size)
-
-    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
-        """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
-        matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
-        chi2 = 0.5 * (self.standardised(matrices, known) ** 2).sum(axis=-1)
-        return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
-
-    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
-        """Residuals over their standard deviation, shape (batch, n)."""
-        return (self.predicted(stiffness, factors) - self._measured) / self._sd
-
-    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
-        """Residuals over their standard deviation and its factor, shape (batch, n)."""
-        z = self.standardised(stiffness, factors)
-        return z / self.hyper(factors) if self.hyper_count else z
-
-    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
-        """Natural frequencies, shape (batch, n), Hz."""
-        matrices = np.asarray(stiffness, dtype=float)
-        structural = self._structural(as_factors(factors, len(matrices)))
-        return self._model.frequency_hz(matrices, structural)
-
-    def _structural(self, factors: Array) -> Array:
-        return factors[:, : factors.shape[1] - self.hyper_count]
-
-    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
-        """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
-        matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
-        slope = np.empty_like(matrices)
-        changes = symmetric_changes(matrices.shape[-1])
-        for one, row, out in zip(matrices, known, slope, strict=True):
-            residual, jacobian = self.residuals(one, changes, row)
-            out[:] = -(residual @ jacobian[:, : len(changes)]).reshape(one.shape)
-        return self.log_likelihood(matrices, known), slope
-
-    def residuals(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
-        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        known = as_factors(factors, 1)
-        structural, scale = self._structural(known), 1.0
-        if self.hyper_count:
-            (scale,) = self.hyper(known)[0]
-        value, derivative = self._model.tangent(stiffness, directions, structural)
-        moved = _moved(structural)
-        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
-        slope = np.concatenate([derivative, (up - down) / (2 * _STEP), np.zeros((self.hyper_count, value.size))])
-        sd = scale * self._sd
-        return (value - self._measured) / sd, (slope / sd).T
-
-
-def _moved(factors: Array) -> Array:
-    """Factors (1, n) with each in turn a little larger, then a little smaller, shape (2n, n)."""
-    step = np.exp(_STEP * np.eye(factors.shape[1]))
-    return np.concatenate([factors * step, factors / step])
-
-
 def likelihood_of(
-    structure: Structure | StructureFamily,
+    structure: AnyStructure,
     joint: AnyJoint,
     measurement: Measurement,
     *,
@@ -363,7 +266,7 @@ def likelihood_of(
     Parameters
     ----------
     structure
-        Structure without the joint, or a family of them whose quantities are uncertain.
+        Structure without the joint, a family of them whose quantities are uncertain, or measured bodies beside one.
     joint, measurement
         Where the joint acts, and the data.
     gain
@@ -374,13 +277,21 @@ def likelihood_of(
     Raises
     ------
     ModelError
-        If a measured DOF does not exist in the structure, or there are more frequencies than DOFs.
+        If a measured DOF does not exist in the structure, there are more frequencies than DOFs, or the data are natural
+        frequencies and a body is measured.
     """
-    family = as_family(structure)
+    whole = substructures(structure)
+    family = whole.family
     if isinstance(measurement, FrequencyMeasurement):
+        if whole.measured:
+            raise ModelError(
+                f"measured body {whole.measured[0].name}: found natural frequencies as data; expected FRFs, since a "
+                "body given by its FRFs has no modes to be compared with; use the FRFs"
+            )
         model = NaturalFrequencies(family, joint, measurement.frequency_hz.size)
         return FrequencyLikelihood(model, measurement, (*family.names, *(noise.names if noise else ())), noise)
     frf: FrfSet = measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))
-    return FrfLikelihood(receptance_model(family, joint, ports), measurement, names, noise, kind)
+    model, propagate = receptance_model(whole, joint, ports), bool(whole.measured) and whole.propagate
+    return FrfLikelihood(model, measurement, names, noise, kind, propagate=propagate)

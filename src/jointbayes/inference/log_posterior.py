@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError, array_of
-from jointbayes.inference.likelihood import Likelihood
+from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import Residuals
 from jointbayes.inference.prior import JointPrior
 

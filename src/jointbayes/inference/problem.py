@@ -1,14 +1,23 @@
 """Everything that defines an inference: structure, joint, data and prior."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies, Ports, ReceptanceModel, receptance_model
+from jointbayes.frf import (
+    AnyStructure,
+    MeasuredBody,
+    NaturalFrequencies,
+    Ports,
+    ReceptanceModel,
+    Substructures,
+    receptance_model,
+)
+from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
@@ -16,7 +25,7 @@ from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement
-from jointbayes.structure import Structure, StructureFamily, as_family, is_mode_frequency
+from jointbayes.structure import StructureFamily, is_mode_frequency
 
 __all__ = ["Problem"]
 
@@ -28,7 +37,8 @@ class Problem:
     Parameters
     ----------
     structure
-        Structure without the joint, or a family of them where its quantities are uncertain.
+        Structure without the joint, a family of them where its quantities are uncertain, or `Substructures` where
+        bodies of it are given by their measured FRFs.
     joint
         Where the joint acts; several in a sequence, each with a name.
     measurement
@@ -55,7 +65,7 @@ class Problem:
         semidefinite.
     """
 
-    structure: Structure | StructureFamily
+    structure: AnyStructure
     joint: AnyJoint | Sequence[Joint]
     measurement: Measurement
     prior: JointPrior
@@ -103,7 +113,7 @@ class Problem:
             If the measurement names a DOF that the structure does not have.
         """
         likelihood = likelihood_of(
-            self.structures,
+            self.structure,
             self.joints,
             self.measurement,
             gain="gain" in self.prior.names,
@@ -119,20 +129,38 @@ class Problem:
 
     @cached_property
     def structures(self) -> StructureFamily:
-        """The structures without the joint that forward models are made of."""
-        return as_family(self.structure)
+        """The modelled structures without the joint."""
+        return substructures(self.structure).family
+
+    def with_structures(self, family: StructureFamily) -> "Problem":
+        """The same problem with other modelled structures."""
+        whole = substructures(self.structure)
+        return replace(self, structure=replace(whole, modelled=family) if whole.measured else family)
+
+    @property
+    def measured_bodies(self) -> tuple[MeasuredBody, ...]:
+        """Bodies given by their measured FRFs; where there are any the assembled structure has no modes."""
+        return substructures(self.structure).measured
+
+    @property
+    def ignores_noise_of_bodies(self) -> bool:
+        """Whether measured bodies are taken for exact, so that intervals are too narrow."""
+        return isinstance(self.structure, Substructures) and not self.structure.propagate
 
     @cached_property
     def structures_of_data(self) -> StructureFamily:
         """The same, exact at the joint and the measured DOFs up to the highest frequency of the data."""
         joint, measured = self.joints.labels, self.measurement
         if isinstance(measured, FrfMeasurement):
-            return self.structures.at((*joint, *measured.frf.outputs, *measured.frf.inputs), measured.top_hz)
+            dofs = (*joint, *measured.frf.outputs, *measured.frf.inputs)
+            return substructures(self.structure).at(dofs, measured.top_hz).family
         return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size))
 
     @property
     def most_modes(self) -> int:
-        """Natural frequencies that the model of the data has whatever the joint, also a rigid one."""
+        """Natural frequencies that the model of the data has whatever the joint, also a rigid one; 0 without modes."""
+        if self.measured_bodies:
+            return 0
         return self.structures_of_data.nominal.n_dofs - self.joints.size
 
     @property
@@ -165,7 +193,7 @@ class Problem:
         ModelError
             If a DOF does not exist.
         """
-        return receptance_model(self.structures, self.joints, ports)
+        return receptance_model(self.structure, self.joints, ports)
 
     def structural(self, factors: ArrayLike) -> NDArray[np.float64]:
         """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
@@ -178,8 +206,11 @@ class Problem:
         """Lowest natural frequencies, shape (n, count), Hz, for quantities of the joint (n, q) or (q,).
 
         At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural
-        frequencies themselves are given by ``mode_frequency_1`` and so on.
+        frequencies themselves are given by ``mode_frequency_1`` and so on. Shape (n, 0) where a body is given by its
+        FRFs: the assembled structure then has no modes that anybody knows.
         """
+        if self.measured_bodies:
+            return np.empty((len(np.atleast_2d(np.asarray(stiffness, dtype=float))), 0))
         model = NaturalFrequencies(self.structures, self.joints, count)
         if factors is None:
             return model.frequency_hz(self.parametrisation.matrix(stiffness))

@@ -88,6 +88,8 @@ class NoiseModel(ABC):
     as_stated: ClassVar[bool] = False
     #: Whether more averages make it smaller: a model error stays as it is.
     averages_out: ClassVar[bool] = True
+    #: Whether residuals may be white by another noise than the stated one, as beside bodies that are measured.
+    takes_white_residuals: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.parts not in (1, 2):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,7 @@ class ProportionalNoise(GaussianSpread):
     parts: int
     stated: Array
     scaled: bool = False
+    takes_white_residuals: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

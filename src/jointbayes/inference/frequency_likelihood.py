@@ -1,0 +1,106 @@
+"""Likelihood of natural frequencies."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import NaturalFrequencies
+from jointbayes.frf.ports import as_factors
+from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
+from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.noise.gaussian import GaussianNoise
+from jointbayes.joint import symmetric_changes
+from jointbayes.measurement import FrequencyMeasurement
+
+__all__ = ["FrequencyLikelihood"]
+
+Array = NDArray[np.float64]
+
+
+class FrequencyLikelihood(Likelihood):
+    """Independent Gaussian likelihood of the lowest natural frequencies.
+
+    Parameters
+    ----------
+    model
+        Predicts as many frequencies as were measured.
+    measurement
+        Frequencies with standard deviations.
+    names
+        Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
+    noise
+        Noise model of real residuals of which their sum of squares says all; Gaussian of known size by default.
+
+    Raises
+    ------
+    ModelError
+        If the noise model is another one.
+    """
+
+    def __init__(
+        self,
+        model: NaturalFrequencies,
+        measurement: FrequencyMeasurement,
+        names: Sequence[str] = (),
+        noise: NoiseModel | None = None,
+    ) -> None:
+        self._model, self._measured, self._sd = model, measurement.frequency_hz, measurement.sd_hz
+        noise = noise or GaussianNoise(1)
+        if not noise.needs_chi2_only:
+            raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
+        constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
+        super().__init__(names, noise, constant, self._measured.size)
+
+    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
+        matrices = np.asarray(stiffness, dtype=float)
+        known = as_factors(factors, len(matrices))
+        chi2 = 0.5 * (self.standardised(matrices, known) ** 2).sum(axis=-1)
+        return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
+
+    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Residuals over their standard deviation, shape (batch, n)."""
+        return (self.predicted(stiffness, factors) - self._measured) / self._sd
+
+    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+        """Residuals over their standard deviation and its factor, shape (batch, n)."""
+        z = self.standardised(stiffness, factors)
+        return z / self.hyper(factors) if self.hyper_count else z
+
+    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Natural frequencies, shape (batch, n), Hz."""
+        matrices = np.asarray(stiffness, dtype=float)
+        structural = self._structural(as_factors(factors, len(matrices)))
+        return self._model.frequency_hz(matrices, structural)
+
+    def _structural(self, factors: Array) -> Array:
+        return factors[:, : factors.shape[1] - self.hyper_count]
+
+    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
+        matrices = np.asarray(stiffness, dtype=float)
+        known = as_factors(factors, len(matrices))
+        slope = np.empty_like(matrices)
+        changes = symmetric_changes(matrices.shape[-1])
+        for one, row, out in zip(matrices, known, slope, strict=True):
+            residual, jacobian = self.residuals(one, changes, row)
+            out[:] = -(residual @ jacobian[:, : len(changes)]).reshape(one.shape)
+        return self.log_likelihood(matrices, known), slope
+
+    def residuals(
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
+        known = as_factors(factors, 1)
+        structural, scale = self._structural(known), 1.0
+        if self.hyper_count:
+            (scale,) = self.hyper(known)[0]
+        value, derivative = self._model.tangent(stiffness, directions, structural)
+        moved = moved_factors(structural)
+        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
+        slope = np.concatenate([derivative, (up - down) / (2 * STEP), np.zeros((self.hyper_count, value.size))])
+        sd = scale * self._sd
+        return (value - self._measured) / sd, (slope / sd).T
