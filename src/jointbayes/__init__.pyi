@@ -14,7 +14,9 @@ from jointbayes.errors import SamplingError as SamplingError
 from jointbayes.errors import WorkerError as WorkerError
 from jointbayes.errors import WriteError as WriteError
 from jointbayes.frf import FrfSet as FrfSet
+from jointbayes.frf import MeasuredBody as MeasuredBody
 from jointbayes.frf import Ports as Ports
+from jointbayes.frf import Substructures as Substructures
 from jointbayes.identification import IterationHistory as IterationHistory
 from jointbayes.identification import MapEstimate as MapEstimate
 from jointbayes.inference import CorrelatedNoise as CorrelatedNoise

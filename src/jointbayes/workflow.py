@@ -86,7 +86,12 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     """
     problem, whole = _problem_and_case(case)
     measured = problem.measurement
-    if measured.joint_frf is None:
+    if problem.measured_bodies:
+        raise ModelError(
+            f"{problem.name}: found the measured body {problem.measured_bodies[0].name}; the paper's iteration expects "
+            "a structure that is modelled throughout; use find_map instead"
+        )
+    if not isinstance(measured, FrfMeasurement) or problem.joint_frf is None:
         missing = "found no FRFs at the joint; the paper's iteration expects joint_frf; use find_map instead"
         if not isinstance(measured, FrfMeasurement):
             missing = "found natural frequencies as data; the paper's iteration expects FRFs; use find_map instead"
@@ -98,7 +103,7 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     return sensitivity_iteration(
         problem.structures,
         problem.joints,
-        measured.joint_frf,
+        problem.joint_frf,
         measured.frf.outputs,
         start,
         parametrisation=problem.parametrisation,
@@ -150,9 +155,9 @@ def find_map(
     problem.parametrisation.check(guess)
     starts: dict[str, Array] = {"first guess": guess}
     if isinstance(problem.measurement, FrfMeasurement) and problem.joints.size == 2:
-        fitted = compliance_start(problem.structures, problem.joints, problem.measurement)
+        fitted = compliance_start(problem.structure, problem.joints, problem.measurement)
         starts["compliance fit without a guess"] = problem.parametrisation.from_matrix(fitted)
-    iteration = identify(case, guess) if problem.measurement.joint_frf is not None else None
+    iteration = identify(case, guess) if problem.joint_frf is not None else None
     if iteration is not None:
         starts["paper's iteration"] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
@@ -269,7 +274,7 @@ def _found_mode(
 
     tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
     problem, _ = _problem_and_case(case)
-    iteration = identify(case) if problem.measurement.joint_frf is not None else None
+    iteration = identify(case) if problem.joint_frf is not None else None
     return replace(estimate_from(checkpoint.estimate), iteration=iteration)
 
 
@@ -358,7 +363,7 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
             case = case_around(problem, run.case_text)
     if passed is not None:
         require_same_density(posterior, where, passed=True)
-    iteration = identify(case or problem) if problem.measurement.joint_frf is not None else None
+    iteration = identify(case or problem) if problem.joint_frf is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 

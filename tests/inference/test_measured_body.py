@@ -101,7 +101,9 @@ def test_a_gain_multiplies_what_the_errors_of_the_body_make():
     theta = np.append(np.log(KNOWN), np.log(1.1))
     scaled = data()
     scaled = replace(scaled, frf=replace(scaled.frf, values=scaled.frf.values / 1.1), variance=scaled.variance / 1.21)
-    want = likelihood_of(whole(), TAPER, scaled).log_likelihood(K_PAIR[None])[0] - 2 * scaled.frf.values.size * np.log(1.1)
+    want = likelihood_of(whole(), TAPER, scaled).log_likelihood(K_PAIR[None])[0] - 2 * scaled.frf.values.size * np.log(
+        1.1
+    )
     assert log_posterior.log_likelihood(theta)[0] == pytest.approx(want, abs=1e-8)
 
 
@@ -146,7 +148,9 @@ def test_residuals_of_one_point_are_those_of_the_batch_and_their_jacobian_is_of_
     residual, jacobian = log_posterior.data_residuals(theta)
     white = log_posterior.white(theta)[0]
     assert np.sort(np.abs(residual)) == pytest.approx(np.sort(np.abs(white)))
-    roots = log_posterior.likelihood._roots(PRIOR.parametrisation.matrix(np.exp(theta[None, :3])), np.exp(theta[None, 3:]))
+    roots = log_posterior.likelihood._roots(
+        PRIOR.parametrisation.matrix(np.exp(theta[None, :3])), np.exp(theta[None, 3:])
+    )
     for column in range(4):
         step = 1e-5 * np.eye(4)[column]
         up, down = (log_posterior.predicted(theta + s * step)[0] for s in (1, -1))

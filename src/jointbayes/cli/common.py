@@ -134,6 +134,8 @@ def print_summary(posterior: "Posterior") -> None:
         say(posterior.estimate.sentence)
     if posterior.mesh is not None and not posterior.mesh.within:
         say(posterior.mesh.sentence)
+    if posterior.noise_of_bodies is not None and not posterior.noise_of_bodies.within:
+        say(posterior.noise_of_bodies.sentence)
 
 
 def exit_by_convergence(posterior: "Posterior") -> None:

@@ -69,7 +69,7 @@ def identify(config: Path) -> None:
     from jointbayes.workflow import identify as iterate
 
     provenance = case.problem.measurement.provenance
-    if case.problem.measurement.joint_frf is not None:
+    if case.problem.joint_frf is not None:
         history = iterate(case)
         heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
         say(f"{'step':>4} {'residual':>10} {' '.join(heads)}")

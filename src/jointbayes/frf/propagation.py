@@ -5,12 +5,11 @@ forces on the body's DOFs when the assembled structure is driven by a unit force
 circular stay so, and cov(H) = J Σ_A Jᴴ.
 """
 
-from functools import cached_property
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.coupling import LowRankCoupling
+from jointbayes.frf.kernels.propagated import error_roots
 from jointbayes.frf.measured_body import MeasuredBody
 from jointbayes.frf.ports import as_batch, as_factors
 
@@ -31,6 +30,20 @@ class NoisePropagation:
 
     def __init__(self, model: LowRankCoupling) -> None:
         self._model = model
+        bodies = [body for body, _ in model.bodies]
+        self._motions = np.ascontiguousarray(np.concatenate([motions for _, motions in model.bodies]))
+        sizes = [len(body.dofs) for body in bodies]
+        starts = np.cumsum([0, *sizes[:-1]])
+        # rows and columns of the measured receptances among the DOFs of all bodies, shape (2, E)
+        self._entries = np.hstack(
+            [start + np.array(np.triu_indices(m)) for start, m in zip(starts, sizes, strict=True)]
+        )
+        self._root = np.zeros((len(bodies[0].frequency_hz), self._entries.shape[1], self._entries.shape[1]))
+        first = 0
+        for root in map(_root, bodies):
+            last = first + root.shape[-1]
+            self._root[:, first:last, first:last] = root
+            first = last
 
     def covariance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """E[δH δHᴴ], shape (batch, lines, pairs, pairs), of receptances in the order (outputs, inputs).
@@ -42,12 +55,13 @@ class NoisePropagation:
 
     def roots(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """R of which `covariance` is R Rᴴ, shape (batch, lines, pairs, measured receptances of all bodies)."""
-        matrices = as_batch(stiffness)
+        matrices, model = np.ascontiguousarray(as_batch(stiffness)), self._model
         free = self._free(matrices, factors)
-        k, r = matrices[:, None], matrices.shape[-1]
-        # the joint's motion under a unit force at each port, with the part that is the port's own: one solution for all
-        moved = np.linalg.solve(np.eye(r) + k @ free[..., :r, :r], self._model.along - k @ free[..., :r, r:])
-        return np.concatenate([self._of_body(i, moved) for i in range(len(self._model.bodies))], axis=-1)
+        pairs = model.n_out * (model.along.shape[1] - model.n_out)
+        out = np.empty((len(matrices), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
+        with np.errstate(all="ignore"):  # a joint at which nothing is finite: its residuals are not either
+            error_roots(matrices, free, model.along, self._motions, self._entries, self._root, model.n_out, out)
+        return out
 
     def relative_sd(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Standard deviation of det(1 + A_jj K) relative to itself, shape (batch, lines).
@@ -57,47 +71,21 @@ class NoisePropagation:
         matrices = as_batch(stiffness)
         free = self._free(matrices, factors)
         k, r = matrices[:, None], matrices.shape[-1]
-        held = np.linalg.solve(np.eye(r) + k @ free[..., :r, :r], np.broadcast_to(k, (*free.shape[:2], r, r)))
-        variance = np.zeros(held.shape[:2])
-        for (body, motions), root in zip(self._model.bodies, self._roots, strict=True):
-            # d ln det(1 + A_jj K) = tr(K (1 + A_jj K)⁻¹ dA_jj)
-            a, b = np.triu_indices(len(body.dofs))
-            weight = (motions[:, :r] @ held @ motions[:, :r].T)[..., a, b] * np.where(a == b, 1.0, 2.0)
-            variance += (np.abs((weight[..., None, :] @ root)[..., 0, :]) ** 2).sum(axis=-1)
+        held = np.linalg.solve(
+            np.eye(r) + k @ free[..., :r, :r], np.broadcast_to(k, (len(matrices), free.shape[1], r, r))
+        )
+        # d ln det(1 + A_jj K) = tr(K (1 + A_jj K)⁻¹ dA_jj)
+        a, b = self._entries
+        weight = (self._motions[:, :r] @ held @ self._motions[:, :r].T)[..., a, b] * np.where(a == b, 1.0, 2.0)
+        variance = (np.abs((weight[..., None, :] @ self._root)[..., 0, :]) ** 2).sum(axis=-1)
         return np.sqrt(variance)
 
     def _free(self, matrices: Array, factors: ArrayLike | None) -> ComplexArray:
-        """Receptance without the joint at each of a batch, shape (batch, lines, k, k)."""
+        """Receptance without the joint, shape (batch, lines, k, k); (1, …) where it is the same for all."""
         known = as_factors(factors, len(matrices))
         if known.shape[1] == 0:
-            whole = self._model.free(known[0] if len(known) else np.empty(0))
-            return np.broadcast_to(whole, (len(matrices), *whole.shape))
+            return self._model.free(np.empty(0))[None]
         return np.stack([self._model.free(row) for row in known])
-
-    def _of_body(self, number: int, moved: ComplexArray) -> ComplexArray:
-        """Roots of the covariance of H that one body's errors make."""
-        body, motions = self._model.bodies[number]
-        r = moved.shape[-2]
-        force = motions[:, :r] @ moved + motions[:, r:]  # p, (batch, lines, DOFs, ports)
-        out, into = force[..., : self._model.n_out], force[..., self._model.n_out :]
-        a, b = np.triu_indices(len(body.dofs))
-        pairs = out[..., a, :, None] * into[..., b, None, :]
-        off = a != b
-        pairs[..., off, :, :] += out[..., b[off], :, None] * into[..., a[off], None, :]
-        jacobian = np.moveaxis(pairs.reshape(*pairs.shape[:3], -1), -1, -2)
-        root = self._roots[number]
-        if self._independent[number]:
-            return jacobian * np.diagonal(root, axis1=1, axis2=2)[:, None, :]
-        return jacobian @ root
-
-    @cached_property
-    def _roots(self) -> list[Array]:
-        """F with F Fᵀ the covariance of each body's receptances, shape (lines, P, P)."""
-        return [_root(body) for body, _ in self._model.bodies]
-
-    @cached_property
-    def _independent(self) -> list[bool]:
-        return [not (root - root * np.eye(root.shape[-1])).any() for root in self._roots]
 
 
 def _root(body: MeasuredBody) -> Array:

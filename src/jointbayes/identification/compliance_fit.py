@@ -9,16 +9,17 @@ Sanathanan, C. K., Koerner, J. (1963). Transfer function synthesis as a ratio of
 IEEE Transactions on Automatic Control 8(1), 56-58. DOI 10.1109/TAC.1963.1105517
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.frf import Ports, quantity_factor
+from jointbayes.frf import AnyStructure, LowRankCoupling, Ports, quantity_factor
 from jointbayes.frf.coupling import free_receptance
+from jointbayes.frf.measured_body import Substructures, substructures
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.structure import LossFactor, ModalDamping, Structure, StructureFamily, as_family
+from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
 
 __all__ = ["compliance_start"]
 
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 _PASSES = 10
 
 
-def compliance_start(structure: Structure | StructureFamily, joint: AnyJoint, measurement: FrfMeasurement) -> Array:
+def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfMeasurement) -> Array:
     """Estimate K^J of two DOFs from FRFs alone, positive definite, as a start for a proper fit.
 
     Parameters
@@ -46,15 +47,11 @@ def compliance_start(structure: Structure | StructureFamily, joint: AnyJoint, me
     Sanathanan & Koerner (1963), DOI 10.1109/TAC.1963.1105517
     """
     frf = measurement.frf.converted("receptance")
-    dofs = (*joint.labels, *frf.outputs, *frf.inputs)
-    structure = as_family(structure).at(dofs, float(frf.frequency_hz[-1])).nominal
-    law = structure.damping
-    if isinstance(law, ModalDamping):
-        structure = replace(structure, damping=LossFactor(2 * law.ratios[0]))
     factor = quantity_factor(frf.frequency_hz, measurement.frf.quantity)[:, None, None]
     sigma = np.sqrt(measurement.variance) / np.abs(factor)
-    free = _FreeReceptance(structure, joint, frf.frequency_hz, frf.outputs, frf.inputs)
-
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
+    free = _free_of_bodies(whole, joint, ports) if whole.measured else _free_of_model(whole, joint, ports)
     scale = free.scale
     unknown = np.zeros(4)
     weight = 1 / sigma
@@ -69,34 +66,51 @@ def compliance_start(structure: Structure | StructureFamily, joint: AnyJoint, me
     return _positive_definite(unknown[:3] * scale[:3])
 
 
-class _FreeReceptance:
-    """Receptance without the joint, cut into the blocks that the linear equations need."""
+def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "_FreeReceptance":
+    """Of measured bodies beside a modelled one, whose uncertain quantities are as stated."""
+    model = LowRankCoupling(whole, joint, ports)
+    motions = np.vstack([model.along, np.eye(model.along.shape[1])])
+    free, r = model.free(np.ones(len(whole.family.names))), joint.size
+    driven = free @ motions
+    out, into = slice(None, model.n_out), slice(model.n_out, None)
+    oj = driven[:, :r, out].swapaxes(1, 2)
+    return _FreeReceptance(free[:, :r, :r], oj, driven[:, :r, into], motions[:, out].T @ driven[:, :, into])
 
-    def __init__(
-        self,
-        structure: Structure,
-        joint: AnyJoint,
-        frequency_hz: Array,
-        outputs: tuple[str, ...],
-        inputs: tuple[str, ...],
-    ) -> None:
-        # the joint's DOFs stand first among outputs and inputs
-        sides = joint.labels
-        ports = Ports(frequency_hz, _unique(sides + outputs), _unique(sides + inputs))
-        # summed over free modes: a dense solution of every line would cost more than the whole search
-        family = as_family(structure)
-        _, driven, loads = ports.selections(family.nominal, joint)
-        k, n = len(ports.outputs), len(sides)
-        at = np.arange(k + len(ports.inputs))
-        modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
-        free = free_receptance(family, modes, np.empty(0), ports.omega)[:, :k, k:]
-        relative = joint.on(sides).T
-        rows = [ports.outputs.index(label) for label in outputs]
-        columns = [ports.inputs.index(label) for label in inputs]
-        self.jj = relative @ free[:, :n, :n] @ relative.T
-        self.oj = free[:, rows, :n] @ relative.T
-        self.ji = relative @ free[:, :n, columns]
-        self.oi = free[:, rows][:, :, columns]
+
+def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "_FreeReceptance":
+    """Of a structure as it is modelled."""
+    structure: Structure = whole.family.nominal
+    if isinstance(structure.damping, ModalDamping):
+        structure = replace(structure, damping=LossFactor(2 * structure.damping.ratios[0]))
+    # the joint's DOFs stand first among outputs and inputs
+    sides = joint.labels
+    ports = Ports(given.frequency_hz, _unique(sides + given.outputs), _unique(sides + given.inputs))
+    # summed over free modes: a dense solution of every line would cost more than the whole search
+    family = as_family(structure)
+    _, driven, loads = ports.selections(family.nominal, joint)
+    k, n = len(ports.outputs), len(sides)
+    at = np.arange(k + len(ports.inputs))
+    modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
+    free = free_receptance(family, modes, np.empty(0), ports.omega)[:, :k, k:]
+    relative = joint.on(sides).T
+    rows = [ports.outputs.index(label) for label in given.outputs]
+    columns = [ports.inputs.index(label) for label in given.inputs]
+    return _FreeReceptance(
+        relative @ free[:, :n, :n] @ relative.T,
+        free[:, rows, :n] @ relative.T,
+        relative @ free[:, :n, columns],
+        free[:, rows][:, :, columns],
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _FreeReceptance:
+    """Receptance without the joint, cut into the blocks between joint, outputs and inputs, at each line."""
+
+    jj: NDArray[np.complex128]
+    oj: NDArray[np.complex128]
+    ji: NDArray[np.complex128]
+    oi: NDArray[np.complex128]
 
     @property
     def scale(self) -> Array:

@@ -186,8 +186,9 @@ def _aligned(cost: Array, lost: float, unseen: Array) -> Indices:
 
 
 def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1) -> Array:
-    """Points from which to climb the posterior, shape (n, d), the best first; none where the data show no resonance.
+    """Points from which to climb the posterior, shape (n, d), the best first.
 
+    None where the data show no resonance, or a body is given by its FRFs and has no modes to be compared.
     256 Sobol points of the prior in all that moves natural frequencies are compared with the resonances of the data,
     and the twelve best that stand apart climb to agreement.
 
@@ -205,8 +206,10 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     Sobol, I. M. (1967). On the distribution of points in a cube and the approximate evaluation of integrals. USSR
     Computational Mathematics and Mathematical Physics 7(4), 86-112. DOI 10.1016/0041-5553(67)90144-9
     """
-    match = FrequencyMatch(problem)
     prior = problem.prior
+    if problem.measured_bodies:
+        return np.empty((0, prior.mean.size))
+    match = FrequencyMatch(problem)
     if not (match.resonances_hz.size and match.columns.size):
         return np.empty((0, prior.mean.size))
     unit = np.full((_POINTS * effort, prior.mean.size), 0.5)

@@ -6,7 +6,6 @@ noise of known size, and their Jacobian.
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -137,11 +136,11 @@ class FrfLikelihood(Likelihood):
         matrices = np.asarray(stiffness, dtype=float)
         return self._compared(matrices, as_factors(factors, len(matrices)))[0]
 
-    def _compared(self, matrices: Array, known: Array) -> tuple[Residuals, ArrayLike]:
-        """Residuals over σ, and what a noise that depends on the joint takes from ln L, shape (batch,) or 0."""
+    def _compared(self, matrices: Array, known: Array) -> tuple[Residuals, Array]:
+        """Residuals over σ, and what a noise that depends on the joint takes from ln L, shape (batch,)."""
         predicted = self._predicted(matrices, known)
         if self.propagated is None:
-            return self._residual.z(predicted), 0.0
+            return self._residual.z(predicted), np.zeros(len(matrices))
         roots = self._roots(matrices, known)
         return self.propagated.white(roots, predicted - self._measured), self.propagated.excess(roots).sum(axis=(1, 2))
 
@@ -228,8 +227,8 @@ class FrfLikelihood(Likelihood):
         if self.propagated is None:
             z, slopes = self._residual.z(here), [self._residual.tangent(here, some) for some in along]
         else:
-            roots, white = self._roots(np.asarray(stiffness)[None], known), self.propagated.white
-            z, slopes = white(roots, here - self._measured), [white(roots, some) for some in along]
+            roots, whiten = self._roots(np.asarray(stiffness)[None], known), self.propagated.white
+            z, slopes = whiten(roots, here - self._measured), [whiten(roots, some) for some in along]
         parts = 2 if self.kind == "complex" else 1
         rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))
         row = 0
@@ -288,8 +287,8 @@ def likelihood_of(
                 f"measured body {whole.measured[0].name}: found natural frequencies as data; expected FRFs, since a "
                 "body given by its FRFs has no modes to be compared with; use the FRFs"
             )
-        model = NaturalFrequencies(family, joint, measurement.frequency_hz.size)
-        return FrequencyLikelihood(model, measurement, (*family.names, *(noise.names if noise else ())), noise)
+        frequencies = NaturalFrequencies(family, joint, measurement.frequency_hz.size)
+        return FrequencyLikelihood(frequencies, measurement, (*family.names, *(noise.names if noise else ())), noise)
     frf: FrfSet = measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))

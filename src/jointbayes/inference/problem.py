@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AnyStructure,
+    FrfSet,
     MeasuredBody,
     NaturalFrequencies,
     Ports,
@@ -132,6 +133,11 @@ class Problem:
         """The modelled structures without the joint."""
         return substructures(self.structure).family
 
+    @property
+    def joint_frf(self) -> FrfSet | None:
+        """FRFs at the joint for the paper's iteration, which needs a structure that is modelled throughout, or None."""
+        return None if self.measured_bodies else self.measurement.joint_frf
+
     def with_structures(self, family: StructureFamily) -> "Problem":
         """The same problem with other modelled structures."""
         whole = substructures(self.structure)
@@ -199,6 +205,11 @@ class Problem:
         """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
         count = len(self.structures.names)
         return np.asarray(factors, dtype=float)[..., :count]
+
+    def gain(self, factors: ArrayLike) -> NDArray[np.float64]:
+        """Factor on all measured FRFs, shape (...), among the nuisances' factors (..., q); ones where it is certain."""
+        known, names = np.asarray(factors, dtype=float), [nuisance.name for nuisance in self.prior.nuisances]
+        return known[..., names.index("gain")] if "gain" in names else np.ones(known.shape[:-1])
 
     def natural_frequencies_hz(
         self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.frf import LowRankCoupling, NoisePropagation
+from jointbayes.frf.kernels.propagated import noise_roots
 
 __all__ = ["PropagatedNoise"]
 
@@ -42,23 +43,18 @@ class PropagatedNoise:
 
         Of joint matrices (batch, r, r), factors on the structure (batch, f) and on all measured FRFs (batch,).
         """
-        added = gain[:, None, None, None] * self.propagation.roots(stiffness, factors)
-        if added.shape[2] == 1:
-            own = (np.abs(added[..., 0, :]) ** 2).sum(axis=-1)
-            return np.sqrt(own + self._variance[:, 0])[..., None, None].astype(complex)
-        covariance = added @ added.conj().swapaxes(-1, -2)
-        pair = np.arange(covariance.shape[-1])
-        # a joint at which nothing is finite: its residuals are not either
-        covariance[~np.isfinite(covariance).all(axis=(-2, -1))] = 0.0
-        covariance[..., pair, pair] += self._variance
-        return np.linalg.cholesky(covariance)
+        added = self.propagation.roots(stiffness, factors)
+        out = np.empty((*added.shape[:3], added.shape[2]), dtype=complex)
+        noise_roots(added, np.ascontiguousarray(gain), self._variance, out)
+        return out
 
     def white(self, roots: ComplexArray, residuals: ComplexArray) -> ComplexArray:
         """L⁻¹ r, shape (n, lines, pairs), E|z|² = 1, of residuals (n, lines, outputs, inputs); roots of one or n."""
         flat = residuals.reshape(*residuals.shape[:2], -1)
-        if flat.shape[2] == 1:
-            return flat / roots[..., 0]
-        white: ComplexArray = np.linalg.solve(roots, flat[..., None])[..., 0]
+        white = np.empty(flat.shape, dtype=complex)
+        for p in range(flat.shape[2]):
+            known = (roots[..., p, :p] * white[..., :p]).sum(axis=-1)
+            white[..., p] = (flat[..., p] - known) / roots[..., p, p]
         return white
 
     def excess(self, roots: ComplexArray) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
-from jointbayes.inference import Problem
+from jointbayes.inference import FrfLikelihood, Problem
 from jointbayes.measurement import FrequencyMeasurement
 
 __all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
@@ -188,7 +188,9 @@ def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Di
     names = [nuisance.name for nuisance in prior.nuisances]
     gain = float(factors[0, names.index("gain")]) if "gain" in names else 1.0
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-    sd = np.sqrt(measurement.variance) / np.abs(factor)
+    likelihood = problem.log_posterior.likelihood
+    assert isinstance(likelihood, FrfLikelihood)
+    sd = np.sqrt(likelihood.variance(prior.matrix(point), factors)[0]) / np.abs(factor)
     return diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
 
 

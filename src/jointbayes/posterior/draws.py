@@ -18,6 +18,7 @@ from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.mesh import MeshCheck, check_mesh
+from jointbayes.posterior.noise_of_bodies import NoiseOfBodies, noise_of_bodies
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 
@@ -207,6 +208,11 @@ class PosteriorDraws:
         return check_mesh(self.problem, estimate.theta, estimate.covariance, self.stiffness, self.record.seed)
 
     @cached_property
+    def noise_of_bodies(self) -> NoiseOfBodies | None:
+        """What the errors of measured bodies do to the result; None where the structure is modelled throughout."""
+        return noise_of_bodies(self.problem, self.estimate.theta)
+
+    @cached_property
     def diagnosis(self) -> Diagnosis:
         """How far the MAP is from the data in an engineer's measure, and what its residuals point to."""
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
@@ -236,7 +242,7 @@ class PosteriorDraws:
     ) -> FrfPrediction:
         """Median and interval of FRFs over posterior draws, as the measurement would show them without its noise.
 
-        An uncertain gain is in them, as in the measured FRFs.
+        An uncertain gain is in them, as in the measured FRFs, and what the errors of measured bodies make of them.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """What the elements of the model do to a result: its predictions beside those of much richer elements."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -116,7 +116,7 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     elements = problem.structures_of_data.discretisation
     if elements is None:
         return None
-    reference = replace(problem, structure=problem.structures.reference())
+    reference = problem.with_structures(problem.structures.reference())
     count = _FEW_PRIOR_DRAWS if problem.log_posterior.likelihood.n_data > _MANY_VALUES else _PRIOR_DRAWS
     prior = problem.prior.sample(np.random.default_rng([seed, 3]), count)
     here, there = (_standardised(p, np.concatenate([theta[None], prior])) for p in (problem, reference))
@@ -152,7 +152,7 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
 
 def _after_a_climb(problem: Problem, theta: Array) -> Array:
     """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
-    richer = replace(problem, structure=problem.structures.reference(solved=False))
+    richer = problem.with_structures(problem.structures.reference(solved=False))
     mode, _ = refine(richer.log_posterior, theta)
     return theta - mode
 

@@ -96,7 +96,7 @@ class Posterior(JudgedPosterior):
             before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
             groups = {name: node.to_dataset() for name, node in tree.children.items()}
             tree = xr.DataTree.from_dict({**groups, "log_prior": before})
-        if not self.of_case_text:
+        if not self.of_case_text or self.problem.measured_bodies:  # whose files may be gone later
             tree, record["problem"] = with_problem(tree, self.problem)
         write_tree(tree, record, path)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf import Ports, Quantity, quantity_factor
+from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
 
 __all__ = ["FrfPrediction", "frfs_as_measured", "predict_frf"]
@@ -13,6 +13,8 @@ __all__ = ["FrfPrediction", "frfs_as_measured", "predict_frf"]
 Array = NDArray[np.float64]
 
 _LINES_AT_ONCE = 128  # whose values of all draws are sorted together
+_DRAWS_AT_ONCE = 32  # whose errors of measured bodies are held in memory
+_SEED = 8  # of these errors: a band is the same at every look
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,9 +80,7 @@ def frfs_as_measured(
     receptance = problem.receptance_model(ports).receptance(
         problem.parametrisation.matrix(stiffness), problem.structural(known)
     )
-    names = [nuisance.name for nuisance in problem.prior.nuisances]
-    if "gain" in names:
-        receptance *= known[:, names.index("gain"), None, None, None]
+    receptance *= problem.gain(known)[..., None, None, None]
     receptance *= quantity_factor(ports.frequency_hz, quantity)[:, None, None]
     return receptance
 
@@ -90,12 +90,16 @@ def predict_frf(
 ) -> FrfPrediction:
     """Summarise the FRFs of a set of draws, θ (n, d), line by line, see `frfs_as_measured`.
 
+    What errors of measured bodies make of the FRFs is drawn as well, unless they are ignored.
+
     Raises
     ------
     ModelError
         If a DOF does not exist.
     """
     values = frfs_as_measured(problem, ports, quantity, problem.prior.stiffness(theta), problem.prior.factors(theta))
+    if problem.measured_bodies and not problem.ignores_noise_of_bodies:
+        values += _errors_of_bodies(problem, ports, quantity, np.atleast_2d(np.asarray(theta, dtype=float)))
     tail = (1 - probability) / 2
     magnitude, turn = np.empty((2, 3, *values.shape[1:]))
     centre = values.mean(axis=0)
@@ -121,3 +125,19 @@ def predict_frf(
         phase + turn[0],
         phase + turn[2],
     )
+
+
+def _errors_of_bodies(problem: Problem, ports: Ports, quantity: Quantity, theta: Array) -> NDArray[np.complex128]:
+    """One draw for each θ of what errors of measured bodies make of the FRFs, (n, lines, outputs, inputs)."""
+    model = problem.receptance_model(ports)
+    assert isinstance(model, LowRankCoupling)
+    propagation, prior, rng = NoisePropagation(model), problem.prior, np.random.default_rng(_SEED)
+    errors = []
+    for begin in range(0, len(theta), _DRAWS_AT_ONCE):
+        some = theta[begin : begin + _DRAWS_AT_ONCE]
+        factors = prior.factors(some)
+        roots = propagation.roots(prior.matrix(some), problem.structural(factors))
+        white = rng.standard_normal((*roots.shape[:2], roots.shape[3], 2)) @ [np.sqrt(0.5), 1j * np.sqrt(0.5)]
+        drawn = (roots @ white[..., None]).reshape(*roots.shape[:2], len(ports.outputs), len(ports.inputs))
+        errors.append(drawn * problem.gain(factors)[:, None, None, None])
+    return np.concatenate(errors) * quantity_factor(ports.frequency_hz, quantity)[:, None, None]

@@ -15,6 +15,7 @@ from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.monte_carlo import effective_sizes
+from jointbayes.posterior.noise_of_bodies import NoiseOfBodies
 from jointbayes.posterior.rounding import in_columns, number, rounded, rounded_interval
 from jointbayes.posterior.run_record import RunRecord, data_sha256
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
@@ -123,6 +124,8 @@ class Summary:
         Whether the model explains the data, and the misfit in an engineer's measure.
     mesh
         What the elements do to the result; None where the structure is given by matrices.
+    measured_bodies
+        What the errors of measured bodies do to the result; None where the structure is modelled throughout.
     knowledge
         What `gather_knowledge` found; None where it was not asked.
     data_sha256
@@ -140,6 +143,7 @@ class Summary:
     check: PredictiveCheck
     diagnosis: Diagnosis
     mesh: MeshCheck | None
+    measured_bodies: NoiseOfBodies | None
     knowledge: Knowledge | None
     data_sha256: str
 
@@ -171,6 +175,7 @@ class Summary:
             f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
             "per value (1 is expected)",
             f"    {self.check.sentence}",
+            *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
             *(f"    Warning: {warning}" for warning in self.warnings),
         ]
@@ -204,6 +209,7 @@ class Summary:
             },
             "check": _check_json(self.check, self.diagnosis),
             "mesh": None if self.mesh is None else self.mesh.as_json(),
+            "measured_bodies": None if self.measured_bodies is None else self.measured_bodies.as_json(),
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "sampler": record.sampler,
             "versions": record.versions,
@@ -258,6 +264,7 @@ def summarise(
         check=posterior.check,
         diagnosis=posterior.diagnosis,
         mesh=posterior.mesh,
+        measured_bodies=posterior.noise_of_bodies,
         knowledge=knowledge,
         data_sha256=data_sha256(posterior.problem.measurement),
     )

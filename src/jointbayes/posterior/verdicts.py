@@ -114,6 +114,9 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
         return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
     if name in posterior.stiffness_names and posterior.widened is not None:
         known = _with_wider_priors(posterior, posterior.widened, name, known)
+    narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
+    if narrow:
+        known = replace(known, verdict_reason=f"{known.verdict_reason}; {narrow}")
     if not posterior.check.explains and known.verdict != "not identified":
         known = replace(known, if_model_right=True, verdict_reason=f"{IF_MODEL_RIGHT}: {known.verdict_reason}")
     return known

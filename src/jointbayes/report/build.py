@@ -10,6 +10,7 @@ from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
 from jointbayes.report.sections.knowledge import knowledge_section
 from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.likelihood import likelihood_section
+from jointbayes.report.sections.measured_bodies import measured_bodies_section
 from jointbayes.report.sections.measurement import measurement_section
 from jointbayes.report.sections.nuisances import nuisance_section
 from jointbayes.report.sections.paper import audit_section, paper_section
@@ -23,6 +24,7 @@ __all__ = ["SECTIONS", "build_report"]
 #: In the order of the report. Each takes `ReportInputs` and returns None where it has nothing to say.
 SECTIONS = (
     measurement_section,
+    measured_bodies_section,
     fit_section,
     frequency_section,
     joint_in_modes_section,

@@ -10,9 +10,11 @@ from jointbayes.report.model import Block, Figure, Section, Table
 __all__ = ["frequency_section"]
 
 
-def frequency_section(inputs: ReportInputs) -> Section:
-    """Natural frequencies: measured, first guess, MAP, interval."""
+def frequency_section(inputs: ReportInputs) -> Section | None:
+    """Natural frequencies: measured, first guess, MAP, interval; None where the model has none."""
     frequencies = inputs.summary.natural_frequencies_hz
+    if not frequencies.map:
+        return None
     measured = frequencies.measured
     rows = []
     for i, (guess, best, ends) in enumerate(

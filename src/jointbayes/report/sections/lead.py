@@ -49,6 +49,9 @@ def _banners(inputs: ReportInputs) -> list[Block]:
         banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary.no_verdict)}."))
     if summary.mesh is not None and not summary.mesh.within:
         banners.append(Callout("caution", f"**The mesh shows.** {summary.mesh.sentence}"))
+    if summary.measured_bodies is not None and not summary.measured_bodies.within:
+        text = f"**A measured body.** {foreign(summary.measured_bodies.sentence)}"
+        banners.append(Callout("bad" if summary.measured_bodies.ignored else "caution", text))
     if posterior.at_prior_edge:
         names = ", ".join(posterior.at_prior_edge)
         text = f"**The mode lies on an edge of the prior: {names}.** There the prior limits it, not the data; widen it."

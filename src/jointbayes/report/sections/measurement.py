@@ -1,5 +1,6 @@
 """What a report says of the measurement files: what they are, how they were read, and the modes they show."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,8 +32,8 @@ def mode_table(posterior: Posterior) -> tuple[Block, ...]:
             number(mode.frequency_sd_hz, 2),
             f"{100 * mode.damping_ratio:.3f}",
             number(100 * mode.damping_sd, 2),
-            f"{near:.2f}",
-            signed(100 * (near / mode.frequency_hz - 1)),
+            "–" if math.isnan(near) else f"{near:.2f}",
+            "–" if math.isnan(near) else signed(100 * (near / mode.frequency_hz - 1)),
         )
         for i, (mode, near) in enumerate(zip(provenance.modes, predicted, strict=True), 1)
     )
@@ -45,9 +46,11 @@ def mode_table(posterior: Posterior) -> tuple[Block, ...]:
 
 
 def _predicted(posterior: Posterior, modes: Sequence[MeasuredMode]) -> list[float]:
-    """The model's natural frequency nearest to each measured one."""
+    """The model's natural frequency nearest to each measured one; NaN where the model has none."""
     problem, theta = posterior.problem, posterior.estimate.theta
     measured = np.array([mode.frequency_hz for mode in modes])
+    if not problem.most_modes:
+        return [float("nan")] * len(measured)
     count = min(problem.most_modes, 2 * len(measured) + 4)
     predicted = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import FrfSet, Ports, Quantity, quantity_factor, receptance_model
+from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
-from jointbayes.structure import Structure, StructureFamily
 
 __all__ = ["Candidate", "CandidateKind", "StatedVariance", "VarianceLaw", "estimated_law", "present", "repeated"]
 
@@ -95,7 +94,7 @@ class Candidate:
     name: str
     kind: CandidateKind
     words: str
-    structure: Structure | StructureFamily
+    structure: AnyStructure
     ports: Ports
     quantity: Quantity
     law: VarianceLaw
