@@ -36,8 +36,8 @@ SETTINGS = SamplerSettings(walkers=16, max_steps=2000, tau_factor=20, end_tolera
 
 
 def tool() -> Structure:
-    """A tool of 120 mm, 16 mm thick, free."""
-    return beam(0.12, Section.circle(0.016), STEEL, LossFactor(0.02), elements=6)
+    """A tool of 90 mm, 20 mm thick, free."""
+    return beam(0.09, Section.circle(0.02), STEEL, LossFactor(0.02), elements=6)
 
 
 def spindle() -> Structure:

@@ -1,0 +1,120 @@
+"""What a posterior says of measured bodies: verdicts, summary, bands, report, and that it is loaded without them."""
+
+import datetime
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.measured_body import SETTINGS, data_set
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.noise_of_bodies import DOUBTFUL, noise_of_bodies
+from jointbayes.posterior.verdicts import verdict_line
+from jointbayes.report.build import build_report
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.workflow import identify, load_posterior, sample
+
+
+@pytest.fixture(scope="module")
+def posterior() -> Posterior:
+    return sample(data_set(1), seed=1, settings=SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def ignoring() -> Posterior:
+    return sample(data_set(1, propagate=False), seed=1, settings=SETTINGS)
+
+
+def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
+    found = posterior.noise_of_bodies
+    assert found is not None
+    assert found.within
+    assert "is propagated to first order" in found.sentence
+    assert "ignored" not in verdict_line(posterior, "k11")
+    assert posterior.check.explains
+    assert found.sentence in str(posterior.summary())
+
+
+def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior, ignoring):
+    for name in ignoring.stiffness_names:
+        known = ignoring.identifiability(name)
+        assert "the noise of the measured body spindle is ignored, so that the interval is too narrow" in (
+            known.verdict_reason
+        )
+        low, high = np.log(ignoring.interval(name))
+        wide = np.log(posterior.interval(name))
+        assert high - low < 0.9 * (wide[1] - wide[0])
+    summary = ignoring.summary()
+    table = summary.to_json()["measured_bodies"]
+    assert table["ignored"]
+    assert not table["within_bound"]
+    assert "Intervals are too narrow." in str(summary)
+    inputs = ReportInputs(ignoring)
+    report = build_report(inputs, datetime.date(2026, 11, 22))
+    banners = [block.text for block in report.lead if hasattr(block, "text")]
+    assert any("A measured body" in text and "is ignored" in text for text in banners)
+    assert [section.identifier for section in report.sections].count("measured-bodies") == 1
+    assert "frequencies" not in [section.identifier for section in report.sections]
+
+
+def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_path):
+    path = tmp_path / "posterior.nc"
+    posterior.save(path)
+    again = load_posterior(path)
+    assert (again.stiffness == posterior.stiffness).all()
+    assert again.noise_of_bodies == posterior.noise_of_bodies
+    (body,), (stored,) = posterior.problem.measured_bodies, again.problem.measured_bodies
+    assert (stored.receptance == body.receptance).all()
+    assert (stored.covariance == body.covariance).all()
+    theta = posterior.thinned(5)
+    assert (again.problem.log_posterior(theta) == posterior.problem.log_posterior(theta)).all()
+
+
+def test_the_band_holds_what_the_errors_of_the_body_make_of_the_frfs(posterior):
+    """Its width beside that of the draws alone is that of the propagated noise."""
+    band = posterior.predict_frf(max_draws=400)
+    exact = replace(posterior, problem=replace(posterior.problem, structure=_ignored(posterior)))
+    narrow = exact.predict_frf(max_draws=400)
+    problem = posterior.problem
+    model = problem.receptance_model(Ports(band.frequency_hz, band.outputs, band.inputs))
+    covariance = NoisePropagation(model).covariance(problem.prior.matrix(posterior.estimate.theta[None]))[0]
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2).real / 2).reshape(band.magnitude.shape)
+    half, own = ((b.magnitude_high - b.magnitude_low) / 2 / 1.96 for b in (band, narrow))
+    assert np.median(half / np.hypot(own, sd)) == pytest.approx(1.0, abs=0.05)
+    assert (half > own).mean() > 0.9
+
+
+def _ignored(posterior):
+    return replace(posterior.problem.structure, propagate=False)
+
+
+def test_lines_at_which_the_first_order_is_doubtful_are_named(posterior):
+    problem, theta = posterior.problem, posterior.estimate.theta
+    (body,) = problem.measured_bodies
+    noisy = replace(body, covariance=body.covariance * 15**2)
+    found = noise_of_bodies(replace(problem, structure=Substructures(problem.structures, (noisy,))), theta)
+    usual = posterior.noise_of_bodies
+    assert found.largest_sd == pytest.approx(15 * usual.largest_sd)
+    assert found.largest_sd > DOUBTFUL
+    assert not found.within
+    assert f"At {found.doubtful_lines} of 145 lines, most at {found.largest_at_hz:.5g} Hz" in found.sentence
+    odd = noise_of_bodies(
+        replace(problem, structure=Substructures(problem.structures, (replace(body, discrepancy=7.0),))), theta
+    )
+    assert odd.not_reciprocal == ("spindle",)
+    assert "FRFs of spindle differ by 7 times what their noise allows" in odd.sentence
+
+
+def test_the_papers_iteration_is_refused_beside_a_measured_body(posterior):
+    with pytest.raises(ModelError, match="found the measured body spindle; the paper's iteration expects a structure"):
+        identify(posterior.problem)
+
+
+def test_data_at_lines_that_the_body_lacks_are_refused(posterior):
+    problem = posterior.problem
+    frf = replace(problem.measurement.frf, frequency_hz=problem.measurement.frf.frequency_hz + 1.0)
+    with pytest.raises(ModelError, match="expected FRFs of the body at the very lines of the data"):
+        replace(problem, measurement=replace(problem.measurement, frf=frf)).log_posterior  # noqa: B018
+    assert isinstance(problem.measured_bodies[0], MeasuredBody)
