@@ -201,7 +201,13 @@ def cheap_problem():
     return jb.case_from_text("cheap", cheap_text()).problem
 
 
-KINDS_OF_JOINT = [jb.LogStiffness(), jb.SignedCoupling(), jb.ElasticCentre()]
+KINDS_OF_JOINT = [
+    jb.LogStiffness(),
+    jb.SignedCoupling(),
+    jb.ElasticCentre(),
+    jb.FullStiffness(("y", "rz")),
+    jb.blocks_of({"only": jb.SignedCoupling()}),
+]
 
 
 @pytest.mark.parametrize("joint", KINDS_OF_JOINT, ids=lambda joint: type(joint).__name__)

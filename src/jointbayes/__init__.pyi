@@ -31,10 +31,15 @@ from jointbayes.inference import ScaledNoise as ScaledNoise
 from jointbayes.inference import StudentNoise as StudentNoise
 from jointbayes.inference import Uniform as Uniform
 from jointbayes.joint import ElasticCentre as ElasticCentre
+from jointbayes.joint import FullStiffness as FullStiffness
 from jointbayes.joint import Joint as Joint
+from jointbayes.joint import Joints as Joints
 from jointbayes.joint import LogStiffness as LogStiffness
 from jointbayes.joint import PlainSprings as PlainSprings
+from jointbayes.joint import Rigid as Rigid
 from jointbayes.joint import SignedCoupling as SignedCoupling
+from jointbayes.joint import blocks_of as blocks_of
+from jointbayes.joint import parametrisation_named as parametrisation_named
 from jointbayes.measurement import FrequencyMeasurement as FrequencyMeasurement
 from jointbayes.measurement import FrfMeasurement as FrfMeasurement
 from jointbayes.measurement.formats import iter_records as iter_records

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec, TruthSpec
-from jointbayes.case.schema.joint import JointSpec, StiffnessSpec
+from jointbayes.case.schema.joint import JointSpec, NamedJointSpec, StiffnessSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import (
     DecadesPriorSpec,
@@ -42,7 +42,17 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.inference.noise.base import NoiseChoice
-from jointbayes.joint import COUPLED, RIGID, Coordinate, Joint, parametrisation_named
+from jointbayes.joint import (
+    COUPLED,
+    RIGID,
+    AnyJoint,
+    Coordinate,
+    Joint,
+    Parametrisation,
+    as_joints,
+    blocks_of,
+    parametrisation_named,
+)
 from jointbayes.measurement import (
     CoherenceNoise,
     FrequencyMeasurement,
@@ -68,6 +78,9 @@ __all__ = [
     "beam_recipe",
     "family_of",
     "first_guess",
+    "joints_of",
+    "parametrisation_of",
+    "true_stiffness",
     "measurement_of",
     "noise_law",
     "noise_of",
@@ -83,6 +96,8 @@ _MM, _G = 1e-3, 1e-3
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
 DEFAULT_PRIOR_FACTORS = 0.1, 1e6
 DEFAULT_GUESS_FACTOR = 1e3
+#: Units of EI/L³, EI/L² and EI/L.
+_UNITS = [quantity.unit for quantity in COUPLED]
 _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
@@ -136,19 +151,53 @@ def prior_of(
     spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement, of_noise: tuple[Nuisance, ...]
 ) -> JointPrior:
     """Priors on the joint's coordinates and on all else that the case calls uncertain, those of the noise last."""
-    parametrisation = parametrisation_named(spec.joint.parametrisation)
-    if spec.prior is None:
-        own = own_stiffness(recipe, spec.joint)
-        marginals = tuple(_default_marginal(axis, own, recipe.length) for axis in parametrisation.axes)
-    else:
-        marginals = tuple(_marginal(getattr(spec.prior, name)) for name in parametrisation.names)
-    return JointPrior(parametrisation, marginals, (*_quantities(spec, recipe, measurement), *of_noise))
+    marginals: list[Marginal] = []
+    for name, joint in spec.all_joints.items():
+        priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
+        if name in spec.sharing:
+            continue
+        if priors is None:
+            own = own_stiffness(recipe, joint)
+            marginals += [_default_marginal(axis, own, recipe.length) for axis in joint.coordinates]
+        else:
+            marginals += [_marginal(getattr(priors, axis.name)) for axis in joint.coordinates]
+    return JointPrior(parametrisation_of(spec), tuple(marginals), (*_quantities(spec, recipe, measurement), *of_noise))
+
+
+def joints_of(spec: CaseSpec) -> Joint | tuple[Joint, ...]:
+    """Where the joints of a case act; a lone one without a name by itself."""
+    joints = tuple(
+        Joint(one.dofs, one.against, name, one.axes, _metres(one.offset_mm), _metres(one.offset_against_mm))
+        for name, one in spec.all_joints.items()
+    )
+    return joints[0] if spec.joint is not None else joints
+
+
+def _metres(offset_mm: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+    if offset_mm is None:
+        return None
+    x, y, z = offset_mm
+    return x * _MM, y * _MM, z * _MM
+
+
+def parametrisation_of(spec: CaseSpec) -> Parametrisation:
+    """Coordinates of all joints of a case."""
+    kinds: dict[str, Parametrisation | str] = {
+        name: parametrisation_named(one.parametrisation if one.kind == "coupled" else one.kind, one.directions)
+        for name, one in spec.all_joints.items()
+    }
+    return blocks_of({**kinds, **spec.sharing})
+
+
+def true_stiffness(spec: CaseSpec, truth: TruthSpec) -> Array:
+    """Quantities of the joints that make the data, shape (q,)."""
+    return np.array([truth.by_name[name] for name in spec.all_quantities])
 
 
 def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic:
-        k = own[[quantity.name for quantity in COUPLED].index(axis.quantity)]
+        k = own[_UNITS.index(axis.unit)]
         return Uniform(*np.log([factor * k for factor in DEFAULT_PRIOR_FACTORS]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
@@ -160,10 +209,21 @@ def own_stiffness(recipe: BeamRecipe, joint: JointSpec) -> Array:
 
 
 def first_guess(spec: CaseSpec, recipe: BeamRecipe) -> Array:
-    """First guess (k11, k12, k22) of the paper's iteration, shape (3,): as stated, or a translational spring alone."""
-    if spec.joint.initial is not None:
-        return stiffness_of(spec.joint.initial)
-    return own_stiffness(recipe, spec.joint) * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
+    """First guess of the quantities, shape (q,): as stated, or of coupled pairs a translational spring alone.
+
+    Joints of other kinds begin far stiffer than the beam.
+    """
+    own = ((name, joint) for name, joint in spec.all_joints.items() if name not in spec.sharing)
+    return np.concatenate([_guess_of(joint, own_stiffness(recipe, joint)) for _, joint in own])
+
+
+def _guess_of(joint: JointSpec, own: Array) -> Array:
+    if joint.initial is not None:
+        return stiffness_of(joint.initial)
+    if joint.kind == "coupled":
+        return own * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
+    springs = [0.0 if q.may_be_negative else own[_UNITS.index(q.unit)] for q in joint.quantities]
+    return DEFAULT_GUESS_FACTOR * np.array(springs)
 
 
 def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:
@@ -228,13 +288,13 @@ def _modes_in_band(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement)
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
     if isinstance(measurement, FrequencyMeasurement):
         return measurement.frequency_hz.size
-    rigid = rigid_frequencies_hz(recipe, Joint(spec.joint.dofs, spec.joint.against), _MOST_MODES)
+    rigid = rigid_frequencies_hz(recipe, as_joints(joints_of(spec)), _MOST_MODES)
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 
 
-def rigid_frequencies_hz(recipe: BeamRecipe, joint: Joint, most: int) -> Array:
+def rigid_frequencies_hz(recipe: BeamRecipe, joint: AnyJoint, most: int) -> Array:
     """Lowest natural frequencies of a beam with a rigid joint, Hz: no more than `most`, nor than it has."""
-    count = min(most, recipe.dofs_per_node * recipe.elements)
+    count = min(most, recipe.dofs_per_node * (recipe.elements + 1) - joint.size)
     rigid = np.eye(joint.size) * RIGID
     return NaturalFrequencies(BeamFamily(recipe, {}), joint, count).frequency_hz(rigid)[0]
 
@@ -273,19 +333,23 @@ def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:
     return BeamFamily(recipe, ranges)
 
 
-def measurement_of(recipe: BeamRecipe, joint: Joint, spec: SyntheticFrfSpec | NaturalFrequenciesSpec) -> Measurement:
+def measurement_of(recipe: BeamRecipe, joint: AnyJoint, case: CaseSpec) -> Measurement:
     """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs."""
+    spec = case.data
+    assert isinstance(spec, SyntheticFrfSpec | NaturalFrequenciesSpec)
     if isinstance(spec, NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
         return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))
+    parametrisation, truth = parametrisation_of(case), true_stiffness(case, spec.truth)
+    parametrisation.check(truth)
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
-    at_joint = tuple(dof for dof in joint.dofs + joint.against if dof not in spec.outputs)
+    at_joint = tuple(dof for dof in joint.labels if dof not in spec.outputs)
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
     rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
     measured = synthesise_frf(
         BeamFamily(true_beam(recipe, spec.truth), {}),
         joint,
-        parametrisation_named("log").matrix(stiffness_of(spec.truth)),
+        parametrisation.matrix(truth),
         ports,
         noise_law(spec.noise),
         spec.quantity,

@@ -14,6 +14,7 @@ from jointbayes.case.build import (
     beam_recipe,
     family_of,
     first_guess,
+    joints_of,
     measurement_of,
     noise_of,
     prior_of,
@@ -33,7 +34,7 @@ from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.toml_text import fault_start, key_lines, line_of, read_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError
 from jointbayes.inference import Problem
-from jointbayes.joint import Joint
+from jointbayes.joint import as_joints
 from jointbayes.measurement import FrequencyMeasurement, Measurement
 from jointbayes.sampling import SamplerSettings
 
@@ -196,8 +197,9 @@ def _build(
 ) -> Case:
     stated = spec
     with _told_of(where, text, spec) as tell:
-        tell("joint")
-        joint = Joint(spec.joint.dofs, spec.joint.against)
+        joints = "joints" if spec.joints else "joint"
+        tell(joints)
+        joint = as_joints(joints_of(spec))
         if isinstance(spec.data, MeasuredSpec):
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
@@ -215,8 +217,10 @@ def _build(
         else:
             tell("structure")
             recipe = beam_recipe(spec.structure, spec.data)
+            tell(joints)
+            joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
             tell("data")
-            measurement = measurement_of(recipe, joint, spec.data)
+            measurement = measurement_of(recipe, joint, spec)
         tell("noise")
         noise, of_noise = noise_of(spec.noise, measurement)
         tell("prior")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.case.build import rigid_frequencies_hz
+from jointbayes.case.build import joints_of, rigid_frequencies_hz
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.measured import (
     MeasuredFrequenciesSpec,
@@ -18,7 +18,7 @@ from jointbayes.case.schema.measured import (
 from jointbayes.case.schema.priors import FactorPriorSpec
 from jointbayes.case.schema.structure import ModalDampingSpec, StructureSpec
 from jointbayes.errors import CaseError, MeasurementError
-from jointbayes.joint import Joint
+from jointbayes.joint import AnyJoint, as_joints
 from jointbayes.measurement.channels import Channel
 from jointbayes.measurement.data import FrfMeasurement, Measurement
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
@@ -55,7 +55,7 @@ def plan_of(spec: CaseSpec) -> MeasurementPlan:
         frf.outputs if frf else (),
         frf.inputs if frf else (),
         tuple(_rotation(label, rotation, spec.structure) for label, rotation in frf.rotations.items()) if frf else (),
-        spec.joint.dofs + spec.joint.against,
+        as_joints(joints_of(spec)).labels,
         FrequencyPlan(frequencies.modes, frequencies.sd_relative, frequencies.sd_hz) if frequencies else None,
     )
 
@@ -116,7 +116,7 @@ def require_inside(directory: Path, names: Sequence[str], place: Callable[[int],
             )
 
 
-def require_lowest(spec: CaseSpec, recipe: BeamRecipe, joint: Joint, measured: Measurement) -> None:
+def require_lowest(spec: CaseSpec, recipe: BeamRecipe, joint: AnyJoint, measured: Measurement) -> None:
     """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
 
     No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.

@@ -110,10 +110,11 @@ def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
     if not isinstance(spec.data, SyntheticFrfSpec):
         return
     joint, loc = prior.parametrisation, ("data", "truth")
-    truth = [getattr(spec.data.truth, name) for name in joint.stiffness_names]
+    truth = [spec.data.truth.by_name[name] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
-        found = f'found {each}, which joint.parametrisation = "{spec.joint.parametrisation}" cannot describe'
+        kinds = " and ".join(dict.fromkeys(one.parametrisation for one in spec.all_joints.values()))
+        found = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
         yield Finding(loc, found, "a truth that the analysis can find", "choose another parametrisation or truth")
         return
     for axis, marginal, value in zip(joint.axes, prior.marginals, joint.coordinates(truth), strict=True):
@@ -122,7 +123,10 @@ def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
             shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
             found = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
             expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
-            yield Finding((*loc, axis.quantity), found, expected, f"widen [prior.{axis.name}] or correct the truth")
+            place = (axis.quantity,) if spec.data.truth.stiffness is None else ("stiffness", *axis.quantity.split("."))
+            own, _, name = axis.name.rpartition(".")
+            table = f"joints.{own}.prior.{name}" if own else f"prior.{name}"
+            yield Finding((*loc, *place), found, expected, f"widen [{table}] or correct the truth")
 
 
 def _placed(findings: Iterable[Finding], text: str) -> tuple[InputWarning, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.case.build import beam_recipe, noise_law, stiffness_of, true_beam
+from jointbayes.case.build import beam_recipe, noise_law, true_beam, true_stiffness
 from jointbayes.case.case import Case
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
@@ -66,7 +66,7 @@ class Truth:
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
         """True K^J, shape (2, 2)."""
-        return self.case.problem.parametrisation.matrix(stiffness_of(self.data.truth))
+        return self.case.problem.parametrisation.matrix(true_stiffness(self.case.spec, self.data.truth))
 
     @cached_property
     def decay_rate(self) -> float:

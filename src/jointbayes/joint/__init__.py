@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from jointbayes.joint.quantities import COORDINATES as COORDINATES
 from jointbayes.joint.quantities import COUPLED as COUPLED
+from jointbayes.joint.quantities import DIRECTIONS as DIRECTIONS
 from jointbayes.joint.quantities import HYPOTHESES as HYPOTHESES
 from jointbayes.joint.quantities import KINDS as KINDS
 from jointbayes.joint.quantities import Coordinate as Coordinate

@@ -1,6 +1,6 @@
 """Where joints act: DOFs of the structure, against others or ground."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 
 _SAME_PLACE = 1e-6  # m
+_NOWHERE = (0.0, 0.0, 0.0)
 _ORTHONORMAL = 1e-6
 
 
@@ -136,7 +137,7 @@ class Joint:
         ModelError
             If a DOF does not exist in the structure, or the two sides of the joint do not meet.
         """
-        self._require_one_place(structure)
+        self.require_one_place(getattr(structure, "position", lambda _: None))
         selection = np.zeros((structure.n_dofs, self.size))
         selection[structure.index(self.labels)] = self.on(self.labels)
         return selection
@@ -145,7 +146,7 @@ class Joint:
         """Each motion of the joint on one side as a sum of DOFs of the structure."""
         if self.axes is None and offset is None:
             return [{label: 1.0} for label in dofs]
-        return [self._motion(label, offset or (0.0, 0.0, 0.0)) for label in dofs]
+        return [self._motion(label, offset or _NOWHERE) for label in dofs]
 
     def _motion(self, label: str, offset: _Vector) -> Mapping[str, float]:
         node, _, direction = label.rpartition(":")
@@ -163,18 +164,26 @@ class Joint:
             shares = dict(zip(DIRECTIONS, [*along.tolist(), *np.cross(offset, along).tolist()], strict=True))
         return {f"{node}:{name}": share for name, share in shares.items() if share}
 
-    def _require_one_place(self, structure: LabelledDofs) -> None:
-        position = getattr(structure, "position", None)
-        if position is None or not self.against:
-            return
-        for near, far in zip(self.dofs, self.against, strict=True):
+    def require_one_place(self, position: Callable[[str], Sequence[float] | None]) -> None:
+        """Refuse sides that do not meet.
+
+        Parameters
+        ----------
+        position
+            Gives x, y and z of a DOF's label in m; None where they are not known.
+
+        Raises
+        ------
+        ModelError
+            If the sides lie at different places, offsets counted in.
+        """
+        for near, far in zip(self.dofs, self.against, strict=False):  # none against ground
             here, there = position(near), position(far)
             if here is None or there is None:
                 continue
-            here = np.asarray(here) + (self.offset_m or (0.0, 0.0, 0.0))
-            there = np.asarray(there) + (self.offset_against_m or (0.0, 0.0, 0.0))
-            if np.abs(here - there).max() > _SAME_PLACE:
-                apart = ", ".join(f"{1e3 * gap:g}" for gap in there - here)
+            gap = np.subtract(there, here) + np.subtract(self.offset_against_m or _NOWHERE, self.offset_m or _NOWHERE)
+            if np.abs(gap).max() > _SAME_PLACE:
+                apart = ", ".join(f"{1e3 * part:g}" for part in gap)
                 raise ModelError(
                     f"{self._where}: found {near} and {far} at different places, ({apart}) mm apart; expected both "
                     "sides of a joint at one place; state the way between them as its offset"
@@ -229,6 +238,11 @@ class Joints:
             whole[rows, column : column + joint.size] = joint.on(joint.labels)
             column += joint.size
         return whole
+
+    def require_one_place(self, position: Callable[[str], Sequence[float] | None]) -> None:
+        """Refuse joints whose sides do not meet."""
+        for joint in self.joints:
+            joint.require_one_place(position)
 
     def selection(self, structure: LabelledDofs) -> Array:
         """Matrix B, shape (n, R), so that Bᵀx is the deformation of all joints and B K^J Bᵀ their stiffness."""

@@ -17,16 +17,18 @@ from pydantic import Field
 from jointbayes.case.errors import Finding, fault_lines
 from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
 from jointbayes.case.schema.fields import Spec
-from jointbayes.case.schema.joint import JointSpec
+from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
 from jointbayes.case.schema.measured import MeasuredFrfSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.rules import (
     dof_findings,
+    joints_findings,
     noise_findings,
     plan_findings,
     prior_findings,
     truth_findings,
+    truth_names_findings,
     uncertain_findings,
     virtual_test_findings,
 )
@@ -35,6 +37,8 @@ from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import parse_toml
 from jointbayes.errors import CaseError
+from jointbayes.joint import Coordinate
+from jointbayes.joint.quantities import prefixed
 
 __all__ = ["CaseSpec", "parse_case"]
 
@@ -52,7 +56,10 @@ class CaseSpec(Spec):
 
     title: Annotated[str, _TITLE] = ""
     structure: Annotated[StructureSpec, Field(description="the structure without its joint")]
-    joint: Annotated[JointSpec, Field(description="the joint: dofs, initial")]
+    joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
+    joints: Annotated[
+        dict[str, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
+    ] = {}  # noqa: RUF012 (pydantic copies it)
     prior: Annotated[
         PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
     ] = None
@@ -69,9 +76,39 @@ class CaseSpec(Spec):
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
 
     @property
+    def all_joints(self) -> dict[str, JointSpec]:
+        """Every joint by its name; a lone one has none."""
+        return dict(self.joints) if self.joint is None else {"": self.joint}
+
+    @property
+    def all_coordinates(self) -> tuple[Coordinate, ...]:
+        """Coordinates of all joints, those that are shared once."""
+        own = ((name, joint) for name, joint in self.all_joints.items() if name not in self.sharing)
+        return tuple(axis.of_joint(name) for name, joint in own for axis in joint.coordinates)
+
+    @property
+    def all_quantities(self) -> tuple[str, ...]:
+        """Names of the stiffnesses of all joints, those that are shared once."""
+        own = ((name, joint) for name, joint in self.all_joints.items() if name not in self.sharing)
+        return tuple(prefixed(name, quantity.name) for name, joint in own for quantity in joint.quantities)
+
+    @property
+    def sharing(self) -> dict[str, str]:
+        """Joints whose quantities are those of another one, by name."""
+        return {name: joint.shared for name, joint in self.joints.items() if joint.shared is not None}
+
+    @property
+    def plan_parameter(self) -> str:
+        """The stiffness that a further measurement is to determine."""
+        if self.plan.parameter:
+            return self.plan.parameter
+        coupling = [name for name in self.all_quantities if name.rpartition(".")[2] == "k12"]
+        return (coupling or [*self.all_quantities, ""])[0]
+
+    @property
     def plan_outputs(self) -> tuple[str, ...]:
         """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
-        direction = self.joint.dofs[0].split(":")[1]
+        direction = next(iter(self.all_joints.values())).directions[0]
         every = (f"{node}:{direction}" for node in range(1, self.structure.nodes + 1))
         return self.plan.outputs or tuple(label for label in every if label not in self.structure.supports)
 
@@ -83,13 +120,19 @@ class CaseSpec(Spec):
         )
 
     def _findings(self) -> Iterator[Finding]:
-        yield from dof_findings(self.structure, self.joint, self.data, self.plan)
-        if self.prior is not None:
+        if self.joint is None and not self.joints:
+            yield Finding(("joint",), missing=True)
+            return
+        yield from joints_findings(self.joint, self.joints, self.prior)
+        yield from dof_findings(self.structure, self.all_joints, self.data, self.plan)
+        if self.prior is not None and self.joint is not None:
             yield from prior_findings(self.joint, self.prior)
+        lone_pair = self.joint is not None and self.joint.kind == "coupled"
+        yield from truth_names_findings(self.data, self.all_quantities, lone_pair=lone_pair)
         yield from uncertain_findings(self.uncertain, self.structure, self.data)
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.data)
-        yield from plan_findings(self.plan, self.data)
+        yield from plan_findings(self.plan, self.data, self.all_quantities)
         yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 

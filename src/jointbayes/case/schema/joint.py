@@ -1,4 +1,4 @@
-"""The `[joint]` table of a case file, and the joint matrices that other tables state."""
+"""The `[joint]` and `[joints.NAME]` tables of a case file, and the joint matrices that other tables state."""
 
 from __future__ import annotations
 
@@ -6,36 +6,69 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, Strict
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import Labels, Spec, ascii_unit, either, key_field, not_negative
-from jointbayes.joint import COORDINATES, COUPLED
+from jointbayes.case.schema.priors import PriorsSpec
+from jointbayes.joint import (
+    COORDINATES,
+    COUPLED,
+    DIRECTIONS,
+    KINDS,
+    Coordinate,
+    Quantity,
+    full_coordinates,
+    full_stiffnesses,
+    spring_stiffnesses,
+)
 
-__all__ = ["JointSpec", "StiffnessSpec"]
+__all__ = ["K11_FIELD", "K12_FIELD", "K22_FIELD", "JointSpec", "NamedJointSpec", "StiffnessSpec", "pair_findings"]
+
+_CROOKED = 1e-6  # of the products of axes
 
 _K11, _K12, _K22 = COUPLED
 _IN = {quantity.name: f"{quantity.words} in {ascii_unit(quantity.unit)}" for quantity in COUPLED}
 
 
+K11_FIELD = not_negative(_IN[_K11.name], 1e8)
+K12_FIELD = key_field(f"{_IN[_K12.name]}, a number with k12² ≤ k11·k22", 0.0)
+K22_FIELD = not_negative(_IN[_K22.name], 1e6)
+
+
+def pair_findings(k11: float, k12: float, k22: float) -> Iterator[Finding]:
+    """Yield that a joint matrix [[k11, k12], [k12, k22]] is not positive semidefinite."""
+    bound = math.sqrt(k11) * math.sqrt(k22)  # not sqrt(k11 k22), which may overflow
+    if abs(k12) > bound * (1 + 1e-12):
+        squares = f"k12² = {k12 * k12:.6g} exceeds k11·k22 = {k11 * k22:.6g}"
+        found = f"{squares}: the joint matrix is not positive semidefinite"
+        yield Finding((_K12.name,), found, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
+
+
 class StiffnessSpec(Spec):
     """A positive semidefinite joint matrix [[k11, k12], [k12, k22]]."""
 
-    k11: Annotated[float, not_negative(_IN[_K11.name], 1e8)]
-    k12: Annotated[float, key_field(f"{_IN[_K12.name]}, a number with k12² ≤ k11·k22", 0.0)]
-    k22: Annotated[float, not_negative(_IN[_K22.name], 1e6)]
+    k11: Annotated[float, K11_FIELD]
+    k12: Annotated[float, K12_FIELD]
+    k22: Annotated[float, K22_FIELD]
 
     def _findings(self) -> Iterator[Finding]:
-        bound = math.sqrt(self.k11) * math.sqrt(self.k22)  # not sqrt(k11 k22), which may overflow
-        if abs(self.k12) > bound * (1 + 1e-12):
-            squares = f"k12² = {self.k12 * self.k12:.6g} exceeds k11·k22 = {self.k11 * self.k22:.6g}"
-            found = f"{squares}: the joint matrix is not positive semidefinite"
-            yield Finding((_K12.name,), found, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
+        yield from pair_findings(self.k11, self.k12, self.k22)
 
 
 _DOFS = key_field("the translation and then the rotation, two DOF labels", ["1:y", "1:rz"])
-_AGAINST = key_field("no DOF (joint to ground) or two, the other side's translation and rotation", ["9:y", "9:rz"])
+_AGAINST = key_field("no DOF (joint to ground) or as many as dofs, those of the other side", ["9:y", "9:rz"])
 _LOG, *_ = COORDINATES
+_COUPLED, *_ = KINDS
+_KIND = key_field("the kind of joint, " + either(f'"{kind}"' for kind in KINDS), _COUPLED)
+_AXES = key_field(
+    "the joint's own x, y and z, three lists of three numbers", [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0, 0, 1]]
+)
+_OFFSET = key_field("the way from the DOFs' point to the joint's in mm, three numbers x, y, z", [25.0, 0.0, 0.0])
+_OFFSET_AGAINST = key_field(
+    "the way from the other side's point to the joint's in mm, three numbers", [-25.0, 0.0, 0.0]
+)
+_SHARED = key_field("the name of the joint whose quantities are those of this one", "left")
 _PARAMETRISATION = key_field(
     either(
         f'"{key}" ({", ".join(f"ln {axis.name}" if axis.logarithmic else axis.name for axis in axes)})'
@@ -45,33 +78,116 @@ _PARAMETRISATION = key_field(
 )
 if TYPE_CHECKING:
     ParametrisationName = str
+    KindName = str
 else:
     ParametrisationName = Literal[tuple(COORDINATES)]
+    KindName = Literal[KINDS]
+
+_Vector = Annotated[tuple[float, float, float], Strict(False)]
+_Share = Annotated[float, Field(ge=-1, le=1)]
+_Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
 
 
 class JointSpec(Spec):
-    """The joint: where it acts, how it is parametrised, and the first guess of the paper's iteration."""
+    """A joint: where it acts, of which kind it is, how it is parametrised, and the first guess of the iteration."""
 
-    dofs: Annotated[Labels, Field(min_length=2, max_length=2), _DOFS]
+    kind: Annotated[KindName, _KIND] = _COUPLED
+    dofs: Annotated[Labels, Field(min_length=1, max_length=len(DIRECTIONS)), _DOFS]
     against: Annotated[Labels, _AGAINST] = ()
+    axes: Annotated[Annotated[tuple[_Unit, _Unit, _Unit], Strict(False)] | None, _AXES] = None
+    offset_mm: Annotated[_Vector | None, _OFFSET] = None
+    offset_against_mm: Annotated[_Vector | None, _OFFSET_AGAINST] = None
     parametrisation: Annotated[ParametrisationName, _PARAMETRISATION] = _LOG
     initial: Annotated[StiffnessSpec | None, Field(description="the first guess: k11, k12, k22")] = None
 
     @property
+    def directions(self) -> tuple[str, ...]:
+        """Directions of its DOFs."""
+        return tuple(label.split(":")[1] for label in self.dofs)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Its parameters, each of which needs a prior."""
+        match self.kind:
+            case "rigid":
+                return ()
+            case "springs":
+                return tuple(map(Coordinate.logarithm_of, spring_stiffnesses(self.directions)))
+            case "full":
+                return full_coordinates(self.directions)
+        return COORDINATES[self.parametrisation]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Its stiffnesses."""
+        match self.kind:
+            case "rigid":
+                return ()
+            case "springs":
+                return spring_stiffnesses(self.directions)
+            case "full":
+                return full_stiffnesses(self.directions)
+        return COUPLED
+
+    @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, each of which needs a prior."""
-        return tuple(axis.name for axis in COORDINATES[self.parametrisation])
+        """Names of the parameters."""
+        return tuple(axis.name for axis in self.coordinates)
 
     def _findings(self) -> Iterator[Finding]:
-        if len(self.against) not in (0, 2):
-            yield Finding(("against",))
+        if self.kind == _COUPLED:
+            yield from self._no_pair()
+        elif self.initial is not None:
+            yield Finding(
+                ("initial",), f'found a first guess with kind = "{self.kind}"', f'kind = "{_COUPLED}"', "remove it"
+            )
+        if self.kind != _COUPLED and "parametrisation" in self.model_fields_set:
+            found = f'found "{self.parametrisation}" with kind = "{self.kind}"'
+            yield Finding(("parametrisation",), found, f'kind = "{_COUPLED}"', "remove it")
+        if len(self.against) not in (0, len(self.dofs)):
+            pair = "no DOF (joint to ground) or two, the other side's translation and rotation"
+            yield Finding(("against",), "", pair if self.kind == _COUPLED else "")
+        if self.offset_against_mm is not None and not self.against:
+            yield Finding(("offset_against_mm",), "found an offset of no side", "against, the other side", "remove it")
+        for i, (here, there) in enumerate(zip(self.dofs, self.against, strict=False)):
+            if here.split(":")[1] != there.split(":")[1] or here == there:
+                expected = f"the direction of joint.dofs, {here.split(':')[1]}, at another node"
+                yield Finding(("against", i), f'found "{there}" against "{here}"', expected, "correct the label")
+        yield from self._crooked_axes()
+
+    def _no_pair(self) -> Iterator[Finding]:
+        """Yield DOFs that are no translation and rotation."""
+        if len(self.dofs) != 2:
+            yield Finding(("dofs",))
+            return
         for name, labels in (("dofs", self.dofs), ("against", self.against)):
             for i, (label, kind) in enumerate(zip(labels, ("translation", "rotation"), strict=False)):
                 if (":r" in label) != (kind == "rotation"):
                     found = f'found entry {i + 1} = "{label}", which is no {kind}'
                     yield Finding((name, i), found, "", 'write for example ["1:y", "1:rz"]')
                     break  # two labels in the wrong order are one fault
-        for i, (here, there) in enumerate(zip(self.dofs, self.against, strict=False)):
-            if here.split(":")[1] != there.split(":")[1] or here == there:
-                expected = f"the direction of joint.dofs, {here.split(':')[1]}, at another node"
-                yield Finding(("against", i), f'found "{there}" against "{here}"', expected, "correct the label")
+
+    def _crooked_axes(self) -> Iterator[Finding]:
+        """Yield axes that are no unit vectors at right angles to each other."""
+        if self.axes is None:
+            return
+        for i, one in enumerate(self.axes):
+            for k, other in enumerate(self.axes[: i + 1]):
+                product = math.fsum(a * b for a, b in zip(one, other, strict=True))
+                if abs(product - (i == k)) > _CROOKED:
+                    found = (
+                        f"entries {k + 1} and {i + 1} are not at right angles"
+                        if i != k
+                        else f"entry {i + 1} has length {math.sqrt(product):.6g}"
+                    )
+                    yield Finding(("axes",), found, "three unit vectors at right angles to each other", "correct them")
+                    return
+
+
+class NamedJointSpec(JointSpec):
+    """One of several joints: as `[joint]`, with its own priors, or the quantities of another one."""
+
+    prior: Annotated[
+        PriorsSpec | None, Field(description="a table for the prior of each parameter, as [joints.left.prior.k11]")
+    ] = None
+    shared: Annotated[str | None, _SHARED] = None

@@ -48,9 +48,10 @@ def _of(keys: str, least: float, most: float) -> Limits:
     return Limits(tuple(keys.split()), least, most)
 
 
+_STIFFNESSES = [quantity.name for quantity in COUPLED]
 #: One row for each kind of number; docs/case-file.md shows the same table.
 TABLE = (
-    _of("length_mm spacing_mm", 1e-3, 1e6),
+    _of("length_mm spacing_mm offset_mm offset_against_mm", 1e-3, 1e6),
     _of("diameter_mm outer_diameter_mm inner_diameter_mm width_mm height_mm wall_mm", 1e-3, 1e5),
     _of("youngs_modulus_gpa", 1e-6, 1e15),
     _of("density_kg_m3", 1e-9, 1e9),
@@ -58,7 +59,9 @@ TABLE = (
     _of("loss_factor", 1e-12, 100.0),
     _of("alpha_per_s", 1e-12, 1e9),
     _of("beta_s", 1e-20, 1e3),
-    _of(" ".join([*(quantity.name for quantity in COUPLED), "low", "high", "median", "guess"]), 1e-12, 1e15),
+    _of(
+        " ".join([*(quantity.name for quantity in COUPLED), "stiffness", "low", "high", "median", "guess"]), 1e-12, 1e15
+    ),
     _of("sd_log decades", 1e-6, 100.0),
     _of("sd_percent", 1e-6, 100.0),
     _of("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
@@ -95,6 +98,11 @@ def beyond(values: Mapping[str, object]) -> Iterator[tuple[tuple[str | int, ...]
         places: list[tuple[tuple[str | int, ...], object]] = [((key,), value)]
         if isinstance(value, tuple):
             places = [((key, index), entry) for index, entry in enumerate(value)]
+        if isinstance(value, Mapping):
+            tables = {(key,): value} | {
+                (key, name): inner for name, inner in value.items() if isinstance(inner, Mapping)
+            }
+            places = [((*place, name), entry) for place, table in tables.items() for name, entry in table.items()]
         for place, entry in places:
             if isinstance(entry, int | float) and not isinstance(entry, bool) and not limits.hold(entry):
                 yield place, entry, limits

@@ -7,7 +7,7 @@ from pydantic import Field, create_model
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import Positive, Spec, ascii_unit, key_field, not_above, positive
-from jointbayes.joint import COORDINATES, Coordinate
+from jointbayes.joint import COORDINATES, DIRECTIONS, Coordinate, full_coordinates, spring_stiffnesses
 
 __all__ = [
     "DecadesPriorSpec",
@@ -22,8 +22,11 @@ __all__ = [
 
 _DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal" or "decades"', "log_uniform")
 #: Every coordinate that a joint may have, by name.
-_COORDINATES = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
-_UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _COORDINATES.values() if axis.logarithmic)
+_COUPLED = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
+_SPRINGS = {quantity.name: Coordinate.logarithm_of(quantity) for quantity in spring_stiffnesses(DIRECTIONS)}
+_FULL = {axis.name: axis for axis in full_coordinates(DIRECTIONS)}
+_COORDINATES = _COUPLED | {name: axis for name, axis in (_SPRINGS | _FULL).items() if name not in _COUPLED}
+_UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _COUPLED.values() if axis.logarithmic)
 _UNIT = f"in the unit of the parameter ({_UNITS})"
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
-from jointbayes.case.schema.joint import JointSpec
+from jointbayes.case.schema.fields import either
+from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
@@ -20,14 +22,17 @@ from jointbayes.case.schema.structure import (
     absent_dofs,
 )
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.toml_text import similar
 from jointbayes.joint import COORDINATES
 
 __all__ = [
     "dof_findings",
+    "joints_findings",
     "noise_findings",
     "plan_findings",
     "prior_findings",
     "truth_findings",
+    "truth_names_findings",
     "uncertain_findings",
     "virtual_test_findings",
 ]
@@ -36,9 +41,14 @@ _FREQUENCIES = NaturalFrequenciesSpec | MeasuredFrequenciesSpec
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
-def dof_findings(structure: StructureSpec, joint: JointSpec, data: DataSpec, plan: PlanSpec) -> Iterator[Finding]:
+def dof_findings(
+    structure: StructureSpec, joints: Mapping[str, JointSpec], data: DataSpec, plan: PlanSpec
+) -> Iterator[Finding]:
     """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for."""
-    labelled = {("joint", "dofs"): joint.dofs, ("joint", "against"): joint.against}
+    labelled: dict[tuple[str, ...], tuple[str, ...]] = {}
+    for name, joint in joints.items():
+        place = ("joints", name) if name else ("joint",)
+        labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
     if isinstance(data, SyntheticFrfSpec):
         labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
     elif isinstance(data, NaturalFrequenciesSpec):
@@ -97,17 +107,82 @@ def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[
                 yield replace(finding, loc=loc)
 
 
-def prior_findings(joint: JointSpec, priors: PriorsSpec) -> Iterator[Finding]:
+def joints_findings(
+    lone: JointSpec | None, joints: Mapping[str, NamedJointSpec], priors: PriorsSpec | None
+) -> Iterator[Finding]:
+    """Yield what is wrong between several joints: names, priors, and quantities shared between unlike ones."""
+    if not joints:
+        return
+    if lone is not None:
+        yield Finding(("joint",), "found [joint] and [joints]", "one joint or several", "move [joint] to [joints.NAME]")
+    if priors is not None:
+        expected = "the priors of several joints in their tables, as [joints.left.prior.k11]"
+        yield Finding(("prior",), "found [prior] with [joints]", expected, "move each to the table of its joint")
+    for name, joint in joints.items():
+        place = ("joints", name)
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,39}", name):
+            expected = "a name of letters, digits, _ and -, at most 40, a letter first"
+            yield Finding(place, "found a name that tables and figures cannot show", expected, "rename it")
+        if joint.shared is not None:
+            yield from _sharing_findings(name, joint, joints)
+        elif joint.prior is not None:
+            yield from prior_findings(joint, joint.prior, (*place, "prior"))
+
+
+def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, NamedJointSpec]) -> Iterator[Finding]:
+    """Yield a joint that shares the quantities of none, of one that shares itself, or of an unlike one."""
+    loc, other = ("joints", name, "shared"), joints.get(joint.shared or "")
+    if other is None or other is joint or other.shared is not None:
+        owners = [own for own, one in joints.items() if one.shared is None and own != name]
+        expected = f"a joint with quantities of its own: {', '.join(owners) or 'there is none'}"
+        yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
+        return
+    unlike = [
+        what for what in ("kind", "directions", "parametrisation") if getattr(joint, what) != getattr(other, what)
+    ]
+    if unlike:
+        found = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
+        yield Finding(
+            loc, found, "a joint of the same kind, directions and parametrisation", "make them alike or remove it"
+        )
+    for what in ("prior", "initial"):
+        if getattr(joint, what) is not None:
+            found = f'found a {what} with shared = "{joint.shared}"'
+            yield Finding(("joints", name, what), found, f"the {what} of {joint.shared} alone", "remove it")
+
+
+def truth_names_findings(data: DataSpec, quantities: Sequence[str], *, lone_pair: bool) -> Iterator[Finding]:
+    """Yield a truth that states other stiffnesses than the joints have."""
+    if not isinstance(data, SyntheticFrfSpec):
+        return
+    loc = ("data", "truth")
+    if data.truth.stiffness is None:
+        if not lone_pair:
+            found = "k11, k12 and k22 of a coupled pair"
+            yield Finding(loc, found, f"a table stiffness with {', '.join(quantities)}", "write [data.truth.stiffness]")
+        return
+    stated = data.truth.by_name
+    for name in (*[n for n in stated if n not in quantities], *[n for n in quantities if n not in stated]):
+        found = f'found "{name}"' if name in stated else f"found no {name}"
+        yield Finding(
+            (*loc, "stiffness"), found, f"one number for each of {', '.join(quantities)}", "correct the names"
+        )
+
+
+def prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...] = ("prior",)) -> Iterator[Finding]:
     """Yield priors that the parametrisation of the joint lacks or has no use for."""
     needed, parametrisation = joint.parameters, joint.parametrisation
     given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
     missing = [name for name in needed if name not in given]
     for name in sorted(given.difference(needed)):
-        found = f'there is no {name} with joint.parametrisation = "{parametrisation}"'
-        other = next(key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes})
-        swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing else ""
-        yield Finding(("prior", name), found, f"priors of {', '.join(needed)}", swap or "remove it")
-    yield from (Finding(("prior", name), missing=True) for name in missing)
+        found, other = f'there is no {name} with joint.parametrisation = "{parametrisation}"', None
+        if joint.kind == "coupled":
+            other = next((key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes}), None)
+        else:
+            found = f'there is no {name} in a joint of kind = "{joint.kind}" at {", ".join(joint.dofs)}'
+        swap = f'replace it by {missing.pop()} or write parametrisation = "{other}"' if missing and other else ""
+        yield Finding((*at, name), found, f"priors of {', '.join(needed) or 'none'}", swap or "remove it")
+    yield from (Finding((*at, name), missing=True) for name in missing)
 
 
 # Why natural frequencies say nothing about a quantity.
@@ -203,8 +278,16 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
         yield Finding(("noise", "discrepancy"), found, _FRF_ONLY, "remove [noise.discrepancy]")
 
 
-def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
-    """Yield plans without FRF data, and a wider band that is not wider or has no band to widen."""
+def plan_findings(plan: PlanSpec, data: DataSpec, quantities: Sequence[str]) -> Iterator[Finding]:
+    """Yield plans without FRF data or of no stiffness, and a wider band that is not wider or has none to widen."""
+    if plan.parameter and plan.parameter not in quantities:
+        nearest, some = similar(plan.parameter, quantities), next(iter(quantities), "")
+        yield Finding(
+            ("plan", "parameter"),
+            "",
+            "the stiffness to be known best, " + either(f'"{name}"' for name in quantities),
+            f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{some}"',
+        )
     if isinstance(data, _FREQUENCIES):
         if plan != PlanSpec():
             found = "natural frequencies state neither the noise nor the band of a further FRF"

@@ -14,7 +14,6 @@ from jointbayes.case.schema.fields import (
     Positive,
     Spec,
     count_field,
-    either,
     key_field,
     not_negative,
     positive,
@@ -60,10 +59,8 @@ class ReferenceSpec(StiffnessSpec):
 
 if TYPE_CHECKING:
     Hypothesis = str
-    StiffnessName = str
 else:
     Hypothesis = Literal[tuple(HYPOTHESES)]
-    StiffnessName = Literal[tuple(quantity.name for quantity in COUPLED)]
 
 
 def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
@@ -87,9 +84,7 @@ class CompareSpec(Spec):
 
 
 _COUPLING = next(quantity.name for quantity in COUPLED if quantity.may_be_negative)
-_PARAMETER = key_field(
-    "the stiffness to be known best, " + either(f'"{quantity.name}"' for quantity in COUPLED), _COUPLING
-)
+_PARAMETER = key_field("the stiffness to be known best, by its name; without it the first coupling", _COUPLING)
 _AVERAGES_FACTOR = Field(gt=1, description="the factor on the averages, a number above 1", examples=[4.0])
 _F_MAX = Field(description="the highest frequency of a wider band in Hz, a number greater than 0", examples=[5000.0])
 _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])
@@ -98,7 +93,7 @@ _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater
 class PlanSpec(Spec):
     """The further measurements that `jointbayes plan` ranks; an empty list stands for the default."""
 
-    parameter: Annotated[StiffnessName, _PARAMETER] = _COUPLING
+    parameter: Annotated[str, _PARAMETER] = ""
     outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
     max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
-from jointbayes.joint import Joint
+from jointbayes.joint import AnyJoint
 from jointbayes.measurement.data import FrfMeasurement
 from jointbayes.measurement.variance import NoiseLaw
 from jointbayes.structure import Structure, StructureFamily
@@ -15,7 +15,7 @@ __all__ = ["channel_label", "noisy_frf", "synthesise_frf"]
 
 def synthesise_frf(
     structure: Structure | StructureFamily,
-    joint: Joint,
+    joint: AnyJoint,
     stiffness: NDArray[np.float64],
     ports: Ports,
     noise: NoiseLaw,

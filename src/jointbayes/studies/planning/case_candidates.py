@@ -150,7 +150,8 @@ class _Maker:
     def _place(self, dof: str) -> str:
         """Where a node is, in words."""
         spec = self._spec.structure
-        nodes = {int(label.split(":")[0]) for label in self._spec.joint.dofs + self._spec.joint.against}
+        held = (label for joint in self._spec.all_joints.values() for label in joint.dofs + joint.against)
+        nodes = {int(label.split(":")[0]) for label in held}
         node = int(dof.split(":")[0])
         share = (node - 1) / spec.elements
         if node in nodes:

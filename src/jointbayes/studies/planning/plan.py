@@ -294,12 +294,13 @@ def plan(
         tell("sampling the present posterior")
         posterior = sample(case, seed)
     truth = None if assume is None else assumed_truth(problem, posterior.mode_theta, assume)
+    parameter = case.spec.plan_parameter
     simulator = Simulator(
-        problem, settings.parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
+        problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
         truths=max(simulations, FIRST), assumed=truth,
     )  # fmt: skip
     tell(f"first look at {len(candidates)} candidates")
-    look = FirstLook(problem, candidates, settings.parameter, simulator.truths[:FIRST])
+    look = FirstLook(problem, candidates, parameter, simulator.truths[:FIRST])
     chosen, others, left_out = _chosen(candidates, look, settings.max_measurements)
     # truths from draws that have not converged would be simulated for nothing
     simulated = _Race(simulator, candidates, tell).run(chosen, simulations if posterior.converged else 0)
@@ -309,7 +310,7 @@ def plan(
     ]
     planned.sort(key=lambda one: (not one.ranked, one.sd_after if one.ranked else one.linearised.median))
     return Plan(
-        case.name, case.title, seed, settings.parameter, simulator.now, tuple(planned), posterior.converged,
+        case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
         posterior.reason, truth is not None, left_out,
     )  # fmt: skip
 

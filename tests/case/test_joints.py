@@ -1,0 +1,146 @@
+"""Several joints, and joints of other kinds, in a case file."""
+
+import numpy as np
+import pytest
+
+from jointbayes.case.case import case_from_text
+from jointbayes.errors import CaseError
+from jointbayes.joint import Joint, Joints, parametrisation_named
+from tests.conftest import CONFIGS
+
+BEAM = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+BEAM = BEAM[BEAM.index("[structure]") : BEAM.index("[joint]")]
+DATA = """
+[data]
+kind = "synthetic_frf"
+outputs = ["4:y", "9:y"]
+inputs = ["4:y"]
+f_min_hz = 20.0
+f_max_hz = 2000.0
+f_step_hz = 20.0
+noise = { relative = 0.03, floor = 0.01, seed = 1 }
+"""
+TWO = (
+    BEAM
+    + """
+[joints.left]
+dofs = ["1:y", "1:rz"]
+[joints.left.prior]
+k11 = { distribution = "log_uniform", low = 1e6, high = 1e10 }
+k12 = { distribution = "log_uniform", low = 1e4, high = 1e7 }
+k22 = { distribution = "log_uniform", low = 1e3, high = 1e7 }
+
+[joints.right]
+kind = "springs"
+dofs = ["11:y", "11:rz"]
+"""
+    + DATA
+    + """
+[data.truth.stiffness.left]
+k11 = 5e7
+k12 = 4e5
+k22 = 5e4
+[data.truth.stiffness.right]
+ky = 2e7
+krz = 3e4
+"""
+)
+TRUTH = "[data.truth.stiffness]\nk11 = 5e7\nk12 = -4e5\nk22 = 5e4\n"
+LONE = BEAM + '[joint]\nkind = "full"\ndofs = ["1:y", "1:rz"]\n' + DATA + TRUTH
+
+
+def changed(text, *changes):
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text
+
+
+def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
+    case = case_from_text("two", TWO)
+    problem = case.problem
+    assert problem.joints == Joints((Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")))
+    assert problem.names == ("left.k11", "left.k12", "left.k22", "right.ky", "right.krz")
+    assert case.spec.all_quantities == problem.parametrisation.stiffness_names
+    low, high = problem.prior.support
+    np.testing.assert_allclose(np.exp([low[:3], high[:3]]), [[1e6, 1e4, 1e3], [1e10, 1e7, 1e7]])
+    k11, k12, k22, ky, krz = problem.first_guess
+    assert (k12, k22) == (0.0, 0.0)
+    assert k11 == pytest.approx(ky)
+    assert ky / krz == pytest.approx(1 / 0.383**2)
+    theta = problem.parametrisation.coordinates([5e7, 4e5, 5e4, 2e7, 3e4])
+    squares = np.abs(problem.log_posterior.standardised(theta)) ** 2
+    assert squares.mean() == pytest.approx(1.0, abs=0.3)
+    assert case.warnings == ()
+    assert case.spec.plan_parameter == "left.k12"
+
+
+def test_a_lone_joint_may_be_of_another_kind():
+    problem = case_from_text("full", LONE).problem
+    assert problem.names == ("k11", "k22", "rho12")
+    assert problem.parametrisation == parametrisation_named("full", ("y", "rz"))
+    assert problem.parametrisation.stiffness_names == ("k11", "k12", "k22")
+    rigid = changed(LONE, ('"full"', '"rigid"'), (TRUTH, "[data.truth.stiffness]\n"))
+    assert case_from_text("rigid", rigid).problem.names == ()
+
+
+def test_joints_may_share_their_quantities():
+    own = "[data.truth.stiffness.right]\nky = 2e7\nkrz = 3e4\n"
+    text = changed(TWO, ('kind = "springs"\ndofs', 'shared = "left"\ndofs'), (own, ""))
+    problem = case_from_text("shared", text).problem
+    assert problem.names == ("left.k11", "left.k12", "left.k22")
+    assert problem.parametrisation.size == 4
+
+
+def test_own_axes_and_offsets_of_a_case_are_those_of_its_joint():
+    text = changed(LONE, ('dofs = ["1:y", "1:rz"]\n', 'dofs = ["1:y", "1:rz"]\noffset_mm = [10.0, 0.0, 0.0]\n'))
+    joint = case_from_text("offset", text).problem.joints
+    assert joint.offset_m == (0.01, 0.0, 0.0)
+    assert joint.labels == ("1:y", "1:rz")
+
+
+PRIOR = '{ distribution = "decades", guess = 1e9, decades = 1.0 }'
+LEFT = 'dofs = ["1:y", "1:rz"]\n'
+RIGHT = 'dofs = ["11:y", "11:rz"]'
+
+
+def in_place_of_springs(other):
+    return 'kind = "springs"\n', f"{other}\n"
+
+
+BROKEN = {
+    "no joint": ((TWO[TWO.index("[joints.left]") : TWO.index("[data]")], ""), "joint", "missing table"),
+    "one and several": (("[joints.left]\n", f"[joint]\n{LEFT}[joints.left]\n"), "joint", "one joint or several"),
+    "priors apart": (("[data]\n", f"[prior]\nk11 = {PRIOR}\n[data]\n"), "prior", "joints.left.prior"),
+    "a name": (("[joints.right]", '[joints."a b"]'), 'joints."a b"', "rename it"),
+    "shared with none": (in_place_of_springs("shared = 'middle'"), "joints.right.shared", "left"),
+    "shared with itself": (in_place_of_springs("shared = 'right'"), "joints.right.shared", "left"),
+    "shared between unlike kinds": (
+        in_place_of_springs("kind = 'springs'\nshared = 'left'"),
+        "joints.right.shared",
+        "another kind",
+    ),
+    "shared between unlike DOFs": (
+        ('kind = "springs"\ndofs = ["11:y", "11:rz"]', 'shared = "left"\ndofs = ["11:z", "11:ry"]'),
+        "joints.right.shared",
+        "another directions",
+    ),
+    "a prior of none": (("[data]\n", f"[joints.right.prior]\nkx = {PRIOR}\n[data]\n"), "joints.right.prior", "no kx"),
+    "a truth of none": (("krz = 3e4", "krx = 3e4"), "data.truth.stiffness", "right.krz"),
+    "axes": ((LEFT, LEFT + "axes = [[1, 0, 0], [0, 1, 0], [0, 0.6, 0.8]]\n"), "joints.left.axes", "right angles"),
+    "no direction": ((LEFT, 'dofs = ["1:y", "1:w"]\n'), "joints.left.dofs", "direction"),
+    "a held DOF": (("supports = []", 'supports = ["11:y"]'), "joints.right.dofs", "held fixed"),
+    "places": ((RIGHT, RIGHT + '\nagainst = ["9:y", "9:rz"]'), "joints", "different places"),
+    "an indefinite truth": (("k12 = 4e5", "k12 = 4e9"), "data", "positive semidefinite"),
+}
+
+
+@pytest.mark.parametrize(("change", "key", "words"), BROKEN.values(), ids=list(BROKEN))
+def test_what_is_wrong_with_joints_is_one_line_with_file_and_key(change, key, words):
+    with pytest.raises(CaseError) as caught:
+        case_from_text("case.toml", changed(TWO, change))
+    first = str(caught.value).splitlines()[0]
+    assert f" {key}" in first
+    assert words in str(caught.value)
+    assert first.startswith("case.toml")
+    assert "; " in first
