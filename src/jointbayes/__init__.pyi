@@ -28,6 +28,7 @@ from jointbayes.inference import Nuisance as Nuisance
 from jointbayes.inference import Problem as Problem
 from jointbayes.inference import ProportionalNoise as ProportionalNoise
 from jointbayes.inference import ScaledNoise as ScaledNoise
+from jointbayes.inference import Setup as Setup
 from jointbayes.inference import StudentNoise as StudentNoise
 from jointbayes.inference import Uniform as Uniform
 from jointbayes.joint import ElasticCentre as ElasticCentre

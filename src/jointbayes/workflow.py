@@ -51,6 +51,7 @@ __all__ = ["find_map", "identify", "load_posterior", "sample"]
 Array = NDArray[np.float64]
 
 _PRIOR_DRAWS = 8000
+_PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
 _PRIOR_STARTS = 6
 #: Draws looked at for further starts, where natural frequencies gave some and where not, and starts taken from them.
 _FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
@@ -85,6 +86,8 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     response functions, Eqs. (3)-(9).
     """
     problem, whole = _problem_and_case(case)
+    # of several set-ups the first that has what the iteration needs
+    problem = next((part for part in problem.parts if part.joint_frf is not None), problem.part(None))
     measured = problem.measurement
     if problem.measured_bodies:
         raise ModelError(
@@ -109,6 +112,10 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
         parametrisation=problem.parametrisation,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
+
+
+def _has_joint_frf(problem: Problem) -> bool:
+    return any(part.joint_frf is not None for part in problem.parts)
 
 
 def _problem_and_case(given: Case | Problem) -> tuple[Problem, Case | None]:
@@ -154,10 +161,14 @@ def find_map(
     guess = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(guess)
     starts: dict[str, Array] = {"first guess": guess}
-    if isinstance(problem.measurement, FrfMeasurement) and problem.joints.size == 2:
-        fitted = compliance_start(problem.structure, problem.joints, problem.measurement)
-        starts["compliance fit without a guess"] = problem.parametrisation.from_matrix(fitted)
-    iteration = identify(case, guess) if problem.joint_frf is not None else None
+    for part in problem.parts:
+        own = part.parametrisation
+        if not isinstance(part.measurement, FrfMeasurement) or part.joints.size != _PAIR or own.unused:
+            continue
+        fitted = compliance_start(part.structure, part.joints, part.measurement)
+        name = "compliance fit without a guess"
+        starts[f"{part.setup}: {name}" if part.setup else name] = own.from_matrix(fitted)
+    iteration = identify(case, guess) if _has_joint_frf(problem) else None
     if iteration is not None:
         starts["paper's iteration"] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
@@ -274,7 +285,7 @@ def _found_mode(
 
     tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
     problem, _ = _problem_and_case(case)
-    iteration = identify(case) if problem.joint_frf is not None else None
+    iteration = identify(case) if _has_joint_frf(problem) else None
     return replace(estimate_from(checkpoint.estimate), iteration=iteration)
 
 
@@ -363,7 +374,7 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
             case = case_around(problem, run.case_text)
     if passed is not None:
         require_same_density(posterior, where, passed=True)
-    iteration = identify(case or problem) if problem.joint_frf is not None else None
+    iteration = identify(case or problem) if _has_joint_frf(problem) else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 

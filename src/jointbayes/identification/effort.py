@@ -32,11 +32,8 @@ def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float,
 
     The second is 1 and eight standard deviations.
     """
-    residual = log_posterior.white(theta)[0]
-    total, noise = float(residual @ residual), log_posterior.likelihood.noise
-    # in units of the noise that the data show, where its size is integrated out
-    total /= noise.typical_scale(total / 2, residual.size // noise.parts) ** 2
-    return total / residual.size, 1 + FAR * float(np.sqrt(2 / residual.size))
+    total, count = log_posterior.typical_squares(theta)
+    return total / count, 1 + FAR * float(np.sqrt(2 / count))
 
 
 def search_further(
@@ -91,9 +88,16 @@ def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator,
 
 
 def _weights(problem: Problem) -> list[Array]:
-    """Factors on residuals, shape (lines, pairs), by which noise becomes 1, 0.3 and 0.1 of |H| where it is smaller."""
-    measured = problem.measurement
-    if not isinstance(measured, FrfMeasurement) or problem.residual_kind != "complex":
-        return []
-    ratio = (np.abs(measured.frf.values) ** 2 / measured.variance).reshape(len(measured.variance), -1)
-    return [1 / np.sqrt(1 + share**2 * ratio) for share in _TEMPERED]
+    """Factors on white residuals, shape (m,), by which noise becomes 1, 0.3 and 0.1 of |H| where it is smaller.
+
+    Of a set-up whose residuals are not those of complex FRFs they are 1; none where no set-up has such.
+    """
+    ratios: list[Array] = []
+    for part in problem.parts:
+        measured = part.measurement
+        if isinstance(measured, FrfMeasurement) and part.residual_kind == "complex":
+            ratios.append(np.repeat((np.abs(measured.frf.values) ** 2 / measured.variance).ravel(), 2))
+        else:
+            ratios.append(np.zeros(part.log_posterior.likelihood.n_data))
+    ratio = np.concatenate(ratios)
+    return [1 / np.sqrt(1 + share**2 * ratio) for share in _TEMPERED] if ratio.any() else []

@@ -156,7 +156,7 @@ class PosteriorSquares:
     log_posterior
         The posterior.
     weight
-        Factor on each residual, shape (lines, pairs), for a climb on a density that is flattened; by default 1.
+        Factor on each white residual, shape (m,), for a climb on a density that is flattened; by default 1.
     """
 
     def __init__(self, log_posterior: LogPosterior, weight: Array | None = None) -> None:
@@ -167,7 +167,7 @@ class PosteriorSquares:
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), of points inside the support, shape (n, d)."""
         z = self._posterior.white(theta)
-        return z if self._weight is None else z * np.repeat(self._weight.ravel(), z.shape[1] // self._weight.size)
+        return z if self._weight is None else z * self._weight
 
     def value(self, theta: Array) -> Array:
         """Log density, shape (n,), up to a constant; −inf outside the support."""

@@ -97,7 +97,7 @@ class ModeSearch:
         starts
             Points inside the support.
         weights
-            Factors on the residuals, shape (lines, pairs), with which they climb first, one after the other.
+            Factors on the white residuals, shape (m,), with which they climb first, one after the other.
         """
         prior = self._posterior.prior
         self._begun |= {name: prior.stiffness(theta) for name, theta in starts.items() if name not in self._begun}

@@ -54,11 +54,9 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
 
 
 class FrequencyMatch:
-    """How well predicted natural frequencies agree with the resonances of the data.
+    """How well predicted natural frequencies agree with the resonances of the data, in every set-up.
 
-    Each resonance counts by ln(f_model/f_data) over a tolerance, under the soft-L1 loss 2(√(1 + r²) − 1), for the best
-    assignment that keeps their order; resonances without a counterpart, and predicted frequencies in the band without
-    one, count as much as one that is off by 20 % and by 2.5 %.
+    But for set-ups with a body that is given by its FRFs, whose modes nobody knows.
 
     Parameters
     ----------
@@ -69,6 +67,48 @@ class FrequencyMatch:
     ------
     ModelError
         If a DOF does not exist.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.prior: JointPrior = problem.prior
+        self._parts = [_SetupMatch(part) for part in problem.parts if not part.measured_bodies]
+        self.columns: Indices = np.unique(np.concatenate([part.columns for part in self._parts]))
+
+    @property
+    def resonances_hz(self) -> Array:
+        """Resonances of the data of all set-ups, Hz."""
+        return np.concatenate([part.resonances_hz for part in self._parts])
+
+    def residuals(self, theta: Array) -> Array:
+        """Residuals, shape (n, …), see `_SetupMatch`."""
+        return np.concatenate([part.residuals(theta) for part in self._parts], axis=1)
+
+    def value(self, theta: Array) -> Array:
+        """Log density, shape (n,), up to a constant: −½ Σ e² and the prior's; −inf outside its support."""
+        out = self.prior.log_density(theta)
+        inside = np.isfinite(out)
+        if inside.any():
+            out[inside] -= 0.5 * (self.residuals(theta[inside]) ** 2).sum(axis=1)
+        return np.where(np.isnan(out), -np.inf, out)
+
+    def with_errors(self, theta: Array) -> Array:
+        """The points with uncertain errors of natural frequencies such that these lie at their resonances."""
+        for part in self._parts:
+            theta = part.with_errors(theta)
+        return theta
+
+
+class _SetupMatch:
+    """The same of one set-up.
+
+    Each resonance counts by ln(f_model/f_data) over a tolerance, under the soft-L1 loss 2(√(1 + r²) − 1), for the best
+    assignment that keeps their order; resonances without a counterpart, and predicted frequencies in the band without
+    one, count as much as one that is off by 20 % and by 2.5 %.
+
+    Parameters
+    ----------
+    problem
+        Of the set-up.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -85,7 +125,8 @@ class FrequencyMatch:
         quantities = problem.structures.names
         self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
         fixed = (name == "loss_factor" or is_damping_ratio(name) or is_mode_frequency(name) for name in quantities)
-        shift = [joint + i for i, moves_nothing in enumerate(fixed) if not moves_nothing]
+        places = joint + problem.structural_columns
+        shift = [int(place) for place, moves_nothing in zip(places, fixed, strict=True) if not moves_nothing]
         self.columns: Indices = np.array([*range(joint), *shift], dtype=np.intp)
         off = max((float(problem.prior.sd[i]) for i in self._errors), default=0.0)
         self._tolerance = float(np.hypot(TOLERANCE, off))
@@ -114,14 +155,6 @@ class FrequencyMatch:
         ratio = np.where(lost, self._lost, ratio / self._tolerance)
         rest = np.sqrt(unseen * _soft(self._unseen))
         return np.column_stack([np.sign(ratio) * np.sqrt(_soft(ratio)), rest])
-
-    def value(self, theta: Array) -> Array:
-        """Log density, shape (n,), up to a constant: −½ Σ e² and the prior's; −inf outside its support."""
-        out = self.prior.log_density(theta)
-        inside = np.isfinite(out)
-        if inside.any():
-            out[inside] -= 0.5 * (self.residuals(theta[inside]) ** 2).sum(axis=1)
-        return np.where(np.isnan(out), -np.inf, out)
 
     def with_errors(self, theta: Array) -> Array:
         """The points with uncertain errors of natural frequencies such that these lie at their resonances."""

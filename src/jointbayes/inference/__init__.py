@@ -12,6 +12,7 @@ from jointbayes.inference.noise.proportional import ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
+from jointbayes.inference.setup import Setup
 
 __all__ = [
     # prior
@@ -39,4 +40,5 @@ __all__ = [
     "ExtraLogLikelihood",
     "LogPosterior",
     "Problem",
+    "Setup",
 ]

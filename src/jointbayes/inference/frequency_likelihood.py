@@ -76,6 +76,12 @@ class FrequencyLikelihood(Likelihood):
         structural = self._structural(as_factors(factors, len(matrices)))
         return self._model.frequency_hz(matrices, structural)
 
+    def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """ln L value by value, shape (batch, n)."""
+        known = as_factors(factors, len(np.asarray(stiffness)))
+        values = -0.5 * self.white(stiffness, known) ** 2 + self.constant / self.n_data
+        return values - np.log(self.hyper(known)) if self.hyper_count else values
+
     def _structural(self, factors: Array) -> Array:
         return factors[:, : factors.shape[1] - self.hyper_count]
 

@@ -75,6 +75,23 @@ class Likelihood(ABC):
     def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), that are white with unit variance if model and noise hold."""
 
+    def typical_squares(self, stiffness: ArrayLike, factors: ArrayLike) -> tuple[float, int]:
+        """Sum and number of the squared white residuals of one joint, in units of the noise that the data show."""
+        residual = self.white(stiffness, factors)[0]
+        total = float(residual @ residual)
+        # where its size is integrated out
+        return total / self.noise.typical_scale(total / 2, residual.size // self.noise.parts) ** 2, residual.size
+
+    @abstractmethod
+    def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """ln L value by value, shape (batch, …), where residuals are independent.
+
+        Raises
+        ------
+        ModelError
+            If the noise model correlates them, or errors of a measured body do.
+        """
+
     @abstractmethod
     def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK.

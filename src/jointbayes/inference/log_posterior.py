@@ -102,6 +102,14 @@ class LogPosterior:
         """Real residuals, shape (n, m), white with unit variance if model and noise hold, at θ, shape (n, d)."""
         return self.likelihood.white(*self._points(theta))
 
+    def typical_squares(self, theta: ArrayLike) -> tuple[float, int]:
+        """Sum and number of the squared white residuals at one θ, see `Likelihood.typical_squares`."""
+        return self.likelihood.typical_squares(*self._points(theta))
+
+    def pointwise(self, theta: ArrayLike) -> Array:
+        """ln L value by value, see `Likelihood.pointwise`, at θ, shape (n, d)."""
+        return self.likelihood.pointwise(*self._points(theta))
+
     def _points(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Joint matrices (n, R, R) and factors (n, q) at θ, shape (n, d) or (d,)."""
         points = np.atleast_2d(np.asarray(theta, dtype=float))

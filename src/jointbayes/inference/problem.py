@@ -19,11 +19,12 @@ from jointbayes.frf import (
     receptance_model,
 )
 from jointbayes.frf.measured_body import substructures
-from jointbayes.inference.likelihood import likelihood_of
+from jointbayes.inference.likelihood import Likelihood, likelihood_of
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
+from jointbayes.inference.setup import Setup, SetupsLikelihood, Term, arranged, columns_of_names, own_name
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement
 from jointbayes.structure import StructureFamily, is_mode_frequency
@@ -58,51 +59,116 @@ class Problem:
         shape (n,), −inf where impossible. For what else is known of the joint: a static test, another set-up.
     name
         Short name, by which its results are known.
+    setups
+        Several tests of the same joints, each a `Setup`, in place of structure, joint, measurement, noise and kind of
+        residual: these are then those of the first. Quantities whose names begin with that of a set-up are its own.
+    setup
+        Of a problem that is one of several, see `parts`: the name of its set-up.
 
     Raises
     ------
     ModelError
-        If the parametrisation is of another number of DOFs than the joints have, or the first guess is not positive
-        semidefinite.
+        If joints and parametrisation do not belong together, a set-up has a name twice or a quantity of the prior no
+        set-up, or the first guess is not positive semidefinite.
     """
 
-    structure: AnyStructure
-    joint: AnyJoint | Sequence[Joint]
-    measurement: Measurement
-    prior: JointPrior
+    structure: AnyStructure = None  # type: ignore[assignment]  # of the first set-up, if there are several
+    joint: AnyJoint | Sequence[Joint] = None  # type: ignore[assignment]
+    measurement: Measurement = None  # type: ignore[assignment]
+    prior: JointPrior = None  # type: ignore[assignment]
     noise: NoiseModel | None = None
     residual_kind: ResidualKind = "complex"
     initial: ArrayLike | None = None
     extra_log_likelihood: ExtraLogLikelihood | None = None
     name: str = "problem"
+    setups: tuple[Setup, ...] = ()
+    setup: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joint", as_joints(self.joint))
-        joint, parametrisation = self.joints, self.parametrisation
-        if parametrisation.size != joint.size:
+        object.__setattr__(self, "setups", tuple(self.setups))
+        if self.setups:
+            self._take_first_setup()
+        missing = [one for one in ("structure", "joint", "measurement", "prior") if getattr(self, one) is None]
+        if missing:
             raise ModelError(
-                f"problem: found a prior of joints with {parametrisation.size} DOFs and joints with {joint.size}; "
-                "expected a parametrisation of each joint; make it with as many DOFs"
+                f"problem: found no {', '.join(missing)}; expected all four, or set-ups and a prior; pass them"
             )
+        object.__setattr__(self, "joint", as_joints(self.joint))
+        places = [(one.name, as_joints(one.joint)) for one in self.setups] or [(self.setup, self.joints)]
+        parametrisation = arranged(self.prior.parametrisation, places)
+        if parametrisation != self.prior.parametrisation:
+            object.__setattr__(self, "prior", replace(self.prior, parametrisation=parametrisation))
         if self.initial is not None:
             parametrisation.check(self.initial)
 
+    def _take_first_setup(self) -> None:
+        names = [one.name for one in self.setups]
+        if len(set(names)) != len(names) or "" in names:
+            raise ModelError(
+                f"problem: found set-ups named {', '.join(map(repr, names))}; expected a name for each; rename them"
+            )
+        for part in ("structure", "joint", "measurement", "noise", "residual_kind"):
+            object.__setattr__(self, part, getattr(self.setups[0], part))
+
     def __repr__(self) -> str:
-        return (
-            f"Problem(joint {self.joint}; unknown: {', '.join(self.names)}; {self.structure!r}; {self.measurement!r})"
-        )
+        each = [
+            f"{'' if part is self else f'{part.setup}: '}{part.structure!r}; {part.measurement!r}"
+            for part in self.parts
+        ]
+        return f"Problem(joint {self.joint}; unknown: {', '.join(self.names)}; {'; '.join(each)})"
 
     def __str__(self) -> str:
         priors = zip(self.prior.labels, self.prior.all_marginals, strict=True)
         lines = (
-            f"structure: {self.structure!r}",
-            f"joint: {self.joint}",
-            f"data: {self.measurement!r}",
-            f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}, residuals {self.residual_kind}",
+            *(line for part in self.parts for line in part._lines()),
             *(f"prior of {label}: {marginal!r}" for label, marginal in priors),
             *(["further term of the log likelihood: a function of one's own"] if self.extra_log_likelihood else []),
         )
         return "\n".join(lines)
+
+    def _lines(self) -> tuple[str, ...]:
+        """What distinguishes a set-up, in words."""
+        return (
+            *([f"set-up: {self.setup}"] if self.setup else []),
+            f"structure: {self.structure!r}",
+            f"joint: {self.joint}",
+            f"data: {self.measurement!r}",
+            f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}, residuals {self.residual_kind}",
+        )
+
+    @cached_property
+    def parts(self) -> tuple["Problem", ...]:
+        """A problem of the same unknowns for each set-up, with its data alone; this one itself if it is of one."""
+        if not self.setups:
+            return (self,)
+        return tuple(
+            replace(
+                self,
+                structure=one.structure,
+                joint=one.joint,
+                measurement=one.measurement,
+                noise=one.noise,
+                residual_kind=one.residual_kind,
+                extra_log_likelihood=None,
+                setups=(),
+                setup=one.name,
+            )
+            for one in self.setups
+        )
+
+    def part(self, setup: str | None) -> "Problem":
+        """The problem of one set-up by its name; of the first, or the only one, by None.
+
+        Raises
+        ------
+        ModelError
+            If there is no such set-up.
+        """
+        for one in self.parts:
+            if setup in (None, one.setup):
+                return one
+        names = ", ".join(one.setup for one in self.parts) or "one without a name"
+        raise ModelError(f"{self.name}: found set-up {setup!r}; expected one of {names}; correct the name")
 
     @cached_property
     def log_posterior(self) -> LogPosterior:
@@ -111,17 +177,39 @@ class Problem:
         Raises
         ------
         ModelError
-            If the measurement names a DOF that the structure does not have.
+            If a measurement names a DOF that its structure does not have, or a quantity of the prior is that of none.
         """
-        likelihood = likelihood_of(
-            self.structure,
-            self.joints,
-            self.measurement,
-            gain="gain" in self.prior.names,
-            noise=self.noise,
-            kind=self.residual_kind,
-        )
+        alone = not (self.setups or self.setup)
+        likelihood = self._own_likelihood if alone else SetupsLikelihood(self._nuisances, self._terms())
         return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
+
+    @cached_property
+    def _own_likelihood(self) -> Likelihood:
+        """Likelihood of a lone set-up, over its own quantities alone."""
+        gain = own_name(self.setup, "gain", self._nuisances) is not None
+        return likelihood_of(
+            self.structure, self.joints, self.measurement, gain=gain, noise=self.noise, kind=self.residual_kind
+        )
+
+    def _terms(self) -> list[Term]:
+        terms, row = [], 0
+        for part in self.parts:
+            likelihood, size = part._own_likelihood, part.joints.size
+            columns = columns_of_names(part.setup, likelihood.names, self._nuisances)
+            terms.append(Term(likelihood, slice(row, row + size), columns))
+            row += size
+        used = {int(column) for term in terms for column in term.columns}
+        idle = [name for i, name in enumerate(self._nuisances) if i not in used]
+        if idle and self.setups:
+            raise ModelError(
+                f"{self.name}: found priors of {', '.join(idle)}, on which no set-up depends; expected quantities of "
+                "the set-ups; correct the names or leave them out"
+            )
+        return terms
+
+    @cached_property
+    def _nuisances(self) -> tuple[str, ...]:
+        return tuple(nuisance.name for nuisance in self.prior.nuisances)
 
     @property
     def joints(self) -> AnyJoint:
@@ -139,9 +227,20 @@ class Problem:
         return None if self.measured_bodies else self.measurement.joint_frf
 
     def with_structures(self, family: StructureFamily) -> "Problem":
-        """The same problem with other modelled structures."""
+        """The same problem, of one set-up, with other modelled structures."""
+        return replace(self, structure=self._among_bodies(family))
+
+    def with_reference(self, *, solved: bool) -> "Problem":
+        """The same problem with much richer elements in every set-up, see `StructureFamily.reference`."""
+        richer = [part._among_bodies(part.structures.reference(solved=solved)) for part in self.parts]
+        if not self.setups:
+            return replace(self, structure=richer[0])
+        setups = (replace(one, structure=structure) for one, structure in zip(self.setups, richer, strict=True))
+        return replace(self, setups=tuple(setups))
+
+    def _among_bodies(self, family: StructureFamily) -> AnyStructure:
         whole = substructures(self.structure)
-        return replace(self, structure=replace(whole, modelled=family) if whole.measured else family)
+        return replace(whole, modelled=family) if whole.measured else family
 
     @property
     def measured_bodies(self) -> tuple[MeasuredBody, ...]:
@@ -203,13 +302,17 @@ class Problem:
 
     def structural(self, factors: ArrayLike) -> NDArray[np.float64]:
         """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
-        count = len(self.structures.names)
-        return np.asarray(factors, dtype=float)[..., :count]
+        return np.asarray(factors, dtype=float)[..., self.structural_columns]
+
+    @cached_property
+    def structural_columns(self) -> NDArray[np.intp]:
+        """Which nuisances concern the structure, in the order of its quantities."""
+        return columns_of_names(self.setup, self.structures.names, self._nuisances)
 
     def gain(self, factors: ArrayLike) -> NDArray[np.float64]:
-        """Factor on all measured FRFs, shape (...), among the nuisances' factors (..., q); ones where it is certain."""
-        known, names = np.asarray(factors, dtype=float), [nuisance.name for nuisance in self.prior.nuisances]
-        return known[..., names.index("gain")] if "gain" in names else np.ones(known.shape[:-1])
+        """Factor on measured FRFs, shape (...), at factors of the nuisances, shape (..., q); 1 where it is certain."""
+        known, name = np.asarray(factors, dtype=float), own_name(self.setup, "gain", self._nuisances)
+        return np.ones(known.shape[:-1]) if name is None else known[..., self._nuisances.index(name)]
 
     def natural_frequencies_hz(
         self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False
@@ -220,6 +323,8 @@ class Problem:
         frequencies themselves are given by ``mode_frequency_1`` and so on. Shape (n, 0) where a body is given by its
         FRFs: the assembled structure then has no modes that anybody knows.
         """
+        if self.setups:
+            return self.part(None).natural_frequencies_hz(stiffness, count, factors, of_model=of_model)
         if self.measured_bodies:
             return np.empty((len(np.atleast_2d(np.asarray(stiffness, dtype=float))), 0))
         model = NaturalFrequencies(self.structures, self.joints, count)

@@ -1,7 +1,7 @@
 """Several joints as one parametrisation: their coordinates, stiffnesses and matrices side by side."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -29,11 +29,17 @@ class Block:
         Of one of the joints.
     rows
         Rows of K^J at which the DOFs of each joint begin.
+    joints
+        Names of those joints; by default that of the quantities.
     """
 
     name: str
     parametrisation: Parametrisation
     rows: tuple[int, ...]
+    joints: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints) or (self.name,))
 
 
 @dataclass(frozen=True)
@@ -185,7 +191,7 @@ class Blocks(Parametrisation):
 
     def hypothesis(self, name: str) -> "Blocks":
         """Every joint under a hypothesis."""
-        return Blocks(tuple(Block(b.name, b.parametrisation.hypothesis(name), b.rows) for b in self.blocks))
+        return Blocks(tuple(replace(b, parametrisation=b.parametrisation.hypothesis(name)) for b in self.blocks))
 
 
 def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
@@ -203,6 +209,7 @@ def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
         If a joint shares the quantities of one that is not there, or that shares those of another.
     """
     rows: dict[str, list[int]] = {name: [] for name in joints}
+    sharing: dict[str, list[str]] = {name: [] for name in joints}
     row = 0
     for name, one in joints.items():
         owner = one if isinstance(one, str) else name
@@ -213,8 +220,9 @@ def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
                 "name that one"
             )
         rows[owner].append(row)
+        sharing[owner].append(name)
         row += shared.size
     alone = [(name, one) for name, one in joints.items() if not isinstance(one, str)]
     if len(joints) == 1 and alone[0][0] == "":
         return alone[0][1]
-    return Blocks(tuple(Block(name, one, tuple(rows[name])) for name, one in alone))
+    return Blocks(tuple(Block(name, one, tuple(rows[name]), tuple(sharing[name])) for name, one in alone))

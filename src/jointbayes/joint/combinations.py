@@ -3,12 +3,12 @@
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.joint.blocks import Block, Blocks
+from jointbayes.joint.blocks import Blocks
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.log import LogStiffness
 from jointbayes.joint.parametrisation import Parametrisation
@@ -47,7 +47,7 @@ def parametrisation_of_draws(parametrisation: Parametrisation, stiffness: Array)
     if isinstance(parametrisation, Blocks):
         fitting = [parametrisation_of_draws(one, stiffness[:, k]) for one, k in _blocks(parametrisation)]
         named = zip(parametrisation.blocks, fitting, strict=True)
-        return Blocks(tuple(Block(block.name, one, block.rows) for block, one in named))
+        return Blocks(tuple(replace(block, parametrisation=one) for block, one in named))
     if not isinstance(parametrisation, CoupledPair):
         return parametrisation
     if not stiffness[:, 1].any():

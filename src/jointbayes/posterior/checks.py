@@ -64,6 +64,8 @@ class PredictiveCheck:
         Mean over draws and pairs of the squared residual at each line, 1 expected, shape (lines,).
     inferred
         Sentences on what of the noise had to be inferred to explain the data.
+    setup
+        Name of the set-up whose data they are, where there are several.
     """
 
     chi2_per_line: float
@@ -76,6 +78,7 @@ class PredictiveCheck:
     largest_at: tuple[int, int]
     chi2_by_line: Array
     inferred: tuple[str, ...] = ()
+    setup: str = ""
 
     @property
     def _level(self) -> float:
@@ -119,6 +122,10 @@ class PredictiveCheck:
     @property
     def sentence(self) -> str:
         """The finding in plain words, with its figures."""
+        return f"Set-up {self.setup}: {self._said}" if self.setup else self._said
+
+    @property
+    def _said(self) -> str:
         low, high = self.chi2_band
         ratio = f"{self.chi2_per_line:#.3g}".rstrip(".")  # 1.00, not 1
         squares = (

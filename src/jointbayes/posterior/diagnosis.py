@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
-from jointbayes.inference import FrfLikelihood, Problem
+from jointbayes.inference import Problem
 from jointbayes.measurement import FrequencyMeasurement
 
 __all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
@@ -185,12 +185,9 @@ def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Di
     frf = measurement.frf
     model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
     receptance = model.receptance(prior.matrix(point), problem.structural(factors))[0]
-    names = [nuisance.name for nuisance in prior.nuisances]
-    gain = float(factors[0, names.index("gain")]) if "gain" in names else 1.0
+    gain = float(problem.gain(factors)[0])
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-    likelihood = problem.log_posterior.likelihood
-    assert isinstance(likelihood, FrfLikelihood)
-    sd = np.sqrt(likelihood.variance(prior.matrix(point), factors)[0]) / np.abs(factor)
+    sd = np.sqrt(problem.log_posterior.variance(point)[0]) / np.abs(factor)
     return diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
 
 

@@ -1,7 +1,7 @@
 """Draws from a posterior in physical units, the mode, and what is computed from them alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
-from jointbayes.inference import FrfLikelihood, Problem
+from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
@@ -189,17 +189,25 @@ class PosteriorDraws:
     def check(self) -> PredictiveCheck:
         """Posterior predictive check of the data that were analysed, over draws evenly spaced among all.
 
-        The seed of the run also replicates the data.
+        Of several set-ups that of the one which the model explains worst. The seed of the run also replicates the data.
         """
-        prior, likelihood = self.problem.prior, self.problem.log_posterior.likelihood
+        return min(self.checks, key=lambda check: check.misfit_p_value)
+
+    @cached_property
+    def checks(self) -> tuple[PredictiveCheck, ...]:
+        """The check of each set-up."""
+        return tuple(self._check(number, part) for number, part in enumerate(self.problem.parts))
+
+    def _check(self, number: int, part: Problem) -> PredictiveCheck:
+        likelihood = part.log_posterior.likelihood
         count = min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // likelihood.n_data))
         theta = self.thinned(count)
-        factors = prior.factors(theta)
-        z = self.problem.log_posterior.standardised(theta)
-        if not isinstance(likelihood, FrfLikelihood):
-            return check_frequencies(np.asarray(z.real))
-        rng = np.random.default_rng([self.record.seed, 2])
-        return check_frfs(likelihood.noise, z, likelihood.hyper(factors), rng)
+        hyper = likelihood.hyper(part.prior.factors(theta))
+        z = part.log_posterior.standardised(theta)
+        if not isinstance(part.measurement, FrfMeasurement):
+            return replace(check_frequencies(np.asarray(z.real)), setup=part.setup)
+        rng = np.random.default_rng([self.record.seed, 2, *([number] if number else [])])
+        return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.setup)
 
     @cached_property
     def mesh(self) -> MeshCheck | None:
@@ -216,7 +224,8 @@ class PosteriorDraws:
     def diagnosis(self) -> Diagnosis:
         """How far the MAP is from the data in an engineer's measure, and what its residuals point to."""
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
-        return diagnose(self.problem, theta, np.random.default_rng([self.record.seed, 4]))
+        part = self.problem.part(self.check.setup)
+        return diagnose(part, theta, np.random.default_rng([self.record.seed, 4]))
 
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds a joint, shape (q,).
@@ -238,7 +247,12 @@ class PosteriorDraws:
         return float((self.log_density > density).mean())
 
     def predict_frf(
-        self, ports: Ports | None = None, *, probability: float = 0.95, max_draws: int = 400
+        self,
+        ports: Ports | None = None,
+        *,
+        probability: float = 0.95,
+        max_draws: int = 400,
+        setup: str | None = None,
     ) -> FrfPrediction:
         """Median and interval of FRFs over posterior draws, as the measurement would show them without its noise.
 
@@ -252,13 +266,16 @@ class PosteriorDraws:
             Probability inside the band at each line.
         max_draws
             At most so many draws, evenly spaced, are evaluated.
+        setup
+            Name of the set-up, where there are several; by default the first.
 
         Raises
         ------
         ModelError
             If the data are natural frequencies and no lines are given, or a DOF does not exist.
         """
-        measured = self.problem.measurement
+        part = self.problem.part(setup)
+        measured = part.measurement
         quantity = measured.frf.quantity if isinstance(measured, FrfMeasurement) else "receptance"
         if ports is None:
             if not isinstance(measured, FrfMeasurement):
@@ -266,18 +283,22 @@ class PosteriorDraws:
                     "FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports"
                 )
             ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
-        return predict_frf(self.problem, self.thinned(max_draws), ports, quantity, probability)
+        return predict_frf(part, self.thinned(max_draws), ports, quantity, probability)
 
-    def predict_natural_frequencies(self, count: int = 3, max_draws: int = 4000, *, of_model: bool = False) -> Array:
+    def predict_natural_frequencies(
+        self, count: int = 3, max_draws: int = 4000, *, of_model: bool = False, setup: str | None = None
+    ) -> Array:
         """Natural frequencies of posterior draws, shape (draws, count), Hz.
 
         Those of the structure as it was measured; with `of_model` those that the model gives the joint, without the
-        errors of its natural frequencies that the case may allow for (``[uncertain.mode_frequencies]``).
+        errors of its natural frequencies that the case may allow for (``[uncertain.mode_frequencies]``). Of the set-up
+        of that name, by default the first.
         """
         theta = self.thinned(max_draws)
         prior = self.problem.prior
         factors = prior.factors(theta)
-        return self.problem.natural_frequencies_hz(prior.stiffness(theta), count, factors, of_model=of_model)
+        part = self.problem.part(setup)
+        return part.natural_frequencies_hz(prior.stiffness(theta), count, factors, of_model=of_model)
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""

@@ -50,7 +50,7 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
     seed, settings
         Of the run.
     """
-    parts = {"seed": str(seed), "data": data_sha256(problem.measurement)[:16]}
+    parts = {"seed": str(seed), "data": "".join(data_sha256(part.measurement)[:16] for part in problem.parts)}
     if (joint_frf := getattr(problem.measurement, "joint_frf", None)) is not None:
         values = np.ascontiguousarray(joint_frf.values)
         parts["data at the joint"] = hashlib.sha256(values.tobytes()).hexdigest()[:16]

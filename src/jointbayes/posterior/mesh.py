@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.identification import refine
-from jointbayes.inference import FrfLikelihood, Problem
+from jointbayes.inference import Problem
+from jointbayes.measurement import FrfMeasurement
 
 __all__ = ["LARGEST_ERROR_OF_PEAK", "LARGEST_ERROR_SD", "LARGEST_SHIFT_SD", "MeshCheck", "check_mesh"]
 
@@ -113,10 +114,11 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     -------
     MeshCheck, or None where the structure is given by matrices, which have no mesh
     """
-    elements = problem.structures_of_data.discretisation
+    meshes = [part.structures_of_data.discretisation for part in problem.parts]
+    elements = next((mesh for mesh in meshes if mesh is not None), None)
     if elements is None:
         return None
-    reference = problem.with_structures(problem.structures.reference())
+    reference = problem.with_reference(solved=True)
     count = _FEW_PRIOR_DRAWS if problem.log_posterior.likelihood.n_data > _MANY_VALUES else _PRIOR_DRAWS
     prior = problem.prior.sample(np.random.default_rng([seed, 3]), count)
     here, there = (_standardised(p, np.concatenate([theta[None], prior])) for p in (problem, reference))
@@ -137,9 +139,12 @@ def _standardised(problem: Problem, theta: Array) -> NDArray[np.inexact]:
 
 def _error_of_peak(problem: Problem, reference: Problem, theta: Array) -> float:
     """Largest error at θ over the largest value of the same FRF, or over the frequency."""
-    here, there = (p.log_posterior.predicted(theta)[0] for p in (problem, reference))
-    peak = np.abs(there).max(axis=0) if isinstance(problem.log_posterior.likelihood, FrfLikelihood) else there
-    return float((np.abs(here - there) / peak).max())
+    largest = 0.0
+    for part, richer in zip(problem.parts, reference.parts, strict=True):
+        here, there = (p.log_posterior.predicted(theta)[0] for p in (part, richer))
+        peak = np.abs(there).max(axis=0) if isinstance(part.measurement, FrfMeasurement) else there
+        largest = max(largest, float((np.abs(here - there) / peak).max()))
+    return largest
 
 
 def _first_order(problem: Problem, reference: Problem, theta: Array, covariance: Array) -> Array:
@@ -152,7 +157,7 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
 
 def _after_a_climb(problem: Problem, theta: Array) -> Array:
     """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
-    richer = problem.with_structures(problem.structures.reference(solved=False))
+    richer = problem.with_reference(solved=False)
     mode, _ = refine(richer.log_posterior, theta)
     return theta - mode
 

@@ -102,6 +102,7 @@ class NoiseOfBodies:
 
 def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     """The part of measured bodies in the noise at θ, shape (d,); None where nothing of the structure is measured."""
+    problem = problem.part(None)
     bodies, measurement = problem.measured_bodies, problem.measurement
     if not bodies or not isinstance(measurement, FrfMeasurement):
         return None

@@ -76,7 +76,7 @@ def frfs_as_measured(
     ModelError
         If a DOF does not exist.
     """
-    known = np.asarray(factors, dtype=float)
+    known, problem = np.asarray(factors, dtype=float), problem.part(None)
     receptance = problem.receptance_model(ports).receptance(
         problem.parametrisation.matrix(stiffness), problem.structural(known)
     )

@@ -83,8 +83,8 @@ def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOne
         )
     most = max(_FEWEST_DRAWS, _MOST_NUMBERS // likelihood.n_data)
     rows = np.linspace(0, len(theta) - 1, min(most, len(theta))).round().astype(int)
-    chosen, prior = theta[rows], problem.prior
-    values = likelihood.pointwise(prior.matrix(chosen), prior.factors(chosen))
+    chosen = theta[rows]
+    values = problem.log_posterior.pointwise(chosen)
     flat = values.reshape(len(chosen), -1)
     if (flat == flat[0]).all():  # nothing is uncertain: leaving a value out changes nothing
         return LeaveOneOut(flat[0], np.zeros(flat.shape[1]))

@@ -118,9 +118,9 @@ class Candidate:
         factors = prior.factors(point)
         model = receptance_model(self.structure, problem.joints, self.ports)
         true = model.receptance(prior.matrix(point), problem.structural(factors))[0]
-        names = [n.name for n in prior.nuisances]
-        gain = float(factors[names.index("gain")]) if "gain" in names else 1.0
-        true = gain * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
+        true = (
+            float(problem.gain(factors)) * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
+        )
         kept = self.ports.frequency_hz > self.above_hz
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)

@@ -1,0 +1,254 @@
+"""Set-ups: what was tested in which state, and their likelihoods together."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import AnyStructure
+from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.inference.residuals import ResidualKind
+from jointbayes.joint import AnyJoint, Block, Blocks, Joint, Joints, Parametrisation, as_joints
+from jointbayes.joint.quantities import prefixed
+from jointbayes.measurement import Measurement
+
+__all__ = ["Setup", "SetupsLikelihood", "Term", "arranged", "columns_of_names", "own_name"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """One test of several on the same joints: its own structure, data and noise.
+
+    A quantity of the prior belongs to one set-up where its name begins with the set-up's, ``"long.length"`` or
+    ``"loud.clamp.k22"``, and to all others where it does not: ``"length"``, ``"clamp.k22"``.
+
+    Parameters
+    ----------
+    name
+        Short name.
+    structure
+        Structure without the joints as it was in this test, or a family of them.
+    joint
+        Where the joints act; several in a sequence, each with a name.
+    measurement
+        FRFs or natural frequencies with their noise.
+    noise, residual_kind
+        As of `Problem`.
+    """
+
+    name: str
+    structure: AnyStructure
+    joint: AnyJoint | Sequence[Joint]
+    measurement: Measurement
+    noise: NoiseModel | None = None
+    residual_kind: ResidualKind = "complex"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint", as_joints(self.joint))
+
+
+def own_name(setup: str, name: str, names: Iterable[str]) -> str | None:
+    """Name of a quantity of a set-up among `names`: its own where there is one, or else the one for all; or None."""
+    known = set(names)
+    return next((one for one in (prefixed(setup, name) if setup else name, name) if one in known), None)
+
+
+def columns_of_names(setup: str, wanted: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    """Places of the quantities of a set-up among `names`.
+
+    Raises
+    ------
+    ModelError
+        If one is not among them.
+    """
+    found = [own_name(setup, name, names) for name in wanted]
+    missing = [name for name, one in zip(wanted, found, strict=True) if one is None]
+    if missing:
+        of = f" of set-up {setup}" if setup else ""
+        raise ModelError(
+            f"posterior: found no prior for {', '.join(missing)}{of}; expected one for each of {', '.join(wanted)}; "
+            "add it"
+        )
+    return np.array([names.index(one) for one in found if one is not None], dtype=np.intp)
+
+
+def arranged(parametrisation: Parametrisation, setups: Sequence[tuple[str, AnyJoint]]) -> Parametrisation:
+    """The parametrisation with a K^J of the joints of all set-ups side by side, in the order of the set-ups.
+
+    Parameters
+    ----------
+    parametrisation
+        Of all joints; one that is of several set-ups once.
+    setups
+        Name and joints of each.
+
+    Raises
+    ------
+    ModelError
+        If a joint has no quantities, or those of a joint of another size.
+    """
+    given = parametrisation.blocks if isinstance(parametrisation, Blocks) else (Block("", parametrisation, (0,)),)
+    rows: dict[str, list[int]] = {block.name: [] for block in given}
+    by_joint = {joint: block for block in given for joint in block.joints}
+    row = 0
+    for setup, joints in setups:
+        for joint in joints.joints if isinstance(joints, Joints) else (joints,):
+            own = prefixed(setup, joint.name) if joint.name else setup
+            block = (
+                by_joint.get(own) or by_joint.get(joint.name) or (given[0] if _of_a_lone_joint(given, joints) else None)
+            )
+            if block is None or block.parametrisation.size != joint.size:
+                found = "none" if block is None else f"those of {block.parametrisation.size} DOFs"
+                raise ModelError(
+                    f"problem: found a prior of quantities for {', '.join(map(repr, by_joint))}, and {found} for joint "
+                    f"{joint.name or str(joint)!r} with {joint.size} DOFs; expected a parametrisation of each joint; "
+                    "make it with `blocks_of` by the joints' names"
+                )
+            rows[block.name].append(row)
+            row += joint.size
+    if not isinstance(parametrisation, Blocks) and rows[""] == [0]:
+        return parametrisation
+    return Blocks(tuple(Block(one.name, one.parametrisation, tuple(rows[one.name]), one.joints) for one in given))
+
+
+def _of_a_lone_joint(blocks: Sequence[Block], joints: AnyJoint) -> bool:
+    """Whether one set of quantities without a name meets one joint, whatever its name."""
+    return len(blocks) == 1 and not blocks[0].name and not (isinstance(joints, Joints) and len(joints.joints) > 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """The likelihood of one set-up, and what of all joints and quantities it depends on.
+
+    Parameters
+    ----------
+    likelihood
+        Of the set-up.
+    rows
+        Of the joint matrix, those of its joints.
+    columns
+        Of the factors, in the order of its names.
+    """
+
+    likelihood: Likelihood
+    rows: slice
+    columns: NDArray[np.intp]
+
+    def of(self, stiffness: ArrayLike, factors: ArrayLike | None) -> tuple[Array, Array]:
+        """Joint matrices (..., r, r) and factors (..., q) of the set-up from those of all."""
+        matrices = np.asarray(stiffness, dtype=float)[..., self.rows, self.rows]
+        assert factors is not None
+        return np.ascontiguousarray(matrices), np.asarray(factors, dtype=float)[..., self.columns]
+
+
+class SetupsLikelihood(Likelihood):
+    """Likelihood of independent set-ups: the sum of theirs.
+
+    Joint matrices are those of all set-ups' joints side by side; factors are those of all quantities of the prior.
+
+    Parameters
+    ----------
+    names
+        All uncertain quantities beside the joints, those of the noise models last.
+    terms
+        One for each set-up.
+
+    Raises
+    ------
+    ModelError
+        If the parameters of the noise models are not the last.
+    """
+
+    def __init__(self, names: Sequence[str], terms: Sequence[Term]) -> None:
+        self.names, self.terms = tuple(names), tuple(terms)
+        self.noise = terms[0].likelihood.noise
+        self.constant = sum(term.likelihood.constant for term in terms)
+        self.n_data = sum(term.likelihood.n_data for term in terms)
+        of_noise = {
+            int(column) for term in terms for column in term.columns[len(term.columns) - term.likelihood.hyper_count :]
+        }
+        self.hyper_count = len(of_noise)
+        if of_noise != set(range(len(self.names) - len(of_noise), len(self.names))):
+            raise ModelError(
+                f"likelihood: found uncertain quantities {self.names}; expected those of the noise last; reorder them"
+            )
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether the noise of every set-up is Gaussian of known size."""
+        return all(term.likelihood.gaussian for term in self.terms)
+
+    def hyper(self, factors: ArrayLike) -> Array:
+        """Parameters of the noise model of a lone set-up, shape (batch, its number)."""
+        (term,) = self.terms
+        known = np.atleast_2d(np.asarray(factors, dtype=float))
+        return term.likelihood.hyper(known[:, term.columns])
+
+    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """ln L, shape (batch,): the sum of all set-ups."""
+        return np.sum([term.likelihood.log_likelihood(*term.of(stiffness, factors)) for term in self.terms], axis=0)
+
+    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """Residuals over σ: of a lone set-up in its own shape, of several one after the other, shape (batch, n)."""
+        return self._joined([term.likelihood.standardised(*term.of(stiffness, factors)) for term in self.terms])
+
+    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """What is compared with the data, as `standardised`."""
+        return self._joined([term.likelihood.predicted(*term.of(stiffness, factors)) for term in self.terms])
+
+    def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """ln L value by value, as `standardised`."""
+        return self._joined([term.likelihood.pointwise(*term.of(stiffness, factors)) for term in self.terms])
+
+    @staticmethod
+    def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        if len(parts) == 1:
+            return parts[0]
+        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+
+    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+        """Real residuals, shape (batch, m), of all set-ups."""
+        return np.concatenate([term.likelihood.white(*term.of(stiffness, factors)) for term in self.terms], axis=1)
+
+    def typical_squares(self, stiffness: ArrayLike, factors: ArrayLike) -> tuple[float, int]:
+        """Sum and number of the squared white residuals of one joint."""
+        each = [term.likelihood.typical_squares(*term.of(stiffness, factors)) for term in self.terms]
+        return sum(total for total, _ in each), sum(count for _, count in each)
+
+    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """ln L (batch,) and its gradient S (batch, R, R) by the joint matrices."""
+        matrices = np.asarray(stiffness, dtype=float)
+        known = np.empty((len(matrices), 0)) if factors is None else np.asarray(factors, dtype=float)
+        total, slope = np.zeros(len(matrices)), np.zeros_like(matrices)
+        for term in self.terms:
+            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(matrices, known))
+            total += value
+        return total, slope
+
+    def residuals(
+        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint, of all set-ups."""
+        changes = np.asarray(directions, dtype=float)
+        known = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
+        residuals, slopes = [], []
+        for term in self.terms:
+            own, _ = term.of(changes, known)
+            residual, slope = term.likelihood.residuals(*_of_one(term, stiffness, own, known))
+            whole = np.zeros((len(residual), len(changes) + len(self.names)))
+            whole[:, : len(changes)] = slope[:, : len(changes)]
+            whole[:, len(changes) + term.columns] = slope[:, len(changes) :]
+            residuals.append(residual)
+            slopes.append(whole)
+        return np.concatenate(residuals), np.concatenate(slopes)
+
+
+def _of_one(term: Term, stiffness: ArrayLike, directions: Array, factors: Array) -> tuple[Array, Array, Array]:
+    matrix, known = term.of(stiffness, factors)
+    return matrix, directions, known

@@ -1,0 +1,212 @@
+"""Several set-ups of the same joints in one problem."""
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.errors import ModelError
+from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
+from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
+from jointbayes.joint import Joint, LogStiffness, blocks_of
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
+
+LINES = np.arange(20.0, 1500.0, 10.0)
+MARGINALS = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
+FULL, SHORT = rod(0.383), rod(0.2)
+
+
+def frfs(structure, seed, stiffness=TABLE_3, joint=CLAMP, tip="11:y"):
+    ports = Ports(LINES, (tip,), (tip,))
+    exact = receptance_model(structure, joint, ports).receptance(pair_matrix(stiffness))[0]
+    rng = np.random.default_rng(seed)
+    sd = 0.02 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
+    values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
+    return FrfMeasurement(FrfSet(LINES, values, (tip,), (tip,)), 2 * sd**2)
+
+
+def frequencies(structure, count=4, sd=2.0):
+    found = NaturalFrequencies(structure, CLAMP, count).frequency_hz(pair_matrix(TABLE_3))[0]
+    return FrequencyMeasurement(found, np.full(count, sd))
+
+
+LONG = jb.Setup("long", FULL, CLAMP, frfs(FULL, 1))
+BRIEF = jb.Setup("short", SHORT, CLAMP, frfs(SHORT, 2))
+HEARD = jb.Setup("heard", SHORT, CLAMP, frequencies(SHORT))
+PRIOR = JointPrior(PAIR, MARGINALS)
+OTHER = Nuisance("other.gain", "1", 1.0, Normal(0.0, 1.0))
+
+
+def points(problem, count=6, seed=3):
+    rng = np.random.default_rng(seed)
+    middle = np.concatenate([np.log(TABLE_3), np.zeros(len(problem.names) - 3)])
+    return middle + 0.1 * rng.normal(size=(count, len(problem.names)))
+
+
+def alone(setup, prior=PRIOR):
+    return jb.Problem(setup.structure, setup.joint, setup.measurement, prior, setup.noise, setup.residual_kind)
+
+
+def test_one_set_up_has_the_density_of_a_problem_without_set_ups_to_the_last_bit():
+    plain, of_one = alone(LONG), jb.Problem(setups=[LONG], prior=PRIOR)
+    theta = points(plain)
+    np.testing.assert_array_equal(of_one.log_posterior(theta), plain.log_posterior(theta))
+    for name in ("standardised", "white", "predicted", "gradient"):
+        np.testing.assert_array_equal(
+            getattr(of_one.log_posterior, name)(theta), getattr(plain.log_posterior, name)(theta)
+        )
+    assert plain.parts == (plain,)
+    assert of_one.names == plain.names
+
+
+def test_the_log_likelihood_of_set_ups_is_the_sum_of_theirs():
+    setups = [LONG, BRIEF, HEARD]
+    problem = jb.Problem(setups=setups, prior=PRIOR)
+    theta = points(problem)
+    each = [alone(one).log_posterior for one in setups]
+    expected = sum(posterior.log_likelihood(theta) for posterior in each)
+    np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), expected, rtol=1e-13)
+    np.testing.assert_allclose(
+        problem.log_posterior.white(theta), np.concatenate([p.white(theta) for p in each], axis=1), rtol=1e-13
+    )
+    residual, jacobian = problem.log_posterior.residuals(theta[0])
+    own = [posterior.data_residuals(theta[0]) for posterior in each]
+    np.testing.assert_allclose(residual[:-3], np.concatenate([r for r, _ in own]), rtol=1e-12)
+    np.testing.assert_allclose(jacobian[:-3], np.concatenate([j for _, j in own]), rtol=1e-12)
+    np.testing.assert_allclose(
+        problem.log_posterior.gradient(theta) , sum(p.gradient(theta) for p in each), rtol=1e-9
+    )  # fmt: skip
+    for part, one, posterior in zip(problem.parts, setups, each, strict=True):
+        assert part.setup == one.name
+        np.testing.assert_array_equal(part.log_posterior.log_likelihood(theta), posterior.log_likelihood(theta))
+
+
+def uncertain(length, names):
+    recipe = BeamRecipe(length, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,)))
+    return BeamFamily(recipe, dict.fromkeys(names, (-0.1, 0.1)))
+
+
+def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_named_after():
+    names = ("youngs_modulus", "length")
+    setups = [
+        jb.Setup("long", uncertain(0.383, names), CLAMP, frfs(FULL, 1), ScaledNoise()),
+        jb.Setup("short", uncertain(0.2, names), CLAMP, frfs(SHORT, 2)),
+    ]
+    known = Normal(0.0, 0.02)
+    nuisances = (
+        Nuisance("youngs_modulus", "GPa", 210.0, known),
+        Nuisance("long.length", "mm", 383.0, known),
+        Nuisance("short.length", "mm", 200.0, known),
+        Nuisance("short.gain", "1", 1.0, known),
+        Nuisance("noise_scale", "1", 1.0, known),
+    )
+    problem = jb.Problem(setups=setups, prior=JointPrior(PAIR, MARGINALS, nuisances))
+    length, gain = Nuisance("length", "mm", 300.0, known), Nuisance("gain", "1", 1.0, known)
+    first = alone(setups[0], JointPrior(PAIR, MARGINALS, (nuisances[0], length, nuisances[4])))
+    second = alone(setups[1], JointPrior(PAIR, MARGINALS, (nuisances[0], length, gain)))
+    theta = np.concatenate([np.log(TABLE_3), [0.01, -0.02, 0.015, 0.03, 0.05]])
+    expected = first.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4, 7]])
+    expected = expected + second.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 5, 6]])
+    np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), expected, rtol=1e-12)
+    _, jacobian = problem.log_posterior.data_residuals(theta)
+    lines = 2 * LINES.size
+    assert not jacobian[:lines, [5, 6]].any()
+    assert not jacobian[lines:, [4, 7]].any()
+    assert (jacobian[:lines, 3] != 0).any()
+    assert (jacobian[lines:, [3, 5, 6]] != 0).any(axis=0).all()
+    factors = problem.prior.factors(theta)
+    assert [float(part.gain(factors)) for part in problem.parts] == pytest.approx([1.0, np.exp(0.03)])
+    np.testing.assert_allclose(
+        problem.parts[1].natural_frequencies_hz(TABLE_3, 3, factors),
+        second.natural_frequencies_hz(TABLE_3, 3, second.prior.factors(theta[[0, 1, 2, 3, 5, 6]])),
+    )
+
+
+def test_a_joint_may_have_quantities_of_its_own_in_one_set_up():
+    """The clamp is tightened for the third test: its stiffness is another one there."""
+    tight = 2.0 * TABLE_3
+    third = jb.Setup("tight", FULL, CLAMP, frfs(FULL, 5, tight))
+    kinds = blocks_of({"": LogStiffness(), "tight": LogStiffness()})
+    problem = jb.Problem(setups=[LONG, BRIEF, third], prior=JointPrior(kinds, MARGINALS + MARGINALS))
+    assert problem.names == ("k11", "k12", "k22", "tight.k11", "tight.k12", "tight.k22")
+    theta = np.log(np.concatenate([TABLE_3, 1.1 * tight]))
+    expected = sum(alone(one).log_posterior.log_likelihood(theta[:3]) for one in (LONG, BRIEF))
+    expected = expected + alone(third).log_posterior.log_likelihood(theta[3:])
+    np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), expected, rtol=1e-12)
+
+
+def test_joints_of_set_ups_are_found_by_their_names():
+    left, right = Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")
+    kinds = blocks_of({"left": LogStiffness(), "right": LogStiffness()})
+    both = frfs(FULL, 1, tip="5:y")
+    problem = jb.Problem(
+        setups=[
+            jb.Setup("both", FULL, [right, left], both),
+            jb.Setup("one", FULL, left, both),
+        ],
+        prior=JointPrior(kinds, MARGINALS + MARGINALS),
+    )  # fmt: skip
+    theta = np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3]))
+    k = problem.prior.matrix(theta)
+    np.testing.assert_allclose(k[:2, :2], pair_matrix(0.5 * TABLE_3))
+    np.testing.assert_allclose(k[2:4, 2:4], pair_matrix(TABLE_3))
+    np.testing.assert_allclose(k[4:, 4:], pair_matrix(TABLE_3))
+    assert problem.parts[1].parametrisation.unused
+    assert not problem.parts[0].parametrisation.unused
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda: jb.Problem(setups=[LONG, LONG], prior=PRIOR), "a name for each"),
+        (lambda: jb.Problem(setups=[jb.Setup("", FULL, CLAMP, LONG.measurement)], prior=PRIOR), "a name for each"),
+        (lambda: jb.Problem(setups=[LONG]), "found no prior"),
+        (lambda: jb.Problem(prior=PRIOR), "found no structure, joint, measurement"),
+        (
+            lambda: jb.Problem(setups=[jb.Setup("a", FULL, Joint(("1:y",)), LONG.measurement)], prior=PRIOR),
+            "expected a parametrisation of each joint",
+        ),
+        (
+            lambda: jb.Problem(
+                setups=[LONG, BRIEF], prior=JointPrior(PAIR, MARGINALS, (OTHER,))
+            ).log_posterior,
+            "other.gain, on which no set-up depends",
+        ),
+        (
+            lambda: jb.Problem(
+                setups=[LONG, jb.Setup("b", uncertain(0.2, ["length"]), CLAMP, BRIEF.measurement)], prior=PRIOR
+            ).log_posterior,
+            "no prior for length of set-up b",
+        ),
+        (lambda: jb.Problem(setups=[LONG, BRIEF], prior=PRIOR).part("middle"), "expected one of long, short"),
+    ],
+)  # fmt: skip
+def test_impossible_set_ups_are_refused_in_one_line(made, words):
+    with pytest.raises(ModelError, match="expected") as caught:
+        made()
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_posterior_of_set_ups_is_kept_checked_and_predicts_each_of_them(tmp_path):
+    problem = jb.Problem(setups=[LONG, HEARD], prior=PRIOR)
+    posterior = jb.sample(problem, seed=1, settings=TO_CONVERGE)
+    assert posterior.converged
+    for name, k in zip(PAIR.stiffness_names, TABLE_3, strict=True):
+        low, high = posterior.interval(name, 0.9999)
+        assert low < k < high, name
+    assert [check.setup for check in posterior.checks] == ["long", "heard"]
+    assert posterior.check.explains
+    assert posterior.check.sentence.startswith("Set-up ")
+    predicted = posterior.predict_natural_frequencies(4, 50, setup="heard").mean(axis=0)
+    np.testing.assert_allclose(predicted, HEARD.measurement.frequency_hz, rtol=1e-2)
+    assert posterior.predict_frf(setup="long", max_draws=20).outputs == ("11:y",)
+    path = tmp_path / "posterior.nc"
+    posterior.save(path)
+    loaded = jb.load_posterior(path)
+    assert [part.setup for part in loaded.problem.parts] == ["long", "heard"]
+    np.testing.assert_array_equal(loaded.theta, posterior.theta)
+    theta = points(problem)
+    np.testing.assert_array_equal(loaded.problem.log_posterior(theta), problem.log_posterior(theta))
+    assert "k22" in str(posterior.summary())
