@@ -23,6 +23,7 @@ from jointbayes.identification import (
     screened_draws,
     search_further,
     sensitivity_iteration,
+    smoothed_starts,
 )
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
@@ -101,6 +102,11 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
         elif measured.provenance is not None:
             missing = measured.provenance.iteration or missing
         raise ModelError(f"{problem.name}: {missing}")
+    if problem.parametrisation.damped:
+        raise ModelError(
+            f"{problem.name}: found damping of the joint; the paper's iteration expects stiffnesses alone; use "
+            "find_map instead"
+        )
     start = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
     problem.parametrisation.check(start)
     return sensitivity_iteration(
@@ -115,7 +121,8 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
 
 
 def _has_joint_frf(problem: Problem) -> bool:
-    return any(part.joint_frf is not None for part in problem.parts)
+    """Whether the paper's iteration, which knows no damping of the joint, can be made."""
+    return not problem.parametrisation.damped and any(part.joint_frf is not None for part in problem.parts)
 
 
 def _problem_and_case(given: Case | Problem) -> tuple[Problem, Case | None]:
@@ -163,7 +170,7 @@ def find_map(
     starts: dict[str, Array] = {"first guess": guess}
     for part in problem.parts:
         own = part.parametrisation
-        if not isinstance(part.measurement, FrfMeasurement) or part.joints.size != _PAIR or own.unused:
+        if not isinstance(part.measurement, FrfMeasurement) or part.joints.size != _PAIR or own.unused or own.damped:
             continue
         fitted = compliance_start(part.structure, part.joints, part.measurement)
         name = "compliance fit without a guess"
@@ -177,11 +184,13 @@ def find_map(
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
     matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
+    smoothed = smoothed_starts(problem, np.random.default_rng([seed, 4]), matched)
     screened = screened_draws(problem.log_posterior, rng, _FEW_SCREENED if len(matched) else _SCREENED, _KEPT)
     search = ModeSearch(problem.log_posterior)
     search.climb_stiffnesses(starts)
     search.climb(
         {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)}
+        | {f"smoothed FRFs {i}": theta for i, theta in enumerate(smoothed, 1)}
         | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
     )
     effort = search_further(search, problem, seed, tell)

@@ -10,6 +10,7 @@ from jointbayes.joint import (
     HYPOTHESES,
     RIGID,
     ComplianceCoordinates,
+    Damped,
     ElasticCentre,
     FullStiffness,
     LogStiffness,
@@ -26,6 +27,7 @@ DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 SPRINGS = parametrisation_named("springs", ("x", "rz"))
 TWO = blocks_of({"left": LogStiffness(), "right": SignedCoupling()})
 SHARED = blocks_of({"a": LogStiffness(), "b": "a", "c": SPRINGS, "d": Rigid(2), "e": ElasticCentre()})
+DAMPED = Damped(LogStiffness(), ("k22",), ("k11",))
 KINDS = {
     "full of 1": parametrisation_named("full", ("rz",)),
     "full of 2": parametrisation_named("full", ("y", "rz")),
@@ -35,6 +37,9 @@ KINDS = {
     "rigid": Rigid(3),
     "two": TWO,
     "shared": SHARED,
+    "damped": DAMPED,
+    "damped springs": Damped(SPRINGS, ("kx",), ("all",)),
+    "damped among others": blocks_of({"a": DAMPED, "b": "a", "c": SPRINGS}),
 }
 ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
 SEEDS = st.integers(0, 2**32 - 1)

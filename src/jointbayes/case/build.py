@@ -47,8 +47,10 @@ from jointbayes.joint import (
     RIGID,
     AnyJoint,
     Coordinate,
+    Damped,
     Joint,
     Parametrisation,
+    Quantity,
     as_joints,
     blocks_of,
     parametrisation_named,
@@ -96,6 +98,9 @@ _MM, _G = 1e-3, 1e-3
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
 DEFAULT_PRIOR_FACTORS = 0.1, 1e6
 DEFAULT_GUESS_FACTOR = 1e3
+#: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
+DEFAULT_LOSS = 1e-4, 1.0
+DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
 #: Units of EI/L³, EI/L² and EI/L.
 _UNITS = [quantity.unit for quantity in COUPLED]
 _MOST_MODES = 30  # whose frequencies may be uncertain one by one
@@ -182,10 +187,10 @@ def _metres(offset_mm: tuple[float, float, float] | None) -> tuple[float, float,
 
 def parametrisation_of(spec: CaseSpec) -> Parametrisation:
     """Coordinates of all joints of a case."""
-    kinds: dict[str, Parametrisation | str] = {
-        name: parametrisation_named(one.parametrisation if one.kind == "coupled" else one.kind, one.directions)
-        for name, one in spec.all_joints.items()
-    }
+    kinds: dict[str, Parametrisation | str] = {}
+    for name, one in spec.all_joints.items():
+        kind = parametrisation_named(one.parametrisation if one.kind == "coupled" else one.kind, one.directions)
+        kinds[name] = Damped(kind, one.viscous, one.loss_factors) if one.damping else kind
     return blocks_of({**kinds, **spec.sharing})
 
 
@@ -196,10 +201,18 @@ def true_stiffness(spec: CaseSpec, truth: TruthSpec) -> Array:
 
 def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
+    if axis.logarithmic and axis.unit not in _UNITS:  # a loss factor, or a dashpot
+        ends = DEFAULT_LOSS if axis.unit == "1" else [end * _dashpot(axis, own) for end in DEFAULT_DASHPOT_FACTORS]
+        return Uniform(*np.log(ends))
     if axis.logarithmic:
         k = own[_UNITS.index(axis.unit)]
         return Uniform(*np.log([factor * k for factor in DEFAULT_PRIOR_FACTORS]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
+
+
+def _dashpot(quantity: Coordinate | Quantity, own: Array) -> float:
+    """The beam's own stiffness of the motion of a dashpot, for one second: N·s/m or N·m·s/rad."""
+    return float(own[-1 if "rad" in quantity.unit else 0])
 
 
 def own_stiffness(recipe: BeamRecipe, joint: JointSpec) -> Array:
@@ -219,11 +232,18 @@ def first_guess(spec: CaseSpec, recipe: BeamRecipe) -> Array:
 
 def _guess_of(joint: JointSpec, own: Array) -> Array:
     if joint.initial is not None:
-        return stiffness_of(joint.initial)
-    if joint.kind == "coupled":
-        return own * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
-    springs = [0.0 if q.may_be_negative else own[_UNITS.index(q.unit)] for q in joint.quantities]
-    return DEFAULT_GUESS_FACTOR * np.array(springs)
+        guess = stiffness_of(joint.initial)
+    elif joint.kind == "coupled":
+        guess = own * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
+    else:
+        springs = [0.0 if q.may_be_negative else own[_UNITS.index(q.unit)] for q in joint.stiffnesses]
+        guess = DEFAULT_GUESS_FACTOR * np.array(springs)
+    damping = [
+        math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
+        * (1.0 if q.unit == "1" else _dashpot(q, own))
+        for q in joint.damping
+    ]
+    return np.concatenate([guess, damping])
 
 
 def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:

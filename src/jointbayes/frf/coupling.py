@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
+from jointbayes.frf.damped import add_joint, chi2_of, dynamic_stiffness, is_damped
 from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
@@ -159,6 +160,8 @@ class LowRankCoupling:
 
     def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
+        if is_damped(stiffness):
+            return self._damped(as_batch(stiffness), factors)
         if self._known is not None:
             return self._known.receptance(stiffness)
         matrices = as_batch(stiffness)
@@ -169,19 +172,57 @@ class LowRankCoupling:
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
+        if is_damped(stiffness):
+            return self._damped_tangent(
+                as_batch(stiffness), np.asarray(directions, dtype=float), as_factors(factors, 1)
+            )
         return (self._known or self._at(as_factors(factors, 1)[0])).tangent(stiffness, directions)
 
     def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
         """Weighted distance from measured receptances, see `ReceptanceModel`."""
-        return self._known.misfit(measured, weight) if self._known else _UncertainMisfit(self, measured, weight)
+        known = self._known.misfit(measured, weight) if self._known else _UncertainMisfit(self, measured, weight)
+        return _MisfitOfAnyJoint(self, known, measured, weight)
 
     def _at(self, factors: Array) -> _Coupling:
         """Coupling of the structure at factors (q,)."""
         return self._coupling(self.free(factors))
 
+    def _damped(self, matrices: Array, factors: ArrayLike | None) -> ComplexArray:
+        """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
+        known, n_in = as_factors(factors, len(matrices)), self.along.shape[1] - self.n_out
+        out = np.empty((len(matrices), self._omega.size, self.n_out, n_in), dtype=complex)
+        for matrix, row, values in zip(matrices, known, out, strict=True):
+            dynamic = dynamic_stiffness(matrix, self._omega, elastic=True)
+            values[:] = add_joint(self.free(row), self.along, dynamic)[0][:, : self.n_out, self.n_out :]
+        return out
+
+    def _damped_tangent(self, matrix: Array, directions: Array, factors: Array) -> tuple[ComplexArray, ComplexArray]:
+        (dynamic,) = dynamic_stiffness(matrix, self._omega, elastic=True)
+        free = self.free(factors[0])
+        value, motion = add_joint(free, self.along, dynamic)
+        # dH = −δ_oᵀ dD δ_i of the joint's motions δ
+        out, into = motion[..., : self.n_out].swapaxes(-1, -2), motion[..., self.n_out :]
+        changes = (dynamic_stiffness(one, self._omega, elastic=True) for one in directions)
+        return value[:, : self.n_out, self.n_out :], np.stack([-(out @ (change @ into)) for change in changes])
+
     def _coupling(self, free: ComplexArray) -> _Coupling:
         form = PairCoupling if len(self.along) <= 2 else MultiDofCoupling
         return form(free, self.along, self.n_out)
+
+
+class _MisfitOfAnyJoint:
+    """The fast misfit of joints without damping, and the plain one of those with it."""
+
+    def __init__(self, model: ReceptanceModel, undamped: Misfit, measured: ComplexArray, weight: Array) -> None:
+        self._model, self._undamped, self._measured, self._weight = model, undamped, measured, weight
+        #: As of a joint without damping.
+        self.chi2_gradient = undamped.chi2_gradient
+
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+        """χ², shape (batch,), see `Misfit`."""
+        if is_damped(stiffness):
+            return chi2_of(self._model.receptance(stiffness, factors), self._measured, self._weight)
+        return self._undamped.chi2(stiffness, factors)
 
 
 class _UncertainMisfit:

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
+from jointbayes.frf.damped import is_damped, split
 from jointbayes.frf.ports import Ports, as_batch
 from jointbayes.joint import AnyJoint
 from jointbayes.structure import Structure
@@ -20,6 +21,8 @@ def solve_lines(
     observed: NDArray[np.float64],
     loads: NDArray[np.float64],
     joint_stiffness: NDArray[np.float64] | None = None,
+    joint_viscous: NDArray[np.float64] | float = 0.0,
+    joint_hysteretic: NDArray[np.float64] | float = 0.0,
 ) -> NDArray[np.complex128]:
     """oᵀZ⁻¹f at each line, shape (lines, motions, loads), for motions o (n, motions) and loads f (n, loads).
 
@@ -32,18 +35,19 @@ def solve_lines(
         If a line is an undamped natural frequency.
     """
     added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
-    exact, viscous = structure.stiffness.astype(np.longdouble), _viscous(structure, added)
+    exact, viscous = structure.stiffness.astype(np.longdouble), _viscous(structure, added) + joint_viscous
+    dynamic = added + 1j * joint_hysteretic if np.any(joint_hysteretic) else added
     loss = 1 + 1j * structure.damping.hysteretic
     parts = []
     for start in range(0, omega.size, _LINES_AT_ONCE):
         w = omega[start : start + _LINES_AT_ONCE, None, None]
-        z = loss * structure.stiffness + added - w**2 * structure.mass + 1j * w * viscous
+        z = loss * structure.stiffness + dynamic - w**2 * structure.mass + 1j * w * viscous
         try:
             x = np.linalg.solve(z, loads.astype(complex)).astype(np.clongdouble)
             for _ in range(_REFINEMENTS):
                 elastic = loss * (exact @ x.real + 1j * (exact @ x.imag))
                 rounded = x.astype(complex)
-                others = added @ rounded - w**2 * (structure.mass @ rounded) + 1j * w * (viscous @ rounded)
+                others = dynamic @ rounded - w**2 * (structure.mass @ rounded) + 1j * w * (viscous @ rounded)
                 x = x + np.linalg.solve(z, (loads - elastic - others).astype(complex))
         except np.linalg.LinAlgError:
             raise ModelError(
@@ -91,5 +95,8 @@ class DirectSolve:
         return np.stack([self._one(matrix) for matrix in as_batch(stiffness)])
 
     def _one(self, matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
-        added = self._joined @ matrix @ self._joined.T
-        return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added)
+        if not is_damped(matrix):
+            added = self._joined @ matrix @ self._joined.T
+            return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added)
+        k, c, h = (self._joined @ part @ self._joined.T for part in split(matrix))
+        return solve_lines(self._structure, self._omega, self._outputs, self._inputs, k, c, h)

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
+from jointbayes.frf.damped import add_joint, chi2_of, dynamic_stiffness, is_damped, stiffness_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, workspace
 from jointbayes.frf.kernels.springs import springs
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 
 #: Eigenvalues closer than this (relative) share one mode plane: their divided difference is the derivative.
 _DEGENERATE = 1e-9
+_STEP = 1e-5  # of a coordinate, in differences
 
 
 class JoinedModes:
@@ -113,7 +115,7 @@ class NaturalFrequencies:
         """
         matrices = as_batch(stiffness)
         known = as_factors(factors, len(matrices))
-        eigenvalues, _, _ = self._modes.solve(matrices, known)
+        eigenvalues, _, _ = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
         return frequency * _first(self._family.frequency_factors(known), frequency.shape[1])
 
@@ -122,7 +124,8 @@ class NaturalFrequencies:
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
         known = as_factors(factors, 1)
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), known)
+        directions = stiffness_of(directions)
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness_of(stiffness)), known)
         (off,) = _first(self._family.frequency_factors(known), self._count)
         shapes = np.linalg.solve(springs.T, rows)[:, : self._count]
         frequency = np.sqrt(np.maximum(eigenvalues[: self._count], 0.0)) / (2 * np.pi)
@@ -167,7 +170,36 @@ class AssembledModes:
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
         """
-        return self._sum.receptance(*self._assembled(as_batch(stiffness), factors))
+        matrices = as_batch(stiffness)
+        if is_damped(matrices):
+            return self._damped(matrices, factors)
+        return self._sum.receptance(*self._assembled(matrices, factors))
+
+    def _damped(self, matrices: Array, factors: ArrayLike | None) -> NDArray[np.complex128]:
+        """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
+        known, r, q = as_factors(factors, len(matrices)), self._along.shape[0], self._along.shape[1]
+        eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
+        off = self._family.frequency_factors(known)
+        eigenvalues[:, : off.shape[1]] *= off**2
+        ratios = np.ascontiguousarray(self._family.damping_ratios(known)[:, : eigenvalues.shape[1]])
+        # between the joint's own motions and the ports' others, as outputs and as inputs
+        rows[:, :r] = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
+        between, ratios = ModalSum(self._omega, r + q), np.broadcast_to(ratios, eigenvalues.shape)
+        out = np.empty((len(matrices), self._omega.size, self._n_out, q - self._n_out), dtype=np.complex128)
+        for i, values in enumerate(out):  # one joint after the other: all motions at all lines fill the memory
+            shapes = np.concatenate([rows[i], rows[i]])[None]
+            (every,) = between.receptance(eigenvalues[i : i + 1], shapes, np.ascontiguousarray(ratios[i : i + 1]))
+            dynamic = dynamic_stiffness(matrices[i], self._omega, elastic=False)
+            values[:] = add_joint(every, self._along, dynamic)[0][:, : self._n_out, self._n_out :]
+        return out
+
+    def _damped_tangent(
+        self, matrix: Array, directions: Array, factors: ArrayLike | None
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """By differences: with the stiffness the modes change, and with them the damping of the structure."""
+        ends = np.concatenate([matrix + _STEP * directions, matrix - _STEP * directions])
+        up, down = np.split(self._damped(ends, factors), 2)
+        return self._damped(matrix, factors)[0], (up - down) / (2 * _STEP)
 
     def misfit(self, measured: NDArray[np.complex128], weight: Array) -> "AssembledMisfit":
         """Weighted distance from measured receptances, see `ReceptanceModel`."""
@@ -210,6 +242,8 @@ class AssembledModes:
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
         known = as_factors(factors, 1)
+        if is_damped(stiffness):
+            return self._damped_tangent(as_batch(stiffness), np.asarray(directions, dtype=float), known)
         (lam,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), known)
         r = self._along.shape[0]
         at_joint = np.linalg.solve(springs.T, rows[:r])
@@ -251,6 +285,8 @@ class AssembledMisfit:
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
+        if is_damped(stiffness):
+            return chi2_of(self._model.receptance(stiffness, factors), self._measured, self._weight)
         return self._model._sum.chi2(*self._model._assembled(stiffness, factors), self._lines)
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.paper_iteration import IterationHistory, SensitivityKind, sensitivity_iteration
 from jointbayes.identification.refine import refine
 from jointbayes.identification.resonances import resonances_hz
+from jointbayes.identification.smoothed import smoothed_starts
 from jointbayes.identification.starts import frequency_starts, screened_draws
 
 __all__ = [
@@ -24,4 +25,5 @@ __all__ = [
     "screened_draws",
     "search_further",
     "sensitivity_iteration",
+    "smoothed_starts",
 ]

@@ -240,7 +240,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     Computational Mathematics and Mathematical Physics 7(4), 86-112. DOI 10.1016/0041-5553(67)90144-9
     """
     prior = problem.prior
-    if problem.measured_bodies:
+    if all(part.measured_bodies for part in problem.parts):
         return np.empty((0, prior.mean.size))
     match = FrequencyMatch(problem)
     if not (match.resonances_hz.size and match.columns.size):

@@ -65,6 +65,10 @@ class FrequencyLikelihood(Likelihood):
         """Residuals over their standard deviation, shape (batch, n)."""
         return (self.predicted(stiffness, factors) - self._measured) / self._sd
 
+    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Squared standard deviations as stated, shape (batch, n)."""
+        return np.broadcast_to(self._sd**2, (len(np.asarray(stiffness)), self._sd.size))
+
     def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
         """Residuals over their standard deviation and its factor, shape (batch, n)."""
         z = self.standardised(stiffness, factors)

@@ -72,6 +72,10 @@ class Likelihood(ABC):
         """What is compared with the data: FRFs (batch, lines, outputs, inputs), or natural frequencies (batch, n)."""
 
     @abstractmethod
+    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """σ² of what is compared, of the shape of `predicted`: as stated, with what else is known to be noise."""
+
+    @abstractmethod
     def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), that are white with unit variance if model and noise hold."""
 

@@ -98,6 +98,10 @@ class LogPosterior:
         """What is compared with the data, see `Likelihood.predicted`, at θ, shape (n, d) or (d,)."""
         return self.likelihood.predicted(*self._points(theta))
 
+    def variance(self, theta: ArrayLike) -> Array:
+        """σ² of the measured values, see `Likelihood.variance`, at θ, shape (n, d) or (d,)."""
+        return self.likelihood.variance(*self._points(theta))
+
     def white(self, theta: ArrayLike) -> Array:
         """Real residuals, shape (n, m), white with unit variance if model and noise hold, at θ, shape (n, d)."""
         return self.likelihood.white(*self._points(theta))
@@ -141,8 +145,7 @@ class LogPosterior:
     def data_residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Those of `residuals` that belong to the data, shape (m,), and their Jacobian, shape (m, d)."""
         t = np.asarray(theta, dtype=float)
-        derivative = self._parametrisation.derivative(self.prior.joint(t))
-        directions = np.einsum("kt,kij->tij", derivative, self._parametrisation.pattern)
+        directions = self._parametrisation.changes(self.prior.joint(t))
         return self.likelihood.residuals(self.prior.matrix(t), directions, self.prior.factors(t))
 
     def gradient(self, theta: ArrayLike) -> Array:
@@ -152,7 +155,7 @@ class LogPosterior:
         """
         t = np.asarray(theta, dtype=float)
         many = np.atleast_2d(t)
-        if self.prior.nuisances or not self.gaussian:
+        if self.prior.nuisances or self._parametrisation.damped or not self.gaussian:
             return np.array([self._differences(one) for one in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.stiffness(many)))
         by_theta = np.einsum(

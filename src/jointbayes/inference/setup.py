@@ -142,7 +142,13 @@ class Term:
 
     def of(self, stiffness: ArrayLike, factors: ArrayLike | None) -> tuple[Array, Array]:
         """Joint matrices (..., r, r) and factors (..., q) of the set-up from those of all."""
-        matrices = np.asarray(stiffness, dtype=float)[..., self.rows, self.rows]
+        whole = np.asarray(stiffness, dtype=float)
+        size = whole.shape[-2]
+        # K alone, or K, C and H side by side
+        sides = [
+            whole[..., self.rows, begin : begin + size][..., self.rows] for begin in range(0, whole.shape[-1], size)
+        ]
+        matrices = sides[0] if len(sides) == 1 else np.concatenate(sides, axis=-1)
         assert factors is not None
         return np.ascontiguousarray(matrices), np.asarray(factors, dtype=float)[..., self.columns]
 
@@ -201,6 +207,10 @@ class SetupsLikelihood(Likelihood):
     def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
         """What is compared with the data, as `standardised`."""
         return self._joined([term.likelihood.predicted(*term.of(stiffness, factors)) for term in self.terms])
+
+    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """σ² of what is compared, as `standardised`."""
+        return self._joined([term.likelihood.variance(*term.of(stiffness, factors)) for term in self.terms])
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
         """ln L value by value, as `standardised`."""

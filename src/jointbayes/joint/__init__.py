@@ -13,6 +13,7 @@ from jointbayes.joint.quantities import HYPOTHESES as HYPOTHESES
 from jointbayes.joint.quantities import KINDS as KINDS
 from jointbayes.joint.quantities import Coordinate as Coordinate
 from jointbayes.joint.quantities import Quantity as Quantity
+from jointbayes.joint.quantities import damping_quantities as damping_quantities
 from jointbayes.joint.quantities import full_coordinates as full_coordinates
 from jointbayes.joint.quantities import full_stiffnesses as full_stiffnesses
 from jointbayes.joint.quantities import spring_stiffnesses as spring_stiffnesses
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from jointbayes.joint.blocks import Block as Block
     from jointbayes.joint.blocks import Blocks as Blocks
     from jointbayes.joint.blocks import blocks_of as blocks_of
+    from jointbayes.joint.damped import Damped as Damped
     from jointbayes.joint.elastic_centre import ElasticCentre as ElasticCentre
     from jointbayes.joint.full import FullStiffness as FullStiffness
     from jointbayes.joint.joint import AnyJoint as AnyJoint
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from jointbayes.joint.plain_springs import Rigid as Rigid
     from jointbayes.joint.signed import SignedCoupling as SignedCoupling
 
-_COMPUTING = ("joint", "parametrisation", "plain_springs", "full", "blocks", *COORDINATES)
+_COMPUTING = ("joint", "parametrisation", "plain_springs", "full", "damped", "blocks", *COORDINATES)
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any name of the room)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.joint.blocks import Blocks
 from jointbayes.joint.coupled import CoupledPair
+from jointbayes.joint.damped import Damped
 from jointbayes.joint.log import LogStiffness
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings
@@ -48,6 +49,9 @@ def parametrisation_of_draws(parametrisation: Parametrisation, stiffness: Array)
         fitting = [parametrisation_of_draws(one, stiffness[:, k]) for one, k in _blocks(parametrisation)]
         named = zip(parametrisation.blocks, fitting, strict=True)
         return Blocks(tuple(replace(block, parametrisation=one) for block, one in named))
+    if isinstance(parametrisation, Damped):
+        own = len(parametrisation.of.quantities)
+        return replace(parametrisation, of=parametrisation_of_draws(parametrisation.of, stiffness[:, :own]))
     if not isinstance(parametrisation, CoupledPair):
         return parametrisation
     if not stiffness[:, 1].any():
@@ -81,6 +85,8 @@ def _value(parametrisation: Parametrisation, column: int) -> Callable[[Array], A
     if axis.name in parametrisation.stiffness_names:
         index = parametrisation.stiffness_names.index(axis.name)
         return lambda k: k[:, index]
+    if isinstance(parametrisation, Damped):
+        return _value(parametrisation.of, column)  # damping is among its own quantities
     if isinstance(parametrisation, SignedCoupling):
         return lambda k: k[:, 1] / np.sqrt(k[:, 0] * k[:, 2])
 
@@ -135,6 +141,8 @@ def _of_two(count: int) -> list[tuple[int, ...]]:
 
 def _condensed_stiffnesses(parametrisation: Parametrisation, joint: str) -> list[Combination]:
     """Of a coupled pair the stiffness of one DOF with the other free (1/compliance), det K^J, the cross compliance."""
+    if isinstance(parametrisation, Damped):
+        return _condensed_stiffnesses(parametrisation.of, joint)
     if not isinstance(parametrisation, CoupledPair):
         return []
     k11, k12, k22 = (prefixed(joint, name) for name in parametrisation.stiffness_names)

@@ -139,13 +139,25 @@ class Parametrisation(ABC):
         return pattern
 
     @cached_property
-    def _entries(self) -> NDArray[np.intp]:
-        """Number of the quantity that each entry of K^J is, shape (R, R)."""
+    def damped(self) -> bool:
+        """Whether some of the quantities are damping."""
+        return any(quantity.role != "stiffness" for quantity in self.quantities)
+
+    def _entries_of(self, role: str) -> NDArray[np.intp]:
+        """Number of the quantity with a role that each entry of a joint matrix is, shape (R, R)."""
         entries = np.full((self.size, self.size), _ABSENT)
-        for number, one in enumerate(self.pattern):
-            entries[one != 0] = number
-        entries[self.held, self.held] = _HELD
+        for number, (quantity, one) in enumerate(zip(self.quantities, self.pattern, strict=True)):
+            if quantity.role == role:
+                entries[one != 0] = number
+        if role == "stiffness":
+            entries[self.held, self.held] = _HELD
         return entries
+
+    @cached_property
+    def _entries(self) -> tuple[NDArray[np.intp], ...]:
+        """Entries of K^J, and where joints are damped those of dashpots and of loss factors."""
+        roles = ("stiffness", "viscous", "loss factor") if self.damped else ("stiffness",)
+        return tuple(map(self._entries_of, roles))
 
     @property
     def rigid(self) -> Array:
@@ -155,16 +167,37 @@ class Parametrisation(ABC):
     def matrix(self, stiffness: ArrayLike) -> Array:
         """K^J, shape (..., R, R), of quantities, shape (..., q).
 
+        Where joints are damped K, C and H side by side, shape (..., R, 3R): their dynamic stiffness is K + jωC + jH.
+
         Examples
         --------
         >>> parametrisation_named("log").matrix([3.0, 1.0, 2.0]).tolist()
         [[3.0, 1.0], [1.0, 2.0]]
         """
         k = np.asarray(stiffness, dtype=float)
-        if (self._entries < 0).any():
+        if any((entries < 0).any() for entries in self._entries):
             beyond = np.broadcast_to([RIGID, 0.0], (*k.shape[:-1], 2))
             k = np.concatenate([k, beyond], axis=-1)
-        return np.take(k, self._entries, axis=-1)
+        parts = [np.take(k, entries, axis=-1) for entries in self._entries]
+        if len(parts) == 1:
+            return parts[0]
+        stiffness, viscous, loss = parts
+        return np.concatenate([stiffness, viscous, loss * stiffness], axis=-1)
+
+    def changes(self, theta: Array) -> Array:
+        """Change of `matrix` along each coordinate, shape (d, R, R) or (d, R, 3R), at one θ, shape (d,)."""
+        derivative = self.derivative(theta)
+        if not self.damped:
+            return np.einsum("kt,kij->tij", derivative, self.pattern)
+        parts = []
+        for role in ("stiffness", "viscous", "loss factor"):
+            own = np.array([quantity.role == role for quantity in self.quantities])
+            parts.append(np.einsum("kt,kij->tij", derivative[own], self.pattern[own]))
+        r = self.size
+        k, loss = self.stiffness(theta), self._entries[2]
+        factor = np.where(loss < 0, 0.0, k[np.maximum(loss, 0)])
+        parts[2] = parts[2] * self.matrix(k)[:, :r] + factor * parts[0]
+        return np.concatenate(parts, axis=-1)
 
     def from_matrix(self, matrix: ArrayLike) -> Array:
         """Quantities, shape (..., q), of K^J, shape (..., R, R): at the first of their places."""

@@ -19,6 +19,7 @@ __all__ = [
     "Coordinate",
     "Quantity",
     "QuantityRole",
+    "damping_quantities",
     "direction_of",
     "full_coordinates",
     "full_stiffnesses",
@@ -138,6 +139,35 @@ def full_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
             words = f"the coupling stiffness of motions {i + 1} ({directions[i]}) and {j + 1} ({directions[j]})"
         each.append(Quantity(f"k{i + 1}{j + 1}", _unit(turning[i] + turning[j]), words, ((i, j),)))
     return tuple(each)
+
+
+def damping_quantities(
+    stiffnesses: Sequence[Quantity], viscous: Sequence[str], loss_factors: Sequence[str]
+) -> tuple[Quantity, ...]:
+    """Dashpots and loss factors beside the stiffnesses of these names; ``"all"`` is one loss factor on all of them.
+
+    Examples
+    --------
+    >>> [one.name for one in damping_quantities(COUPLED, ["k22"], ["all"])]
+    ['c22', 'eta']
+    """
+    by_name = {quantity.name: quantity for quantity in stiffnesses}
+    dashpots = [
+        Quantity(
+            f"c{k.name[1:]}", f"{k.unit.replace('/', '·s/', 1)}", f"the dashpot beside {k.name}", k.places, "viscous"
+        )
+        for k in (by_name[name] for name in viscous)
+    ]
+    losses = []
+    for name in loss_factors:
+        if name == "all":
+            places = tuple(place for quantity in stiffnesses for place in quantity.places)
+            losses.append(Quantity("eta", "1", "the loss factor of all stiffnesses", places, "loss factor"))
+        else:
+            losses.append(
+                Quantity(f"eta{name[1:]}", "1", f"the loss factor of {name}", by_name[name].places, "loss factor")
+            )
+    return (*dashpots, *losses)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,7 @@ class CaseSpec(Spec):
         yield from dof_findings(self.structure, self.all_joints, self.data, self.plan)
         if self.prior is not None and self.joint is not None:
             yield from prior_findings(self.joint, self.prior)
-        lone_pair = self.joint is not None and self.joint.kind == "coupled"
+        lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
         yield from truth_names_findings(self.data, self.all_quantities, lone_pair=lone_pair)
         yield from uncertain_findings(self.uncertain, self.structure, self.data)
         yield from truth_findings(self.structure, self.data)

@@ -18,6 +18,7 @@ from jointbayes.joint import (
     KINDS,
     Coordinate,
     Quantity,
+    damping_quantities,
     full_coordinates,
     full_stiffnesses,
     spring_stiffnesses,
@@ -83,6 +84,9 @@ else:
     ParametrisationName = Literal[tuple(COORDINATES)]
     KindName = Literal[KINDS]
 
+_Names = Annotated[tuple[str, ...], Strict(False)]
+_VISCOUS = key_field("a list of springs of the joint that have a dashpot beside them", ["k11", "k22"])
+_LOSS = key_field('a list of springs of the joint that have a loss factor, or ["all"]', ["all"])
 _Vector = Annotated[tuple[float, float, float], Strict(False)]
 _Share = Annotated[float, Field(ge=-1, le=1)]
 _Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
@@ -98,6 +102,8 @@ class JointSpec(Spec):
     offset_mm: Annotated[_Vector | None, _OFFSET] = None
     offset_against_mm: Annotated[_Vector | None, _OFFSET_AGAINST] = None
     parametrisation: Annotated[ParametrisationName, _PARAMETRISATION] = _LOG
+    viscous: Annotated[_Names, _VISCOUS] = ()
+    loss_factors: Annotated[_Names, _LOSS] = ()
     initial: Annotated[StiffnessSpec | None, Field(description="the first guess: k11, k12, k22")] = None
 
     @property
@@ -108,6 +114,20 @@ class JointSpec(Spec):
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """Its parameters, each of which needs a prior."""
+        return (*self._of_stiffness, *map(Coordinate.logarithm_of, self.damping))
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Its stiffnesses, then its damping."""
+        return (*self.stiffnesses, *self.damping)
+
+    @property
+    def damping(self) -> tuple[Quantity, ...]:
+        """Dashpots and loss factors."""
+        return damping_quantities(self.stiffnesses, self.viscous, self.loss_factors)
+
+    @property
+    def _of_stiffness(self) -> tuple[Coordinate, ...]:
         match self.kind:
             case "rigid":
                 return ()
@@ -118,7 +138,7 @@ class JointSpec(Spec):
         return COORDINATES[self.parametrisation]
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:
+    def stiffnesses(self) -> tuple[Quantity, ...]:
         """Its stiffnesses."""
         match self.kind:
             case "rigid":
@@ -154,6 +174,17 @@ class JointSpec(Spec):
                 expected = f"the direction of joint.dofs, {here.split(':')[1]}, at another node"
                 yield Finding(("against", i), f'found "{there}" against "{here}"', expected, "correct the label")
         yield from self._crooked_axes()
+        yield from self._undamped()
+
+    def _undamped(self) -> Iterator[Finding]:
+        """Yield damping beside what is no spring of the joint."""
+        springs = [quantity.name for quantity in self.stiffnesses if not quantity.may_be_negative]
+        for key, names in (("viscous", self.viscous), ("loss_factors", self.loss_factors)):
+            alone = key == "loss_factors" and names == ("all",) and springs
+            for i, name in enumerate(() if alone else names):
+                if name not in springs or name in names[:i]:
+                    expected = f"each once of {either(f'"{spring}"' for spring in springs)}" if springs else "none"
+                    yield Finding((key, i), f'found "{name}"', expected, "correct the name or remove it")
 
     def _no_pair(self) -> Iterator[Finding]:
         """Yield DOFs that are no translation and rotation."""

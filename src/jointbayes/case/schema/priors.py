@@ -7,7 +7,15 @@ from pydantic import Field, create_model
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import Positive, Spec, ascii_unit, key_field, not_above, positive
-from jointbayes.joint import COORDINATES, DIRECTIONS, Coordinate, full_coordinates, spring_stiffnesses
+from jointbayes.joint import (
+    COORDINATES,
+    DIRECTIONS,
+    Coordinate,
+    damping_quantities,
+    full_coordinates,
+    full_stiffnesses,
+    spring_stiffnesses,
+)
 
 __all__ = [
     "DecadesPriorSpec",
@@ -25,7 +33,13 @@ _DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal" or "de
 _COUPLED = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
 _SPRINGS = {quantity.name: Coordinate.logarithm_of(quantity) for quantity in spring_stiffnesses(DIRECTIONS)}
 _FULL = {axis.name: axis for axis in full_coordinates(DIRECTIONS)}
-_COORDINATES = _COUPLED | {name: axis for name, axis in (_SPRINGS | _FULL).items() if name not in _COUPLED}
+_DAMPING = {
+    one.name: Coordinate.logarithm_of(one)
+    for stiffnesses in (spring_stiffnesses(DIRECTIONS), full_stiffnesses(DIRECTIONS))
+    for springs in [[quantity.name for quantity in stiffnesses if not quantity.may_be_negative]]
+    for one in (*damping_quantities(stiffnesses, springs, springs), *damping_quantities(stiffnesses, [], ["all"]))
+}
+_COORDINATES = _COUPLED | {name: axis for name, axis in (_SPRINGS | _FULL | _DAMPING).items() if name not in _COUPLED}
 _UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _COUPLED.values() if axis.logarithmic)
 _UNIT = f"in the unit of the parameter ({_UNITS})"
 

@@ -37,6 +37,7 @@ __all__ = [
     "virtual_test_findings",
 ]
 
+_ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")  # of joints that share quantities
 _FREQUENCIES = NaturalFrequenciesSpec | MeasuredFrequenciesSpec
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
@@ -138,12 +139,12 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
         yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
         return
     unlike = [
-        what for what in ("kind", "directions", "parametrisation") if getattr(joint, what) != getattr(other, what)
+        what for what in _ALIKE if getattr(joint, what) != getattr(other, what)
     ]
     if unlike:
         found = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
         yield Finding(
-            loc, found, "a joint of the same kind, directions and parametrisation", "make them alike or remove it"
+            loc, found, "a joint of the same kind, directions, parametrisation and damping", "make them alike or remove it"
         )
     for what in ("prior", "initial"):
         if getattr(joint, what) is not None:

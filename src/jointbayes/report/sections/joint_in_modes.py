@@ -25,7 +25,8 @@ _MOST_MODES = 12
 
 def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
-    problem, names = inputs.posterior.problem, inputs.posterior.stiffness_names
+    problem = inputs.posterior.problem
+    names = tuple(quantity.name for quantity in problem.quantities if quantity.role == "stiffness")
     modes, best, rigid, change = _in_band(problem, inputs.posterior.estimate.theta)
     if not modes.size:
         return None
@@ -83,7 +84,7 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
         count, low, high = measured.frequency_hz.size, np.finfo(float).tiny, math.inf
     count = min(count, problem.most_modes)
     k = problem.prior.stiffness(theta)
-    steps = _STEP * np.eye(k.size)
+    steps = _STEP * np.eye(k.size)[[quantity.role == "stiffness" for quantity in problem.quantities]]
     joints = np.stack([k, problem.parametrisation.rigid, *(k * (1 + steps)), *(k * (1 - steps))])
     found = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))
     inside = (found[0] >= low) & (found[0] <= high)

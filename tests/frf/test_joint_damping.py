@@ -1,0 +1,101 @@
+"""Joints with damping of their own, against the assembled structure solved line by line."""
+
+import numpy as np
+import pytest
+
+from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
+from jointbayes.joint import Damped, Joint, Joints, LogStiffness, blocks_of, parametrisation_named
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section
+from tests.conftest import CLAMP, PAIR, pair_matrix, rod
+
+LAWS = {"modal": ModalDamping((0.01, 0.02)), "loss factor": LossFactor(0.02), "Rayleigh": Rayleigh(3.0, 1e-7)}
+DAMPED = pytest.mark.parametrize("law", LAWS.values(), ids=list(LAWS))
+PORTS = Ports(np.arange(20.0, 2000.0, 45.0), ("6:y", "1:y", "11:y"), ("11:y", "1:rz"))
+KIND = Damped(LogStiffness(), ("k11", "k22"), ("all",))
+K = np.array([5e7, 4e5, 6e4, 900.0, 3.0, 0.15])  # k11, k12, k22, c11, c22, eta
+SPRINGS = Damped(parametrisation_named("springs", ("y", "rz")), ("krz",), ("ky", "krz"))
+TWO = Joints((Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")))
+BOTH = blocks_of({"left": KIND, "right": SPRINGS})
+K_BOTH = np.concatenate([K, [2e7, 3e4, 1.5, 0.3, 0.05]])
+
+
+def test_damping_stands_in_matrices_of_its_own_beside_the_stiffness():
+    assert KIND.stiffness_names == ("k11", "k12", "k22", "c11", "c22", "eta")
+    assert [q.unit for q in KIND.quantities] == ["N/m", "N", "N·m/rad", "N·s/m", "N·m·s/rad", "1"]
+    assert SPRINGS.names == ("ky", "krz", "crz", "etay", "etarz")
+    stiffness, viscous, hysteretic = np.split(KIND.matrix(K), 3, axis=1)
+    np.testing.assert_array_equal(stiffness, pair_matrix(K[:3]))
+    np.testing.assert_array_equal(viscous, np.diag(K[3:5]))
+    np.testing.assert_allclose(hysteretic, 0.15 * stiffness)
+    *_, hysteretic = np.split(SPRINGS.matrix(K_BOTH[6:]), 3, axis=1)
+    np.testing.assert_allclose(hysteretic, np.diag([0.3 * 2e7, 0.05 * 3e4]))
+    whole = BOTH.matrix(K_BOTH)
+    assert whole.shape == (4, 12)
+    np.testing.assert_array_equal(whole[:2, 4:6], np.diag(K[3:5]))
+    np.testing.assert_array_equal(whole[2:, 10:], hysteretic)
+
+
+@DAMPED
+def test_receptances_with_damped_joints_are_those_of_the_assembled_structure(law):
+    structure = rod(damping=law)
+    found = receptance_model(structure, CLAMP, PORTS).receptance(KIND.matrix(K))[0]
+    exact = DirectSolve(structure, CLAMP, PORTS).receptance(KIND.matrix(K))[0]
+    undamped = DirectSolve(structure, CLAMP, PORTS).receptance(pair_matrix(K[:3]))[0]
+    peak = np.abs(exact).max(axis=0)
+    np.testing.assert_allclose(found / peak, exact / peak, atol=2e-8)
+    assert (np.abs(undamped - exact) / peak).max() > 1e-2
+    both = receptance_model(structure, TWO, PORTS).receptance(BOTH.matrix(K_BOTH))[0]
+    exact = DirectSolve(structure, TWO, PORTS).receptance(BOTH.matrix(K_BOTH))[0]
+    np.testing.assert_allclose(both / np.abs(exact).max(axis=0), exact / np.abs(exact).max(axis=0), atol=2e-8)
+
+
+@DAMPED
+def test_without_any_damping_the_joint_is_that_of_its_stiffness(law):
+    model = receptance_model(rod(damping=law), CLAMP, PORTS)
+    matrix = KIND.matrix([*K[:3], 0.0, 0.0, 0.0])
+    plain = model.receptance(pair_matrix(K[:3]))
+    np.testing.assert_allclose(model.receptance(matrix), plain, rtol=0, atol=1e-9 * np.abs(plain).max())
+    frequencies = NaturalFrequencies(rod(), CLAMP, 4)
+    np.testing.assert_array_equal(frequencies.frequency_hz(KIND.matrix(K)), frequencies.frequency_hz(pair_matrix(K[:3])))
+
+
+@DAMPED
+def test_the_tangent_along_stiffness_and_damping_is_that_of_differences(law):
+    model, theta = receptance_model(rod(damping=law), TWO, PORTS), BOTH.coordinates(K_BOTH)
+    value, slope = model.tangent(BOTH.matrix(K_BOTH), BOTH.changes(theta))
+    np.testing.assert_allclose(value, model.receptance(BOTH.matrix(K_BOTH))[0], rtol=1e-12)
+    for i, step in enumerate(1e-5 * np.eye(theta.size)):
+        up, down = (model.receptance(BOTH.matrix(BOTH.stiffness(theta + s * step)))[0] for s in (1, -1))
+        difference = (up - down) / 2e-5
+        np.testing.assert_allclose(slope[i], difference, rtol=0, atol=1e-6 * np.abs(slope).max())
+
+
+@DAMPED
+def test_the_misfit_of_damped_joints_is_that_of_their_receptances(law):
+    model = receptance_model(rod(damping=law), TWO, PORTS)
+    measured = 1.1 * model.receptance(BOTH.matrix(K_BOTH))[0]
+    weight = 1 / np.abs(measured)
+    several = BOTH.matrix(K_BOTH * np.array([[1.0], [1.2]]))
+    expected = [(np.abs(one - measured) ** 2 * weight**2).sum() for one in model.receptance(several)]
+    np.testing.assert_allclose(model.misfit(measured, weight).chi2(several), expected, rtol=1e-12)
+
+
+def test_an_uncertain_structure_has_damped_joints_as_well():
+    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.02))
+    factors = np.array([[1.03, 0.8]])
+    family = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1), "loss_factor": (-0.5, 0.5)})
+    found = receptance_model(family, CLAMP, PORTS).receptance(KIND.matrix(K)[None], factors)[0]
+    exact = DirectSolve(family.at(PORTS.outputs, 2000.0).structure(factors[0]), CLAMP, PORTS).receptance(KIND.matrix(K))[0]
+    np.testing.assert_allclose(found / np.abs(exact).max(axis=0), exact / np.abs(exact).max(axis=0), atol=1e-6)
+
+
+def test_a_joint_between_bodies_dissipates_by_relative_motion_alone():
+    """Both ends of a free rod moved alike: the dashpot between two of its points does nothing in rigid motion."""
+    joint = Joint(("3:y",), ("9:y",))
+    springs = Damped(parametrisation_named("springs", ("y",)), ("ky",))
+    slow = Ports(np.array([0.5, 1.0]), ("6:y",), ("6:y",))
+    model = receptance_model(rod(damping=LossFactor(0.0)), joint, slow)
+    free = model.receptance(np.zeros((1, 1, 1)))[0]
+    damped = model.receptance(springs.matrix([1e-9, 50.0])[None])[0]
+    np.testing.assert_allclose(damped, free, rtol=1e-5)
+    assert PAIR.damped is False
