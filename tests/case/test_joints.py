@@ -144,3 +144,25 @@ def test_what_is_wrong_with_joints_is_one_line_with_file_and_key(change, key, wo
     assert words in str(caught.value)
     assert first.startswith("case.toml")
     assert "; " in first
+
+
+def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
+    damped = changed(
+        LONE,
+        ('kind = "full"', 'kind = "springs"\nviscous = ["ky"]\nloss_factors = ["all"]'),
+        (TRUTH, "[data.truth.stiffness]\nky = 5e7\nkrz = 5e4\ncy = 300.0\neta = 0.1\n"),
+    )
+    case = case_from_text("damped", damped)
+    assert case.problem.names == ("ky", "krz", "cy", "eta")
+    assert case.warnings == ()
+    low, high = np.exp(case.problem.prior.support)
+    assert (low[3], high[3]) == pytest.approx((1e-4, 1.0))
+    assert low[2] < 300.0 < high[2]
+    theta = case.problem.parametrisation.coordinates([5e7, 5e4, 300.0, 0.1])
+    squares = np.abs(case.problem.log_posterior.standardised(theta)) ** 2
+    assert squares.mean() == pytest.approx(1.0, abs=0.3)
+    stated = damped.replace("[data]\n", f"[prior]\nky = {PRIOR}\nkrz = {PRIOR}\ncy = {PRIOR}\n[data]\n", 1)
+    with pytest.raises(CaseError, match=r"prior\.eta: missing table"):
+        case_from_text("case.toml", stated)
+    with pytest.raises(CaseError, match=r'joint\.viscous: found "kz".*"ky" or "krz"'):
+        case_from_text("case.toml", damped.replace('viscous = ["ky"]', 'viscous = ["kz"]'))

@@ -1,5 +1,7 @@
 """Receptances and natural frequencies from the modes of the assembled structure."""
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -177,21 +179,27 @@ class AssembledModes:
 
     def _damped(self, matrices: Array, factors: ArrayLike | None) -> NDArray[np.complex128]:
         """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
-        known, r, q = as_factors(factors, len(matrices)), self._along.shape[0], self._along.shape[1]
+        known, (r, q) = as_factors(factors, len(matrices)), self._along.shape
         eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
         off = self._family.frequency_factors(known)
         eigenvalues[:, : off.shape[1]] *= off**2
         ratios = np.ascontiguousarray(self._family.damping_ratios(known)[:, : eigenvalues.shape[1]])
         # between the joint's own motions and the ports' others, as outputs and as inputs
         rows[:, :r] = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
-        between, ratios = ModalSum(self._omega, r + q), np.broadcast_to(ratios, eigenvalues.shape)
+        ratios = np.broadcast_to(ratios, eigenvalues.shape)
         out = np.empty((len(matrices), self._omega.size, self._n_out, q - self._n_out), dtype=np.complex128)
         for i, values in enumerate(out):  # one joint after the other: all motions at all lines fill the memory
             shapes = np.concatenate([rows[i], rows[i]])[None]
-            (every,) = between.receptance(eigenvalues[i : i + 1], shapes, np.ascontiguousarray(ratios[i : i + 1]))
+            row = np.ascontiguousarray(ratios[i : i + 1])
+            (every,) = self._sum_of_all.receptance(eigenvalues[i : i + 1], shapes, row)
             dynamic = dynamic_stiffness(matrices[i], self._omega, elastic=False)
             values[:] = add_joint(every, self._along, dynamic)[0][:, : self._n_out, self._n_out :]
         return out
+
+    @cached_property
+    def _sum_of_all(self) -> ModalSum:
+        """Modal sum between the joint's motions and the ports'."""
+        return ModalSum(self._omega, sum(self._along.shape))
 
     def _damped_tangent(
         self, matrix: Array, directions: Array, factors: ArrayLike | None
