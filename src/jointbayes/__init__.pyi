@@ -31,6 +31,7 @@ from jointbayes.inference import ScaledNoise as ScaledNoise
 from jointbayes.inference import Setup as Setup
 from jointbayes.inference import StudentNoise as StudentNoise
 from jointbayes.inference import Uniform as Uniform
+from jointbayes.joint import Damped as Damped
 from jointbayes.joint import ElasticCentre as ElasticCentre
 from jointbayes.joint import FullStiffness as FullStiffness
 from jointbayes.joint import Joint as Joint

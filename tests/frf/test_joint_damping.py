@@ -56,7 +56,9 @@ def test_without_any_damping_the_joint_is_that_of_its_stiffness(law):
     plain = model.receptance(pair_matrix(K[:3]))
     np.testing.assert_allclose(model.receptance(matrix), plain, rtol=0, atol=1e-9 * np.abs(plain).max())
     frequencies = NaturalFrequencies(rod(), CLAMP, 4)
-    np.testing.assert_array_equal(frequencies.frequency_hz(KIND.matrix(K)), frequencies.frequency_hz(pair_matrix(K[:3])))
+    np.testing.assert_array_equal(
+        frequencies.frequency_hz(KIND.matrix(K)), frequencies.frequency_hz(pair_matrix(K[:3]))
+    )
 
 
 @DAMPED
@@ -85,7 +87,9 @@ def test_an_uncertain_structure_has_damped_joints_as_well():
     factors = np.array([[1.03, 0.8]])
     family = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1), "loss_factor": (-0.5, 0.5)})
     found = receptance_model(family, CLAMP, PORTS).receptance(KIND.matrix(K)[None], factors)[0]
-    exact = DirectSolve(family.at(PORTS.outputs, 2000.0).structure(factors[0]), CLAMP, PORTS).receptance(KIND.matrix(K))[0]
+    exact = DirectSolve(family.at(PORTS.outputs, 2000.0).structure(factors[0]), CLAMP, PORTS).receptance(
+        KIND.matrix(K)
+    )[0]
     np.testing.assert_allclose(found / np.abs(exact).max(axis=0), exact / np.abs(exact).max(axis=0), atol=1e-6)
 
 

@@ -1,8 +1,8 @@
 """A start for many unknowns: FRFs smoothed along frequency, widely at first, less and less.
 
 Smoothing an FRF along frequency with a Lorentzian of half-width δ is looking at it with so much more damping: what was
-a forest of resonances is a few broad hills, and the density of their misfit has few summits. As the smoothing is linear,
-that of the predicted FRFs is compared with that of the measured ones, whatever the noise does to either.
+a forest of resonances is a few broad hills, and the density of their misfit has few summits. The smoothing is linear:
+that of the predicted FRFs is compared with that of the measured ones.
 """
 
 import numpy as np
@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 
 #: With fewer coordinates of the joint natural frequencies and screened draws find the mode.
 FROM_UNKNOWNS = 5
-#: Half-widths of the smoothing relative to the frequency, one climb after the other.
-WIDTHS = (0.2, 0.06, 0.02, 0.007)
+#: Half-widths of the smoothing relative to the frequency, one climb after the other, and from how many points.
+WIDTHS = ((0.2, 16), (0.06, 8), (0.02, 6))
 _ERROR = 0.1  # of a smoothed FRF that counts as one standard deviation, of its size and of its median
 _STEP = 0.5  # distance of the smoothed lines, in half-widths
-_POINTS, _CLIMBED, _STEPS = 256, 16, 25
+_POINTS, _STEPS = 256, 20
 _APART = 0.5  # prior standard deviations between points that are climbed
 _SAME = 0.02  # and between ends that are one
 _AT_ONCE = 4_000_000  # values of predicted FRFs held in memory together
@@ -50,9 +50,7 @@ class SmoothedSquares:
         """Residuals, shape (n, m), of points inside the support, shape (n, d)."""
         return np.concatenate([self._of_part(theta, *part) for part in self._parts], axis=1)
 
-    def _of_part(
-        self, theta: Array, part: Problem, rows: Array, data: NDArray[np.complex128], size: Array
-    ) -> Array:
+    def _of_part(self, theta: Array, part: Problem, rows: Array, data: NDArray[np.complex128], size: Array) -> Array:
         at_once = max(1, _AT_ONCE // part.log_posterior.likelihood.n_data)
         residuals = []
         for begin in range(0, len(theta), at_once):
@@ -78,9 +76,10 @@ def _with_frfs(problem: Problem) -> list[Problem]:
 def _smoothing(measurement: FrfMeasurement, width: float) -> tuple[Array, NDArray[np.complex128], Array]:
     """Weights (rows, lines) of each line, smoothed data (rows, pairs), and the size of their errors."""
     lines = measurement.frf.frequency_hz
-    low, high = np.log(lines[[0, -1]])
+    low, high = np.log(lines[lines > 0][[0, -1]])
     centre = np.exp(np.linspace(low, high, 2 + int((high - low) / (_STEP * width))))[:, None]
-    kernel = np.gradient(lines) / (1 + ((lines - centre) / (width * centre)) ** 2)
+    spacing = np.gradient(lines) if lines.size > 1 else np.ones(1)
+    kernel = spacing / (1 + ((lines - centre) / (width * centre)) ** 2)
     rows = kernel / kernel.sum(axis=1, keepdims=True)
     data = rows @ measurement.frf.values.reshape(len(lines), -1)
     magnitude = np.abs(data)
@@ -105,10 +104,10 @@ def smoothed_starts(problem: Problem, rng: np.random.Generator, further: Array) 
     unit = np.full((_POINTS, len(problem.names)), 0.5)
     unit[:, :count] = scipy.stats.qmc.Sobol(count, seed=rng).random(_POINTS)
     points = np.concatenate([further, prior.transform(unit)])
-    ends = points
-    for width in WIDTHS:
+    ends, distance = points, _APART
+    for width, climbed in WIDTHS:
         squares = SmoothedSquares(problem, width)
-        value = squares.value(ends)
-        picked = apart(ends[:, :count] / prior.sd[:count], value, _APART if ends is points else _SAME, _CLIMBED)
+        picked = apart(ends[:, :count] / prior.sd[:count], squares.value(ends), distance, climbed)
         ends, _ = climb_all(squares, ends[picked], _STEPS)
+        distance = _SAME
     return ends

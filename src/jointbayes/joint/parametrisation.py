@@ -162,7 +162,8 @@ class Parametrisation(ABC):
     @property
     def rigid(self) -> Array:
         """Quantities, shape (q,), of joints that are rigid."""
-        return np.array([0.0 if quantity.may_be_negative else RIGID for quantity in self.quantities])
+        springs = (quantity.role == "stiffness" and not quantity.may_be_negative for quantity in self.quantities)
+        return np.array([RIGID if spring else 0.0 for spring in springs])
 
     def matrix(self, stiffness: ArrayLike) -> Array:
         """K^J, shape (..., R, R), of quantities, shape (..., q).

@@ -183,7 +183,8 @@ class JointSpec(Spec):
             alone = key == "loss_factors" and names == ("all",) and springs
             for i, name in enumerate(() if alone else names):
                 if name not in springs or name in names[:i]:
-                    expected = f"each once of {either(f'"{spring}"' for spring in springs)}" if springs else "none"
+                    known = either(f'"{spring}"' for spring in springs) if springs else "none"
+                    expected = f"each once of {known}"
                     yield Finding((key, i), f'found "{name}"', expected, "correct the name or remove it")
 
     def _no_pair(self) -> Iterator[Finding]:

@@ -138,13 +138,14 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
         expected = f"a joint with quantities of its own: {', '.join(owners) or 'there is none'}"
         yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
         return
-    unlike = [
-        what for what in _ALIKE if getattr(joint, what) != getattr(other, what)
-    ]
+    unlike = [what for what in _ALIKE if getattr(joint, what) != getattr(other, what)]
     if unlike:
         found = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
         yield Finding(
-            loc, found, "a joint of the same kind, directions, parametrisation and damping", "make them alike or remove it"
+            loc,
+            found,
+            "a joint of the same kind, directions, parametrisation and damping",
+            "make them alike or remove it",
         )
     for what in ("prior", "initial"):
         if getattr(joint, what) is not None:

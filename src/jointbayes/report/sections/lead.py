@@ -126,7 +126,7 @@ def verdict_sentences(summary: Summary) -> str:
 
 def _coupling_sentences(inputs: ReportInputs) -> list[str]:
     """One sentence on each coupling against the stiffness of the second motion that it couples."""
-    quantities = inputs.posterior.problem.quantities
+    quantities = [one for one in inputs.posterior.problem.quantities if one.role == "stiffness" and one.places]
     diagonal = {quantity.places[0]: quantity for quantity in quantities if not quantity.may_be_negative}
     couplings = [quantity for quantity in quantities if quantity.may_be_negative][:_MOST_COUPLINGS]
     return [coupling_sentence(inputs.summary, one, diagonal[one.places[0][1:] * 2]) for one in couplings]
