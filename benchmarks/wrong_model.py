@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from jointbayes.case.build import beam_recipe
+from jointbayes.case.build import recipe_of
 from jointbayes.frf import NaturalFrequencies, Ports
 from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise, synthesise_frf
@@ -115,7 +115,7 @@ def _joint(rng: np.random.Generator) -> Array:
 
 def _structure(case: jb.Case, wrong: str, rng: np.random.Generator) -> Structure:
     """The structure that makes the data."""
-    recipe = beam_recipe(case.spec.structure, case.spec.data)
+    recipe = recipe_of(case.spec.structure, case.spec.data)
     if wrong == WRONGS[0]:
         return replace(recipe, length=0.36).structure()
     if wrong == WRONGS[2]:

@@ -195,6 +195,45 @@ def test_any_beam_has_finite_modes_or_is_an_error(length, elements, kappa, mass,
     assert_sound(structure)
 
 
+@EASY
+@given(
+    place=st.tuples(ANY | SMALL, ANY, ANY), up=st.none() | st.tuples(ANY, ANY, ANY), kappa=st.none() | ANY | SMALL,
+    size=ANY | SMALL, mass=ANY, inertia=st.tuples(ANY, ANY, ANY), top=st.none() | ANY, supports=LABELS,
+    element=st.sampled_from(["paper", "converged"]),
+)  # fmt: skip
+def test_any_frame_has_finite_modes_or_is_an_error(place, up, kappa, size, mass, inertia, top, supports, element):
+    def frame():
+        end = None if kappa is None else jb.Section.circle(size)
+        member = jb.Member(("1", "2"), CIRCLE, MATERIAL, end, kappa, up, (place, place))
+        body = jb.Body({"1": (0, 0, 0), "2": place}, (member,), (jb.PointMass("2", mass, inertia, place),))
+        recipe = jb.FrameRecipe(body, DAMPING, supports=supports, element=element)
+        return jb.FrameFamily(recipe, {})
+
+    family = made(frame)
+    if family is not None and top is not None:
+        family = made(family.at, ("1:y", "2:y"), top)
+    assert_sound(None if family is None else made(lambda: family.nominal))
+
+
+@EASY
+@given(stiffness=ANY_ARRAY, mass=ANY_ARRAY, damping=ANY_ARRAY, labels=LABELS)
+def test_any_matrices_are_a_structure_or_an_error(stiffness, mass, damping, labels):
+    law = made(jb.ViscousMatrix, damping) or DAMPING
+    recipe = made(jb.MatrixRecipe, stiffness, mass, labels, law)
+    assert_sound(None if recipe is None else made(lambda: jb.MatrixFamily(recipe, {}).nominal))
+
+
+@EASY
+@given(
+    masses=st.lists(ANY | SMALL, max_size=4),
+    springs=st.lists(st.tuples(st.sampled_from("123"), st.sampled_from(["1", "2", "ground"]), ANY | SMALL), max_size=4),
+    dampers=st.lists(st.tuples(st.sampled_from("123"), st.sampled_from(["1", "2", "ground"]), ANY), max_size=2),
+)
+def test_any_chain_is_a_structure_or_an_error(masses, springs, dampers):
+    recipe = made(jb.chain, masses, springs, None if dampers else DAMPING, dampers=dampers)
+    assert_sound(None if recipe is None else made(lambda: jb.MatrixFamily(recipe, {}).nominal))
+
+
 @cache
 def cheap_problem():
     """Not a fixture: hypothesis would print all of it."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.fields import Spec
-from jointbayes.case.schema.structure import CircleSpec
+from jointbayes.case.schema.section import CircleSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError
 from tests.conftest import CONFIGS

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.build import beam_recipe
+from jointbayes.case.build import recipe_of
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise
@@ -275,7 +275,7 @@ def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_acceleromet
     assert family.names == case.problem.structure.names
     names = family.names
     factors = np.array([{"density": 1.02, "length": 0.995, "accelerometer_mass": 0.9}.get(n, 1.01) for n in names])
-    recipe = beam_recipe(case.spec.structure, case.spec.data)
+    recipe = recipe_of(case.spec.structure, case.spec.data)
     expected = recipe.structure(dict(zip(names, factors.tolist(), strict=True)))
     mass = np.array(expected.mass)
     at = expected.index(("11:y",))[0]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.schema.damping import ModalDampingSpec
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec, TruthSpec
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec, StiffnessSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
@@ -17,21 +18,10 @@ from jointbayes.case.schema.priors import (
     LogNormalPriorSpec,
     LogUniformPriorSpec,
     PriorSpec,
-    UncertainSpec,
     UniformPriorSpec,
 )
-from jointbayes.case.schema.structure import (
-    BoxSpec,
-    CircleSpec,
-    DampingSpec,
-    LossFactorDampingSpec,
-    ModalDampingSpec,
-    RayleighDampingSpec,
-    RectangleSpec,
-    SectionSpec,
-    StructureSpec,
-    TubeSpec,
-)
+from jointbayes.case.schema.structure import StructureSpec
+from jointbayes.case.structures import metres, structure_recipe
 from jointbayes.frf import NaturalFrequencies, Ports
 from jointbayes.inference import (
     JointPrior,
@@ -64,20 +54,9 @@ from jointbayes.measurement import (
     RelativeNoise,
     synthesise_frf,
 )
-from jointbayes.structure import (
-    STRUCTURE_QUANTITIES,
-    BeamFamily,
-    BeamMaterial,
-    BeamRecipe,
-    DampingLaw,
-    LossFactor,
-    ModalDamping,
-    Rayleigh,
-    Section,
-)
+from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 
 __all__ = [
-    "beam_recipe",
     "family_of",
     "first_guess",
     "joints_of",
@@ -87,14 +66,14 @@ __all__ = [
     "noise_law",
     "noise_of",
     "prior_of",
+    "recipe_of",
     "rigid_frequencies_hz",
     "stiffness_of",
-    "true_beam",
+    "true_family",
     "with_workshop_uncertainty",
 ]
 
 Array = NDArray[np.float64]
-_MM, _G = 1e-3, 1e-3
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
 DEFAULT_PRIOR_FACTORS = 0.1, 1e6
 DEFAULT_GUESS_FACTOR = 1e3
@@ -109,51 +88,16 @@ _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
 
 
-def beam_recipe(spec: StructureSpec, data: DataSpec, measurement: Measurement | None = None) -> BeamRecipe:
-    """The beam of a case; accelerometers sit where translations are measured, as files or the case say."""
+def recipe_of(spec: StructureSpec, data: DataSpec, measurement: Measurement | None = None) -> StructureRecipe:
+    """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
     loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else ()
     if measurement is not None and measurement.provenance is not None:
         loaded = measurement.provenance.loaded
-    kappa = None if spec.shear_coefficient == "cowper" else float(spec.shear_coefficient)
-    return BeamRecipe(
-        spec.length_mm * _MM,
-        _section(spec.section),
-        BeamMaterial(spec.youngs_modulus_gpa * 1e9, spec.poissons_ratio, spec.density_kg_m3),
-        _damping(spec.damping),
-        elements=spec.elements,
-        dofs_per_node=spec.dofs_per_node,
-        shear_coefficient=kappa,
-        supports=spec.supports,
-        accelerometer_mass=spec.accelerometer_mass_g * _G,
-        accelerometer_dofs=loaded,
-        element=spec.element,
-    )
-
-
-def _section(spec: SectionSpec) -> Section:
-    match spec:
-        case CircleSpec():
-            return Section.circle(spec.diameter_mm * _MM)
-        case TubeSpec():
-            return Section.tube(spec.outer_diameter_mm * _MM, spec.inner_diameter_mm * _MM)
-        case RectangleSpec():
-            return Section.rectangle(spec.width_mm * _MM, spec.height_mm * _MM)
-        case BoxSpec():
-            return Section.box(spec.width_mm * _MM, spec.height_mm * _MM, spec.wall_mm * _MM)
-
-
-def _damping(spec: DampingSpec) -> DampingLaw:
-    match spec:
-        case ModalDampingSpec():
-            return ModalDamping(spec.ratio)
-        case LossFactorDampingSpec():
-            return LossFactor(spec.loss_factor)
-        case RayleighDampingSpec():
-            return Rayleigh(spec.alpha_per_s, spec.beta_s)
+    return structure_recipe(spec, loaded)
 
 
 def prior_of(
-    spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement, of_noise: tuple[Nuisance, ...]
+    spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement, of_noise: tuple[Nuisance, ...]
 ) -> JointPrior:
     """Priors on the joint's coordinates and on all else that the case calls uncertain, those of the noise last."""
     marginals: list[Marginal] = []
@@ -162,8 +106,8 @@ def prior_of(
         if name in spec.sharing:
             continue
         if priors is None:
-            own = own_stiffness(recipe, joint)
-            marginals += [_default_marginal(axis, own, recipe.length) for axis in joint.coordinates]
+            own = recipe.own_stiffness(joint.dofs[0])
+            marginals += [_default_marginal(axis, own, recipe.extent) for axis in joint.coordinates]
         else:
             marginals += [_marginal(getattr(priors, axis.name)) for axis in joint.coordinates]
     return JointPrior(parametrisation_of(spec), tuple(marginals), (*_quantities(spec, recipe, measurement), *of_noise))
@@ -172,17 +116,17 @@ def prior_of(
 def joints_of(spec: CaseSpec) -> Joint | tuple[Joint, ...]:
     """Where the joints of a case act; a lone one without a name by itself."""
     joints = tuple(
-        Joint(one.dofs, one.against, name, one.axes, _metres(one.offset_mm), _metres(one.offset_against_mm))
+        Joint(
+            one.dofs,
+            one.against,
+            name,
+            one.axes,
+            one.offset_mm and metres(one.offset_mm),
+            one.offset_against_mm and metres(one.offset_against_mm),
+        )
         for name, one in spec.all_joints.items()
     )
     return joints[0] if spec.joint is not None else joints
-
-
-def _metres(offset_mm: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
-    if offset_mm is None:
-        return None
-    x, y, z = offset_mm
-    return x * _MM, y * _MM, z * _MM
 
 
 def parametrisation_of(spec: CaseSpec) -> Parametrisation:
@@ -215,19 +159,13 @@ def _dashpot(quantity: Coordinate | Quantity, own: Array) -> float:
     return float(own[-1 if "rad" in quantity.unit else 0])
 
 
-def own_stiffness(recipe: BeamRecipe, joint: JointSpec) -> Array:
-    """The beam's own stiffnesses EI/L³ (N/m), EI/L² (N), EI/L (N·m/rad) in bending along the joint's translation."""
-    inertia = recipe.section.inertia_y if joint.dofs[0].endswith("z") else recipe.section.inertia_z
-    return recipe.material.youngs_modulus * inertia / recipe.length ** np.array([3.0, 2.0, 1.0])
-
-
-def first_guess(spec: CaseSpec, recipe: BeamRecipe) -> Array:
+def first_guess(spec: CaseSpec, recipe: StructureRecipe) -> Array:
     """First guess of the quantities, shape (q,): as stated, or of coupled pairs a translational spring alone.
 
-    Joints of other kinds begin far stiffer than the beam.
+    Joints of other kinds begin far stiffer than the structure.
     """
     own = ((name, joint) for name, joint in spec.all_joints.items() if name not in spec.sharing)
-    return np.concatenate([_guess_of(joint, own_stiffness(recipe, joint)) for _, joint in own])
+    return np.concatenate([_guess_of(joint, recipe.own_stiffness(joint.dofs[0])) for _, joint in own])
 
 
 def _guess_of(joint: JointSpec, own: Array) -> Array:
@@ -259,35 +197,28 @@ def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:
 
 
 def with_workshop_uncertainty(
-    prior: JointPrior, spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement
+    prior: JointPrior, spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement
 ) -> JointPrior:
     """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
-    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items()}
+    known = spec.structure.stated
+    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in known}
+    if spec.structure.spans is None:  # no one length
+        usual.pop("length", None)
     damping = spec.structure.damping
     ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, ModalDampingSpec) else (0.0, 0.0)
     if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):
         widest = min(10.0, 0.9 / ratio[1])
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
-    given = UncertainSpec(**(usual | spec.uncertain.given))
-    freed = spec.model_copy(update={"uncertain": given})
+    free = {name: prior for name, prior in usual.items() if name not in spec.uncertain.given}
+    freed = spec.model_copy(update={"uncertain": spec.uncertain.model_copy(update=free)})
     everything = (*_quantities(freed, recipe, measurement), *noise_of(spec.noise, measurement)[1])
     return replace(prior, nuisances=everything)
 
 
-def _quantities(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> list[Nuisance]:
+def _quantities(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> list[Nuisance]:
     """Uncertain quantities of structure and measurement, those of the structure first."""
     structure = spec.structure
-    stated = {
-        "youngs_modulus": ("GPa", structure.youngs_modulus_gpa),
-        "density": ("kg/m³", structure.density_kg_m3),
-        "length": ("mm", structure.length_mm),
-        "section_size": ("× stated", 1.0),
-        "shear_coefficient": ("× stated", 1.0),
-        "accelerometer_mass": ("g", structure.accelerometer_mass_g),
-        "gain": ("1", 1.0),
-    }
-    if isinstance(structure.damping, LossFactorDampingSpec):
-        stated["loss_factor"] = ("1", structure.damping.loss_factor)
+    stated = structure.stated | {"gain": ("1", 1.0)}
     found = []
     for name, prior in spec.uncertain.given.items():
         if name == "damping_ratio" and isinstance(structure.damping, ModalDampingSpec):
@@ -304,7 +235,7 @@ def _quantities(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) ->
     return sorted(found, key=lambda nuisance: nuisance.name == "gain")
 
 
-def _modes_in_band(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement) -> int:
+def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
     if isinstance(measurement, FrequencyMeasurement):
         return measurement.frequency_hz.size
@@ -312,11 +243,12 @@ def _modes_in_band(spec: CaseSpec, recipe: BeamRecipe, measurement: Measurement)
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 
 
-def rigid_frequencies_hz(recipe: BeamRecipe, joint: AnyJoint, most: int) -> Array:
-    """Lowest natural frequencies of a beam with a rigid joint, Hz: no more than `most`, nor than it has."""
-    count = min(most, recipe.dofs_per_node * (recipe.elements + 1) - joint.size)
+def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
+    """Lowest natural frequencies of a structure with a rigid joint, Hz: no more than `most`, nor than it has."""
+    family = family_of_recipe(recipe)
+    count = min(most, family.nominal.n_dofs - joint.size)
     rigid = np.eye(joint.size) * RIGID
-    return NaturalFrequencies(BeamFamily(recipe, {}), joint, count).frequency_hz(rigid)[0]
+    return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
 
 
 def _factor_prior(spec: FactorPriorSpec) -> Marginal:
@@ -343,17 +275,12 @@ def noise_of(spec: NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel
     return module.noise_of(choice, 2 if complex_frf else 1, measurement)
 
 
-def family_of(recipe: BeamRecipe, prior: JointPrior) -> BeamFamily:
+def family_of(recipe: StructureRecipe, prior: JointPrior) -> StructureFamily:
     """Structures that the prior thinks possible."""
-    ranges = {
-        n.name: n.range
-        for n in prior.nuisances
-        if n.name in STRUCTURE_QUANTITIES or n.name.startswith(("damping_ratio_", "mode_frequency_"))
-    }
-    return BeamFamily(recipe, ranges)
+    return family_of_recipe(recipe, {n.name: n.range for n in prior.nuisances if recipe.has_quantity(n.name)})
 
 
-def measurement_of(recipe: BeamRecipe, joint: AnyJoint, case: CaseSpec) -> Measurement:
+def measurement_of(case: CaseSpec, joint: AnyJoint) -> Measurement:
     """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs."""
     spec = case.data
     assert isinstance(spec, SyntheticFrfSpec | NaturalFrequenciesSpec)
@@ -367,7 +294,7 @@ def measurement_of(recipe: BeamRecipe, joint: AnyJoint, case: CaseSpec) -> Measu
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
     rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
     measured = synthesise_frf(
-        BeamFamily(true_beam(recipe, spec.truth), {}),
+        true_family(case),
         joint,
         parametrisation.matrix(truth),
         ports,
@@ -379,21 +306,10 @@ def measurement_of(recipe: BeamRecipe, joint: AnyJoint, case: CaseSpec) -> Measu
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
 
 
-def true_beam(recipe: BeamRecipe, truth: TruthSpec) -> BeamRecipe:
-    """The beam that makes the data: as analysed, but for what the truth states otherwise."""
-    stated = {
-        "youngs_modulus": truth.youngs_modulus_gpa and truth.youngs_modulus_gpa * 1e9,
-        "density": truth.density_kg_m3,
-    }
-    material = replace(recipe.material, **{name: value for name, value in stated.items() if value is not None})
-    mass = truth.accelerometer_mass_g
-    return replace(
-        recipe,
-        material=material,
-        length=recipe.length if truth.length_mm is None else truth.length_mm * _MM,
-        accelerometer_mass=recipe.accelerometer_mass if mass is None else mass * _G,
-        damping=recipe.damping if truth.damping_ratio is None else ModalDamping(truth.damping_ratio),
-    )
+def true_family(spec: CaseSpec) -> StructureFamily:
+    """The structure that makes the data: as analysed, but for what the truth states otherwise."""
+    assert isinstance(spec.data, SyntheticFrfSpec)
+    return family_of_recipe(recipe_of(spec.structure.of_truth(spec.data.truth), spec.data))
 
 
 def noise_law(spec: NoiseSpec) -> NoiseLaw:

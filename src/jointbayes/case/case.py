@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.case.build import (
-    beam_recipe,
     family_of,
     first_guess,
     joints_of,
     measurement_of,
     noise_of,
     prior_of,
+    recipe_of,
     stiffness_of,
     with_workshop_uncertainty,
 )
@@ -28,6 +28,7 @@ from jointbayes.case.files import (
     with_estimated_variance,
     with_measured_damping,
 )
+from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
@@ -117,7 +118,7 @@ class Case:
         """
         if self.problem is not self.stated:
             return None
-        recipe = beam_recipe(self.spec.structure, self.spec.data, self.problem.measurement)
+        recipe = recipe_of(self.spec.structure, self.spec.data, self.problem.measurement)
         prior = with_workshop_uncertainty(self.problem.prior, self.spec, recipe, self.problem.measurement)
         return replace(self.problem, prior=prior, structure=family_of(recipe, prior))
 
@@ -195,6 +196,12 @@ def _build(
     measurement: Measurement | None,
     allow_outside: bool,
 ) -> Case:
+    spec = with_matrices(
+        spec,
+        directory,
+        allow_outside,
+        lambda path: f"{fault_start(where, line_of(key_lines(text), path))} {'.'.join(path)}:",
+    )
     stated = spec
     with _told_of(where, text, spec) as tell:
         joints = "joints" if spec.joints else "joint"
@@ -213,14 +220,14 @@ def _build(
             measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
             spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
             tell("structure")
-            recipe = beam_recipe(spec.structure, spec.data, measurement)
+            recipe = recipe_of(spec.structure, spec.data, measurement)
         else:
             tell("structure")
-            recipe = beam_recipe(spec.structure, spec.data)
+            recipe = recipe_of(spec.structure, spec.data)
             tell(joints)
             joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
             tell("data")
-            measurement = measurement_of(recipe, joint, spec)
+            measurement = measurement_of(spec, joint)
         tell("noise")
         noise, of_noise = noise_of(spec.noise, measurement)
         tell("prior")

@@ -8,6 +8,7 @@ import numpy as np
 
 from jointbayes.case.build import joints_of, rigid_frequencies_hz
 from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.schema.damping import ModalDampingSpec
 from jointbayes.case.schema.measured import (
     MeasuredFrequenciesSpec,
     MeasuredFrfSpec,
@@ -16,7 +17,7 @@ from jointbayes.case.schema.measured import (
     VarianceSpec,
 )
 from jointbayes.case.schema.priors import FactorPriorSpec
-from jointbayes.case.schema.structure import ModalDampingSpec, StructureSpec
+from jointbayes.case.schema.structure import BeamSpec, StructureSpec
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.joint import AnyJoint, as_joints
 from jointbayes.measurement.channels import Channel
@@ -27,7 +28,7 @@ from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings
 from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.measurement.variance import RelativeNoise
-from jointbayes.structure import BeamRecipe
+from jointbayes.structure import StructureRecipe
 
 __all__ = ["plan_of", "require_inside", "require_lowest", "with_estimated_variance", "with_measured_damping"]
 
@@ -78,13 +79,14 @@ def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
 def _rotation(label: str, spec: RotationSpec, structure: StructureSpec) -> Rotation:
     """A rotation with the distance of its stations, negative where they run backwards."""
     first, second, *_ = (int(station.split(":")[0]) for station in spec.stations)
+    assert isinstance(structure, BeamSpec)  # as the rules of the tables ask
     spacing = (second - first) * structure.length_mm / structure.elements
     if spec.spacing_mm is not None:
         spacing = float(np.copysign(spec.spacing_mm, spacing))
     return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood)
 
 
-def require_inside(directory: Path, names: Sequence[str], place: Callable[[int], str]) -> None:
+def require_inside(directory: Path, names: Sequence[str], place: Callable[[int], str], key: str = "data.file") -> None:
     """Refuse measurement files outside the directory of their case: a case of somebody else may name any file.
 
     Parameters
@@ -95,6 +97,8 @@ def require_inside(directory: Path, names: Sequence[str], place: Callable[[int],
         Of the files, as the case has them; where they lead by ``..`` or by links is what counts.
     place
         Start of the message for the file of that number: where its name stands.
+    key
+        That names it.
 
     Raises
     ------
@@ -110,13 +114,13 @@ def require_inside(directory: Path, names: Sequence[str], place: Callable[[int],
         if not inside:
             shown = f'"{name}"' if name.isprintable() else json.dumps(name)
             raise CaseError(
-                f"{place(number)} data.file: found {shown}, which leads out of the directory of the case file; "
+                f"{place(number)} {key}: found {shown}, which leads out of the directory of the case file; "
                 "expected a measurement file in it or below; move the file there, or allow it: --allow-outside, in "
                 "Python allow_outside=True"
             )
 
 
-def require_lowest(spec: CaseSpec, recipe: BeamRecipe, joint: AnyJoint, measured: Measurement) -> None:
+def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, measured: Measurement) -> None:
     """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
 
     No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.

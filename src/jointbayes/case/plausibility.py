@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import SyntheticFrfSpec
+from jointbayes.case.schema.frame import FrameSpec
 from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.schema.structure import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, StructureSpec, TubeSpec
+from jointbayes.case.schema.section import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, TubeSpec
+from jointbayes.case.schema.structure import BeamSpec, StructureSpec
 from jointbayes.case.toml_text import key_lines, line_of
 
 if TYPE_CHECKING:
@@ -94,9 +96,12 @@ def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float] | Non
     band_hz
         Lowest and highest measured frequency, Hz; None where they are not known yet.
     """
-    findings = [*_material(spec.structure), *_shape(spec.structure)]
-    if not findings and band_hz is not None:  # with findings the frequencies are off because of these
-        findings = [*_band(spec, band_hz)]
+    structure = spec.structure
+    findings = [*_materials(structure)]
+    if isinstance(structure, BeamSpec):
+        findings += _shape(structure)
+        if not findings and band_hz is not None:  # with findings the frequencies are off because of these
+            findings = [*_band(spec, structure, band_hz)]
     return _placed(findings, text)
 
 
@@ -139,9 +144,24 @@ def _placed(findings: Iterable[Finding], text: str) -> tuple[InputWarning, ...]:
     return tuple(found)
 
 
-def _material(structure: StructureSpec) -> Iterator[Finding]:
+def _materials(structure: StructureSpec) -> Iterator[Finding]:
+    """Yield what is wrong with each material: of a frame, its own and those of bodies and members that state one."""
+    if isinstance(structure, BeamSpec | FrameSpec):
+        yield from _material(("structure",), structure.youngs_modulus_gpa, structure.density_kg_m3)
+    if not isinstance(structure, FrameSpec):
+        return
+    for name, body in structure.all_bodies.items():
+        loc = ("structure", "bodies", name) if structure.bodies else ("structure",)
+        for i, part in enumerate((body, *body.members)):
+            if part.youngs_modulus_gpa is None and part.density_kg_m3 is None:
+                continue
+            modulus = part.youngs_modulus_gpa or body.youngs_modulus_gpa or structure.youngs_modulus_gpa
+            density = part.density_kg_m3 or body.density_kg_m3 or structure.density_kg_m3
+            yield from _material((*loc, "members", i - 1) if i else loc, modulus, density)
+
+
+def _material(loc: tuple[str | int, ...], modulus: float, density: float) -> Iterator[Finding]:
     """Yield modulus or density where they, or the velocity of sound, are those of no solid."""
-    modulus, density = structure.youngs_modulus_gpa, structure.density_kg_m3
     speed = _speed(modulus, density)
     if _within(modulus, YOUNGS_MODULUS) and _within(density, DENSITY) and _within(speed, WAVE_SPEED):
         return
@@ -161,10 +181,10 @@ def _material(structure: StructureSpec) -> Iterator[Finding]:
     alone = asked[1:] if _within(modulus, YOUNGS_MODULUS) and not _within(density, DENSITY) else asked[:1]
     for key, value, slips in named or alone:
         found = f"found {value!r}, with which √(E/ρ) = {speed:.3g} m/s (E = {modulus:g} GPa, ρ = {density:g} kg/m³)"
-        yield Finding(("structure", key), found, expected, _remedy(key, slips) or "check both numbers and their units")
+        yield Finding((*loc, key), found, expected, _remedy(key, slips) or "check both numbers and their units")
 
 
-def _shape(structure: StructureSpec) -> Iterator[Finding]:
+def _shape(structure: BeamSpec) -> Iterator[Finding]:
     """Yield a beam shorter than it is thick, and one thinner than any wire."""
     key, thickness = _thickest(structure.section)
     length, ratio = structure.length_mm, structure.length_mm / thickness
@@ -185,9 +205,9 @@ def _shape(structure: StructureSpec) -> Iterator[Finding]:
     yield Finding(loc, found, f"at most {high:g} times", remedy)
 
 
-def _band(spec: CaseSpec, band_hz: tuple[float, float]) -> Iterator[Finding]:
+def _band(spec: CaseSpec, structure: BeamSpec, band_hz: tuple[float, float]) -> Iterator[Finding]:
     """Yield a measured band far below or far above the natural frequencies of the beam."""
-    structure, (lowest, highest) = spec.structure, band_hz
+    lowest, highest = band_hz
     flexural = _flexural(structure)
     first = _CANTILEVER**2 / (2 * math.pi) * flexural / (structure.length_mm / 1e3) ** 2
     check = "check the units of the beam's length and section (mm) and of the frequencies (Hz)"
@@ -223,7 +243,7 @@ def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...
     return ("data", "frequencies_hz"), value
 
 
-def _flexural(structure: StructureSpec) -> float:
+def _flexural(structure: BeamSpec) -> float:
     """√(EI/ρA) of bending in the plane of the height, m²/s."""
     section = structure.section
     match section:

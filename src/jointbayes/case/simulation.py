@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.case.build import beam_recipe, noise_law, true_beam, true_stiffness
+from jointbayes.case.build import noise_law, true_family, true_stiffness
 from jointbayes.case.case import Case
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
@@ -21,7 +21,7 @@ from jointbayes.measurement.signals.line_thinning import effective_averages, lin
 from jointbayes.measurement.signals.spectra import ShakerSettings, frfs_of_shaker
 from jointbayes.measurement.virtual.synthetic import channel_label, noisy_frf
 from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
-from jointbayes.structure import BeamFamily, Structure
+from jointbayes.structure import Structure, StructureFamily
 
 __all__ = ["Truth", "describe", "simulate"]
 
@@ -57,11 +57,11 @@ class Truth:
     @cached_property
     def structure(self) -> Structure:
         """The true structure without its joint, accelerometers in place."""
-        return self._beams.nominal
+        return self._structures.nominal
 
     @cached_property
-    def _beams(self) -> BeamFamily:
-        return BeamFamily(true_beam(beam_recipe(self.case.spec.structure, self.data), self.data.truth), {})
+    def _structures(self) -> StructureFamily:
+        return true_family(self.case.spec)
 
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
@@ -81,7 +81,7 @@ class Truth:
     def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
-        model = receptance_model(self._beams.reference(), self.case.problem.joints, ports)
+        model = receptance_model(self._structures.reference(), self.case.problem.joints, ports)
         receptance = model.receptance(self.stiffness)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)

@@ -40,7 +40,10 @@ def coordinate_labels(problem: Problem) -> list[str]:
 
 
 def nuisance_label(name: str) -> str:
-    """Short label of an uncertain quantity for an axis."""
+    """Short label of an uncertain quantity for an axis; of one body or set-up with its name."""
+    owner, _, quantity = name.rpartition(".")
+    if owner:
+        return f"{nuisance_label(quantity)} {owner}"
     if name.startswith("mode_frequency_"):
         return f"ln f{name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):
@@ -49,7 +52,10 @@ def nuisance_label(name: str) -> str:
 
 
 def readable(name: str) -> str:
-    """Name of an uncertain quantity in a sentence."""
+    """Name of an uncertain quantity in a sentence; of one body or set-up with its name."""
+    owner, _, quantity = name.rpartition(".")
+    if owner:
+        return f"{readable(quantity)} of {owner}"
     if name.startswith("mode_frequency_"):
         return f"natural frequency {name.rsplit('_', 1)[1]}"
     if name.startswith("damping_ratio_"):

@@ -3,6 +3,7 @@
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
 from jointbayes.structure.beam_family import BeamFamily
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh, ViscousMatrix
+from jointbayes.structure.families import StructureRecipe, family_of_recipe
 from jointbayes.structure.family import Discretisation, FixedFamily, FreeModes, StructureFamily, as_family
 from jointbayes.structure.frame import Body, Member, PointMass
 from jointbayes.structure.frame_family import FrameFamily
@@ -43,7 +44,9 @@ __all__ = [
     "FrameFamily",
     "FreeModes",
     "StructureFamily",
+    "StructureRecipe",
     "as_family",
+    "family_of_recipe",
     "is_mode_frequency",
     # damping
     "DampingLaw",

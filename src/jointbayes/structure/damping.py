@@ -139,7 +139,9 @@ class ViscousMatrix(DampingLaw):
             raise ModelError(
                 f"damping matrix: found an array of shape {given.shape}; expected a square one of finite numbers"
             )
-        if np.abs(given - given.T).max(initial=0.0) > 1e-10 * np.abs(given).max(initial=0.0):
+        with np.errstate(over="ignore"):
+            gap = np.abs(given - given.T).max(initial=0.0)
+        if gap > 1e-10 * np.abs(given).max(initial=0.0):
             raise ModelError("damping matrix: found an unsymmetric one; expected a symmetric one; correct it")
 
     @property

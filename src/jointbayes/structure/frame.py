@@ -103,7 +103,8 @@ class Member:
         """
         x = along / np.linalg.norm(along)
         if self.up is not None:
-            up = np.array(self.up) / np.linalg.norm(self.up)
+            up = np.array(self.up) / max(np.abs(self.up).max(), np.finfo(float).tiny)
+            up = up / max(float(np.linalg.norm(up)), _PARALLEL)
         else:
             up = np.cross([0.0, 0.0, 1.0], x)
             up = np.array([0.0, 1.0, 0.0]) if np.linalg.norm(up) < _PARALLEL else up

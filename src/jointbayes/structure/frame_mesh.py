@@ -28,7 +28,7 @@ __all__ = ["MOST_DOFS", "BodyFactors", "BodyMesh", "Segment", "assembled", "mesh
 Array = NDArray[np.float64]
 
 #: Beyond so many DOFs of one body dense modes take minutes: units are mistaken, or it is no frame of beams.
-MOST_DOFS = 6000
+MOST_DOFS = 2400
 _RICHER = 4  # orders by which the element is richer that another is compared with
 _ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element leaves
 _HIGHEST_HZ = 1e20

@@ -1,5 +1,6 @@
 """A frame as a recipe: everything its matrices are made from, each quantity open to a factor."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -131,6 +132,29 @@ class FrameRecipe:
         own = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *own, *_OF_ALL)
 
+    def own_stiffness(self, dof: str) -> Array:
+        """EI/L³ (N/m), EI/L² (N) and EI/L (N·m/rad) of the stiffest member at a DOF's point, shape (3,)."""
+        point = dof.rpartition(":")[0]
+        found = [
+            member.material.youngs_modulus
+            * max(member.section.inertia_y, member.section.inertia_z)
+            / math.dist(body.stations(member)[0].place, body.stations(member)[-1].place) ** np.array([3.0, 2.0, 1.0])
+            for name, body in self.bodies
+            for member in body.members
+            if any(f"{_prefix(name)}{station.point}" == point for station in body.stations(member))
+        ]
+        return max(found, key=lambda stiffness: float(stiffness[0]))
+
+    @property
+    def extent(self) -> float:
+        """Largest distance between two corners of the box that holds all points, m."""
+        places = np.array(list(self.positions.values()))
+        return float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
+
+    def has_quantity(self, name: str) -> bool:
+        """Whether a quantity is one of the frame's."""
+        return name in self.quantities or is_damping_ratio(name) or is_mode_frequency(name)
+
     def require_quantity(self, name: str) -> None:
         """Refuse a quantity that the frame does not have.
 
@@ -139,7 +163,7 @@ class FrameRecipe:
         ModelError
             If the name is unknown, or a body's length is not one number.
         """
-        if name not in self.quantities and not is_damping_ratio(name) and not is_mode_frequency(name):
+        if not self.has_quantity(name):
             raise ModelError(
                 f"frame: found uncertain quantity {printable(name)!r}; expected one of {', '.join(self.quantities)}"
             )

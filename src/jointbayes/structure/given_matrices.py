@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 #: The other side of a spring that holds a mass to what does not move.
 GROUND = "ground"
 _QUANTITIES = ("damping_ratio", "loss_factor")
+_SOME_HZ = 100.0
 _NOT_NEGATIVE = 1e-9  # part of the largest eigenvalue of a scaled matrix that rounding may leave below zero
 
 
@@ -39,6 +40,10 @@ class MatrixRecipe:
         DOFs held fixed.
     positions
         Place of points in m, by what stands before the colon of their labels, where it is known.
+    accelerometer_mass, added_mass, accelerometer_dofs
+        As of `BeamRecipe`: masses in kg that move in all translations of the points of these DOFs.
+    element
+        No matter: matrices are what they are.
 
     Raises
     ------
@@ -59,6 +64,9 @@ class MatrixRecipe:
     damping: DampingLaw
     supports: tuple[str, ...] = ()
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    accelerometer_mass: float = 0.0
+    added_mass: float = 0.0
+    accelerometer_dofs: tuple[str, ...] = ()
     element: ElementKind = "converged"
 
     def __post_init__(self) -> None:
@@ -74,7 +82,11 @@ class MatrixRecipe:
     def _require_sign(self, name: str, matrix: Array, *, definite: bool) -> None:
         diagonal = np.diag(matrix)
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        lowest = float(np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min())
+        with np.errstate(all="ignore"):  # numbers at the ends of double precision
+            scaled = matrix / np.outer(scale, scale)
+        if not np.isfinite(scaled).all():
+            raise ModelError(f"structure: found a {name} matrix whose entries are too far apart; expected one machine's")
+        lowest = float(np.linalg.eigvalsh(scaled).min())
         if lowest < -_NOT_NEGATIVE or (definite and lowest <= _NOT_NEGATIVE / 1e3):
             kind = "positive definite" if definite else "positive semidefinite"
             at = self.dofs[int(np.argmin(diagonal))]
@@ -82,6 +94,24 @@ class MatrixRecipe:
                 f"structure: found a {name} matrix with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1, and "
                 f"{diagonal.min():.4g} at {printable(at)}; expected a {kind} one; correct the {name} matrix"
             )
+
+    def own_stiffness(self, dof: str) -> Array:
+        """The structure's stiffness at a DOF for all three of a pair's, shape (3,): of a rotation in N·m/rad.
+
+        Of a mass that nothing holds that of a spring with which it has 100 Hz.
+        """
+        at = self.dofs.index(dof)
+        held = float(self.stiffness[at, at])
+        return np.full(3, held if held > 0 else float(self.mass[at, at]) * (2 * np.pi * _SOME_HZ) ** 2)
+
+    @property
+    def extent(self) -> float:
+        """A metre: matrices have no size."""
+        return 1.0
+
+    def has_quantity(self, name: str) -> bool:
+        """Whether a quantity is one of given matrices."""
+        return name in _QUANTITIES or is_damping_ratio(name) or is_mode_frequency(name)
 
     def require_quantity(self, name: str) -> None:
         """Refuse a quantity that given matrices do not have.
@@ -91,7 +121,7 @@ class MatrixRecipe:
         ModelError
             If the name is unknown.
         """
-        if name not in _QUANTITIES and not is_damping_ratio(name) and not is_mode_frequency(name):
+        if not self.has_quantity(name):
             raise ModelError(
                 f"structure: found uncertain quantity {printable(name)!r} of given matrices; expected one of "
                 f"{', '.join(_QUANTITIES)}, mode_frequency_1 and so on; remove it"
@@ -115,7 +145,11 @@ class MatrixRecipe:
         given = dict(factors or {})
         for name in given:
             self.require_quantity(name)
-        whole = Structure(self.stiffness, self.mass, self.damping.scaled(given), self.dofs, self.positions)
+        mass, load = self.mass.copy(), self.accelerometer_mass + self.added_mass
+        points = {label.rpartition(":")[0] for label in self.accelerometer_dofs if ":r" not in label}
+        at = [i for i, d in enumerate(self.dofs) if d.rpartition(":")[0] in points and ":r" not in d]
+        mass[at, at] += load
+        whole = Structure(self.stiffness, mass, self.damping.scaled(given), self.dofs, self.positions)
         return whole.fixed(self.supports) if self.supports else whole
 
 
@@ -234,7 +268,8 @@ def _between(masses: Mapping[str, float], given: Iterable[tuple[str, str, float]
         for end, sign in zip(ends, (1.0, -1.0), strict=True):
             if end != GROUND:
                 form[at[end]] = sign
-        matrix += value * np.outer(form, form)
+        with np.errstate(over="ignore"):  # found to be infinite later
+            matrix += value * np.outer(form, form)
     return matrix
 
 

@@ -37,6 +37,25 @@ class Recipe(Protocol):
         """How it is discretised."""
         ...
 
+    @property
+    def accelerometer_mass(self) -> float:
+        """Mass of each accelerometer, kg."""
+        ...
+
+    @property
+    def accelerometer_dofs(self) -> tuple[str, ...]:
+        """Where one sits."""
+        ...
+
+    @property
+    def extent(self) -> float:
+        """Size, m."""
+        ...
+
+    def own_stiffness(self, dof: str) -> Array:
+        """The structure's own stiffness about a DOF: N/m, N and N·m/rad, shape (3,), to which a joint's compares."""
+        ...
+
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> Any:  # noqa: ANN401 (its own)
         """Elements that are exact up to a frequency and end where something acts or is observed."""
         ...

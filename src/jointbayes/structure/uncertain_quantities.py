@@ -130,6 +130,20 @@ class BeamRecipe:
         """Place of every numbered point, m."""
         return {str(i + 1): (self.length * i / self.elements, 0.0, 0.0) for i in range(self.elements + 1)}
 
+    def own_stiffness(self, dof: str) -> NDArray[np.float64]:
+        """EI/L³ (N/m), EI/L² (N) and EI/L (N·m/rad) in bending along a translation, shape (3,)."""
+        inertia = self.section.inertia_y if dof.endswith("z") else self.section.inertia_z
+        return self.material.youngs_modulus * inertia / self.length ** np.array([3.0, 2.0, 1.0])
+
+    @property
+    def extent(self) -> float:
+        """Length, m."""
+        return self.length
+
+    def has_quantity(self, name: str) -> bool:
+        """Whether a quantity is one of a beam's."""
+        return name in STRUCTURE_QUANTITIES or is_damping_ratio(name) or is_mode_frequency(name)
+
     def require_quantity(self, name: str) -> None:
         """Refuse a quantity that no beam has.
 
@@ -138,7 +152,7 @@ class BeamRecipe:
         ModelError
             If the name is unknown.
         """
-        if name not in STRUCTURE_QUANTITIES and not (is_damping_ratio(name) or is_mode_frequency(name)):
+        if not self.has_quantity(name):
             raise ModelError(
                 f"beam: found uncertain quantity {name!r}; expected one of {', '.join(STRUCTURE_QUANTITIES)}"
             )

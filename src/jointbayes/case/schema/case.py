@@ -55,7 +55,7 @@ class CaseSpec(Spec):
     """A whole case file."""
 
     title: Annotated[str, _TITLE] = ""
-    structure: Annotated[StructureSpec, Field(description="the structure without its joint")]
+    structure: StructureSpec
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
     joints: Annotated[
         dict[str, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
@@ -109,7 +109,7 @@ class CaseSpec(Spec):
     def plan_outputs(self) -> tuple[str, ...]:
         """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
         direction = next(iter(self.all_joints.values())).directions[0]
-        every = (f"{node}:{direction}" for node in range(1, self.structure.nodes + 1))
+        every = (f"{point}:{direction}" for point in self.structure.points_in_order)
         return self.plan.outputs or tuple(label for label in every if label not in self.structure.supports)
 
     @property

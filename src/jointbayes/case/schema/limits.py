@@ -56,6 +56,12 @@ TABLE = (
     _of("youngs_modulus_gpa", 1e-6, 1e15),
     _of("density_kg_m3", 1e-9, 1e9),
     _of("accelerometer_mass_g added_mass_g", 1e-12, 1e9),
+    _of("mass_kg masses_kg", 1e-12, 1e9),
+    _of("inertia_kg_m2", 1e-30, 1e9),
+    _of("points offsets_mm offset_mm", 1e-30, 1e9),
+    _of("up", 1e-30, 1e30),
+    _of("stiffness_n_per_m damping_n_s_per_m", 1e-12, 1e15),
+    _of("stiffness mass damping_matrix", 1e-100, 1e100),
     _of("loss_factor", 1e-12, 100.0),
     _of("alpha_per_s", 1e-12, 1e9),
     _of("beta_s", 1e-20, 1e3),
@@ -95,14 +101,15 @@ def beyond(values: Mapping[str, object]) -> Iterator[tuple[tuple[str | int, ...]
         limits = LIMITS.get(key)
         if limits is None:
             continue
-        places: list[tuple[tuple[str | int, ...], object]] = [((key,), value)]
-        if isinstance(value, tuple):
-            places = [((key, index), entry) for index, entry in enumerate(value)]
-        if isinstance(value, Mapping):
-            tables = {(key,): value} | {
-                (key, name): inner for name, inner in value.items() if isinstance(inner, Mapping)
-            }
-            places = [((*place, name), entry) for place, table in tables.items() for name, entry in table.items()]
-        for place, entry in places:
-            if isinstance(entry, int | float) and not isinstance(entry, bool) and not limits.hold(entry):
-                yield place, entry, limits
+        for place, number in _numbers((key,), value):
+            if not limits.hold(number):
+                yield place, number, limits
+
+
+def _numbers(place: tuple[str | int, ...], value: object) -> Iterator[tuple[tuple[str | int, ...], float]]:
+    """Yield place and value of each number in lists and tables of numbers."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield place, value
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, tuple) else ()
+    for key, part in parts:
+        yield from _numbers((*place, key), part)

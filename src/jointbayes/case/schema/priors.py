@@ -18,6 +18,7 @@ from jointbayes.joint import (
 )
 
 __all__ = [
+    "BodyUncertainSpec",
     "DecadesPriorSpec",
     "FactorPriorSpec",
     "LogNormalPriorSpec",
@@ -153,6 +154,19 @@ def _uncertain(what: str) -> object:
     return Field(description=f"the prior of {what}: sd_percent, or low_factor and high_factor")
 
 
+class BodyUncertainSpec(Spec):
+    """Uncertain quantities of one body of a frame, beside those that it shares with all others."""
+
+    youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus of the body")] = None
+    density: Annotated[FactorPriorSpec | None, _uncertain("the density of the body")] = None
+    length: Annotated[FactorPriorSpec | None, _uncertain("the length of a straight body")] = None
+    section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of its sections")] = None
+    shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficients of the body")] = None
+
+
+_BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)
+
+
 class UncertainSpec(Spec):
     """Uncertain quantities besides the joint, each with its prior; what is not named here is known exactly."""
 
@@ -166,9 +180,17 @@ class UncertainSpec(Spec):
     accelerometer_mass: Annotated[FactorPriorSpec | None, _uncertain("the mass of the accelerometers")] = None
     mode_frequencies: Annotated[FactorPriorSpec | None, _uncertain("each predicted natural frequency")] = None
     gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
+    bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
 
     @property
     def given(self) -> dict[str, FactorPriorSpec]:
         """Priors that the file states, in the order of the fields, which is that of the coordinates."""
-        stated = ((name, getattr(self, name)) for name in type(self).model_fields)
-        return {name: prior for name, prior in stated if prior is not None}
+        found = _stated(self, "")
+        for body, own in self.bodies.items():
+            found |= _stated(own, f"{body}.")
+        return found
+
+
+def _stated(spec: Spec, prefix: str) -> dict[str, FactorPriorSpec]:
+    each = ((name, getattr(spec, name)) for name in type(spec).model_fields)
+    return {f"{prefix}{name}": prior for name, prior in each if isinstance(prior, FactorPriorSpec)}

@@ -7,20 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from jointbayes.case.errors import Finding
+from jointbayes.case.schema.damping import LossFactorDampingSpec, ModalDampingSpec, RayleighDampingSpec
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
-from jointbayes.case.schema.fields import either
+from jointbayes.case.schema.fields import either, listed
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.settings import PlanSpec
-from jointbayes.case.schema.structure import (
-    LossFactorDampingSpec,
-    ModalDampingSpec,
-    RayleighDampingSpec,
-    StructureSpec,
-    absent_dofs,
-)
+from jointbayes.case.schema.structure import StructureSpec, absent_dofs
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import similar
 from jointbayes.joint import COORDINATES
@@ -53,14 +48,14 @@ def dof_findings(
     if isinstance(data, SyntheticFrfSpec):
         labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
     elif isinstance(data, NaturalFrequenciesSpec):
-        free = structure.nodes * len(structure.directions) - len(structure.supports)
+        free = structure.free_dofs
         if len(data.frequencies_hz) > free:
             found = f"{len(data.frequencies_hz)} frequencies for {free} free DOFs"
             yield Finding(
                 ("data", "frequencies_hz"),
                 found,
                 f"at most {free} frequencies",
-                "raise structure.elements",
+                "raise structure.elements" if structure.spans else "remove the highest",
             )
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
@@ -101,7 +96,11 @@ def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[
             ("data", "accelerometers"), found, expected, "move the mass to accelerometer_mass_g of the channels"
         )
     if isinstance(data, MeasuredFrfSpec):
-        yield from rotation_findings(data, structure.elements)
+        if data.rotations and structure.spans is None:
+            found = f'found rotations in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "rotations"), found, 'kind = "beam", whose points are evenly spaced', "remove it")
+            return
+        yield from rotation_findings(data, structure.spans or 0)
         for label in data.rotations:
             loc = ("data", "rotations", label)
             for finding in absent_dofs(structure, [label], loc):
@@ -199,6 +198,7 @@ _UNSEEN = {
 def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
     mass = structure.accelerometer_mass_g
+    yield from _foreign_quantities(uncertain, structure)
     if isinstance(data, _FREQUENCIES):
         if mass > 0 and isinstance(data, NaturalFrequenciesSpec):
             found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
@@ -220,6 +220,22 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data:
         found = "factor on structure.accelerometer_mass_g, which is 0"
         remedy = "write for example accelerometer_mass_g = 2.0 in [structure]"
         yield Finding(("uncertain", "accelerometer_mass"), found, "a mass above 0", remedy)
+
+
+# Uncertain quantities that are no structure's, or are judged by the damping law.
+_OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "mode_frequencies", "gain"}
+
+
+def _foreign_quantities(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:
+    """Yield uncertain quantities that a structure of this kind, or with these bodies, does not have."""
+    known = structure.stated
+    for name in uncertain.given:
+        if name not in known and name not in _OF_NO_STRUCTURE:
+            body, _, quantity = name.rpartition(".")
+            loc = ("uncertain", "bodies", body, quantity) if body else ("uncertain", name)
+            found = f'a structure of kind = "{structure.kind}" without this quantity'
+            expected = f"one of {listed([*known, *sorted(_OF_NO_STRUCTURE)])}"
+            yield Finding(loc, found, expected, "remove it or correct the name of the body")
 
 
 def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:
@@ -260,6 +276,13 @@ def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'
         yield Finding(("structure", "damping", "ratio"), found, expected, remedy)
+    if isinstance(data, SyntheticFrfSpec):
+        stated = {"youngs_modulus": "youngs_modulus_gpa", "density": "density_kg_m3", "length": "length_mm"}
+        for name, key in stated.items():
+            offered = name in structure.stated and (name != "length" or structure.spans is not None)
+            if getattr(data.truth, key) is not None and not offered:
+                found = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
+                yield Finding(("data", "truth", key), found, "the structure as it is analysed", "remove it")
     if isinstance(data, SyntheticFrfSpec) and data.truth.damping_ratio is not None and structure.damping.law != "modal":
         found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
         yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")

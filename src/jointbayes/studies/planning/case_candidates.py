@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.build import beam_recipe, family_of, noise_law
+from jointbayes.case.build import family_of, noise_law, recipe_of
 from jointbayes.case.case import Case
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.errors import CaseError
@@ -47,7 +47,7 @@ class _Maker:
     def __init__(self, case: Case, measurement: FrfMeasurement) -> None:
         data = case.spec.data
         self._case, self._data, self._spec = case, measurement.frf, case.spec
-        self._recipe = beam_recipe(case.spec.structure, data, case.problem.measurement)
+        self._recipe = recipe_of(case.spec.structure, data, case.problem.measurement)
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
         if isinstance(data, SyntheticFrfSpec):
@@ -135,10 +135,8 @@ class _Maker:
         )
 
     def _positions(self, dofs: tuple[str, ...]) -> str:
-        """Where nodes are along the beam, each place once."""
-        spec = self._spec.structure
-        shares = dict.fromkeys((int(dof.split(":")[0]) - 1) / spec.elements for dof in dofs)
-        return " / ".join(f"{spec.length_mm * share:.4g} mm" for share in shares)
+        """Where points are, each place once."""
+        return " / ".join(dict.fromkeys(map(self._spec.structure.place, dofs)))
 
     def _sensor(self, dof: str) -> str:
         kind = "a rotational accelerometer" if ":r" in dof else "an accelerometer"
@@ -148,14 +146,16 @@ class _Maker:
         return f"{'a moment' if ':r' in dof else 'a hammer'} {self._place(dof)} ({dof}, {self._positions((dof,))})"
 
     def _place(self, dof: str) -> str:
-        """Where a node is, in words."""
-        spec = self._spec.structure
+        """Where a point is, in words."""
+        spans = self._spec.structure.spans
         held = (label for joint in self._spec.all_joints.values() for label in joint.dofs + joint.against)
-        nodes = {int(label.split(":")[0]) for label in held}
-        node = int(dof.split(":")[0])
-        share = (node - 1) / spec.elements
-        if node in nodes:
+        points = {label.split(":")[0] for label in held}
+        point = dof.split(":")[0]
+        if point in points:
             return "at the joint"
-        if share in (0.0, 1.0) and nodes <= {1, spec.nodes} and len(nodes) == 1:
+        if spans is None:
+            return "on the structure"
+        share = (int(point) - 1) / spans
+        if share in (0.0, 1.0) and points <= {"1", str(spans + 1)} and len(points) == 1:
             return "at the tip"
         return "at mid-span" if share == 0.5 else "on the beam"

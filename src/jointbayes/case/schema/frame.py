@@ -1,0 +1,255 @@
+"""The `[structure]` table of a frame: bodies of members between points in space."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, Strict
+
+from jointbayes.case.errors import Finding
+from jointbayes.case.schema.damping import DampingSpec, LossFactorDampingSpec
+from jointbayes.case.schema.fields import Fraction, Labels, Spec, at_most, key_field, listed, not_negative, positive
+from jointbayes.case.schema.section import SectionSpec
+from jointbayes.case.schema.structure_parts import (
+    KIND,
+    MASS,
+    POINT,
+    SUPPORTS,
+    Absence,
+    AnyStructureSpec,
+    absent_dofs,
+    absent_point,
+    changed_by,
+)
+
+if TYPE_CHECKING:
+    from jointbayes.case.schema.data import TruthSpec
+
+__all__ = ["BodySpec", "FrameSpec", "MemberSpec", "PointMassSpec", "numbers_between"]
+
+_SIX = ("x", "y", "z", "rx", "ry", "rz")
+_MOST = 2000  # points, members and masses
+_VECTOR = "three numbers x, y, z"
+
+_Place = Annotated[tuple[float, float, float], Strict(False)]
+_Points = Annotated[
+    dict[str, _Place],
+    Field(description=f"the points: for each its name or number and its place in mm, {_VECTOR}", max_length=_MOST),
+]
+_PointName = Annotated[str, BeforeValidator(lambda name: str(name) if type(name) is int else name)]
+_POINTS = key_field("the names of two points or more that the member runs through, in order", ["a", "b"])
+_POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
+_SHEAR = key_field(
+    'the shear coefficient, "cowper", a number above 0 and at most 1, or two of them: along height and width', "cowper"
+)
+_Shear = Literal["cowper"] | Fraction | Annotated[tuple[Fraction, Fraction], Strict(False)]
+_SECTION = Field(description="the cross-section: its shape and dimensions")
+_END_SECTION = Field(description="the cross-section at the last point, of the same shape: dimensions change linearly")
+_UP = key_field(f"the direction in which the section's height lies, {_VECTOR}", [0.0, 1.0, 0.0])
+_OFFSETS = key_field(
+    f"from the first and from the last point to the member's axis in mm, two times {_VECTOR}",
+    [[0.0, 5.0, 0.0], [0.0, 5.0, 0.0]],
+)
+_OFFSET = key_field(f"from the point to the centre of the mass in mm, {_VECTOR}", [0.0, 0.0, 10.0])
+_INERTIA = key_field(
+    "the moments of inertia about x, y, z in kg m2, three numbers, or six with xy, yz, xz", [1e-4, 2e-4, 2e-4]
+)
+_E, _RHO = positive("Young's modulus in GPa", 210.0), positive("the density in kg/m³", 7800.0)
+_ELEMENT = key_field(
+    '"converged" (elements so fine that no mesh shows) or "paper" (its two-node elements)', "converged"
+)
+_DIRECTIONS = key_field("the directions in which points move, some of x, y, z, rx, ry, rz", ["x", "y", "rz"])
+
+
+class _Stuff(Spec):
+    """Material, section and shear coefficient: those of a body or member where they differ from what it is part of."""
+
+    youngs_modulus_gpa: Annotated[float | None, _E] = None
+    poissons_ratio: Annotated[float | None, _POISSON] = None
+    density_kg_m3: Annotated[float | None, _RHO] = None
+    shear_coefficient: Annotated[_Shear | None, _SHEAR] = None
+    section: Annotated[SectionSpec | None, _SECTION] = None
+
+
+class MemberSpec(_Stuff):
+    """A row of straight beams through points."""
+
+    points: Annotated[tuple[_PointName, ...], Strict(False), Field(min_length=2), at_most(_MOST), _POINTS]
+    end_section: Annotated[SectionSpec | None, _END_SECTION] = None
+    up: Annotated[_Place | None, _UP] = None
+    offsets_mm: Annotated[Annotated[tuple[_Place, _Place], Strict(False)] | None, _OFFSETS] = None
+
+
+class PointMassSpec(Spec):
+    """A rigid mass at a point."""
+
+    point: Annotated[_PointName, key_field("the name of a point", "tip")]
+    mass_kg: Annotated[float, not_negative("the mass in kg", 0.5)]
+    inertia_kg_m2: Annotated[tuple[float, ...], Strict(False), at_most(6), _INERTIA] = (0.0, 0.0, 0.0)
+    offset_mm: Annotated[_Place, _OFFSET] = (0.0, 0.0, 0.0)
+
+    def _findings(self) -> Iterator[Finding]:
+        if len(self.inertia_kg_m2) not in (3, 6):
+            yield Finding(("inertia_kg_m2",), f"found {len(self.inertia_kg_m2)} numbers")
+
+
+_Members = Annotated[
+    tuple[MemberSpec, ...],
+    Strict(False),
+    at_most(_MOST),
+    Field(description="a list of members: each a table with points and, where it differs, section and material"),
+]
+_Masses = Annotated[
+    tuple[PointMassSpec, ...], Strict(False), at_most(_MOST), Field(description="a list of masses at points")
+]
+
+
+class BodySpec(_Stuff):
+    """Members that hold together; without a list of members one through all points in the order in which they stand."""
+
+    points: _Points
+    members: _Members = ()
+    masses: _Masses = ()
+
+    @property
+    def rows(self) -> tuple[tuple[str, ...], ...]:
+        """Points of each member."""
+        return tuple(member.points for member in self.members) or (tuple(self.points),)
+
+    @property
+    def all_points(self) -> tuple[str, ...]:
+        """Names of all points, those that members count through among them."""
+        counted = (
+            n for row in self.rows for a, b in itertools.pairwise(row) for n in numbers_between(a, b, self.points)
+        )
+        return tuple(dict.fromkeys([*self.points, *counted]))
+
+    def _findings(self) -> Iterator[Finding]:
+        for name in self.points:
+            if not POINT.fullmatch(name):
+                found = f'found the name "{name[:40]}"'
+                expected = "a number from 1, or a word of letters, digits, _ and - that begins with a letter"
+                yield Finding(("points",), found, expected, "rename the point")
+        if len(self.points) < 2:
+            yield Finding(("points",), f"found {len(self.points)} points", "two points or more", "add a point")
+        for kind, named in (
+            ("members", self.rows if self.members else ()),
+            ("masses", [(m.point,) for m in self.masses]),
+        ):
+            for i, names in enumerate(named):
+                unknown = [name for name in names if name not in self.points]
+                if unknown:
+                    expected = f"one of {listed(list(self.points))}"
+                    yield Finding((kind, i), f'found the point "{unknown[0][:40]}"', expected, "correct the name")
+
+
+def numbers_between(one: str, other: str, known: Mapping[str, object]) -> list[str]:
+    """Numbers between two points that have numbers, if none of them is a point of its own: equally spaced points."""
+    if not (one.isdecimal() and other.isdecimal()) or abs(int(one) - int(other)) > 10_000:
+        return []
+    low, high = sorted((int(one), int(other)))
+    between = [str(number) for number in range(low + 1, high)]
+    return [] if any(name in known for name in between) else between
+
+
+class FrameSpec(AnyStructureSpec):
+    """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
+
+    kind: Annotated[Literal["frame"], KIND]
+    directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), at_most(6), _DIRECTIONS] = _SIX
+    element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
+    youngs_modulus_gpa: Annotated[float, _E]
+    poissons_ratio: Annotated[float, _POISSON] = 0.3
+    density_kg_m3: Annotated[float, _RHO]
+    shear_coefficient: Annotated[_Shear, _SHEAR] = "cowper"
+    section: Annotated[SectionSpec | None, _SECTION] = None
+    points: _Points = {}  # noqa: RUF012 (pydantic copies it)
+    members: _Members = ()
+    masses: _Masses = ()
+    bodies: Annotated[
+        dict[str, BodySpec], Field(description="a table for each body, as [structure.bodies.tool]", max_length=100)
+    ] = {}  # noqa: RUF012
+    supports: Annotated[Labels, SUPPORTS] = ()
+    accelerometer_mass_g: Annotated[float, MASS] = 0.0
+    damping: DampingSpec
+
+    @property
+    def all_bodies(self) -> dict[str, BodySpec]:
+        """Bodies by their names; a single one may have none."""
+        return self.bodies or {
+            "": BodySpec.model_construct(points=self.points, members=self.members, masses=self.masses)
+        }
+
+    @property
+    def points_in_order(self) -> tuple[str, ...]:
+        """Names of all points, with that of their body."""
+        return tuple(
+            f"{name}.{point}" if name else point for name, body in self.all_bodies.items() for point in body.all_points
+        )
+
+    @property
+    def free_dofs(self) -> int:
+        """Number of DOFs at points that are not held."""
+        return len(self.points_in_order) * len(self.directions) - len(self.supports)
+
+    @property
+    def stated(self) -> dict[str, tuple[str, float]]:
+        """Unit and value of each quantity that may be uncertain, of all bodies and of one; shares of what is stated."""
+        of_bodies = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
+        names = [*of_bodies, *(f"{body}.{name}" for body in self.bodies for name in of_bodies)]
+        found = dict.fromkeys(names, ("× stated", 1.0)) | {"accelerometer_mass": ("g", self.accelerometer_mass_g)}
+        if isinstance(self.damping, LossFactorDampingSpec):
+            found["loss_factor"] = ("1", self.damping.loss_factor)
+        return found
+
+    def absent(self, label: str) -> Absence | None:
+        """What to say of a DOF that does not exist."""
+        return absent_point(label, self.points_in_order, self.directions)
+
+    def place(self, label: str) -> str:
+        """The point itself: its coordinates are in the file."""
+        return f"point {label.rpartition(':')[0]}"
+
+    def of_truth(self, truth: TruthSpec) -> Self:
+        """The frame that makes the data: E and ρ where bodies and members have none of their own."""
+        stated = {
+            "youngs_modulus_gpa": truth.youngs_modulus_gpa,
+            "density_kg_m3": truth.density_kg_m3,
+        }
+        own = {name: value for name, value in stated.items() if value is not None}
+        return self.model_copy(update=own | changed_by(truth))
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from self._geometry_findings()
+        for i, direction in enumerate(self.directions):
+            if direction not in _SIX or direction in self.directions[:i]:
+                yield Finding(("directions", i), f'found "{direction[:40]}"', "", "each direction once")
+        yield from absent_dofs(self, self.supports, ("supports",))
+
+    def _geometry_findings(self) -> Iterator[Finding]:
+        """Yield bodies that are stated twice or not at all, misnamed, or with a member without a section."""
+        if self.bodies and (self.points or self.members or self.masses):
+            key = "points" if self.points else "members" if self.members else "masses"
+            found = f"found {key} beside [structure.bodies.{next(iter(self.bodies))}]"
+            yield Finding((key,), found, "either points of one body here, or bodies", "move it into a body")
+            return
+        if not self.bodies and not self.points:
+            yield Finding(("points",), missing=True)
+            return
+        if not self.bodies:
+            yield from self.all_bodies[""]._findings()
+        for name, body in self.all_bodies.items():
+            loc = ("bodies", name) if self.bodies else ()
+            if name and (not POINT.fullmatch(name) or name[0].isdecimal()):
+                found, expected = f'found the name "{name[:40]}"', "a word of letters, digits, _ and -"
+                yield Finding(loc, found, f"{expected} that begins with a letter", "rename the body")
+            parts = body.members or (None,)
+            for i, member in enumerate(parts):
+                if not (self.section or body.section or (member and member.section)):
+                    where = (*loc, "members", i) if member else loc or ("section",)
+                    expected = "a section of each member, or one of its body or of the frame for all"
+                    yield Finding(
+                        where, "no section", expected, 'add section = { shape = "circle", diameter_mm = 25.0 }'
+                    )

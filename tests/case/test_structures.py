@@ -1,0 +1,334 @@
+"""Structures of a case file that are no straight beams: frames, chains, matrices."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import linalg
+
+import jointbayes as jb
+from jointbayes.errors import CaseError
+from jointbayes.frf import DirectSolve, Ports
+from jointbayes.joint import Joint
+from jointbayes.posterior.stored_problem import _Description, _Restoring
+from jointbayes.structure import (
+    BeamMaterial,
+    Body,
+    FrameFamily,
+    FrameRecipe,
+    LossFactor,
+    Member,
+    ModalDamping,
+    PointMass,
+    Section,
+    chain,
+)
+
+DATA = """
+[data]
+kind = "synthetic_frf"
+outputs = ["OUT"]
+inputs = ["IN"]
+f_min_hz = 20.0
+f_max_hz = 400.0
+f_step_hz = 10.0
+[data.truth]
+k11 = 1e7
+k12 = 1e4
+k22 = 1e5
+[data.noise]
+relative = 0.03
+floor = 0.01
+seed = 1
+"""
+PRIOR = "".join(
+    f'\n[prior.{k}]\ndistribution = "log_uniform"\nlow = {low}\nhigh = {high}\n'
+    for k, low, high in (("k11", 1e4, 1e10), ("k12", 1e2, 1e8), ("k22", 1e2, 1e8))
+)
+PORTAL = """
+[structure]
+kind = "frame"
+directions = ["x", "y", "rz"]
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+section = { shape = "rectangle", width_mm = 40.0, height_mm = 20.0 }
+points = { foot = [0, 0, 0], 1 = [0, 400, 0], 5 = [500, 400, 0], right = [500, 0, 0] }
+supports = ["right:x", "right:y", "right:rz"]
+damping = { law = "modal", ratio = 0.005 }
+[joint]
+dofs = ["foot:x", "foot:rz"]
+"""
+SPINDLE = """
+[structure]
+kind = "frame"
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+accelerometer_mass_g = 1.0
+damping = { law = "loss_factor", loss_factor = 0.01 }
+[structure.bodies.holder]
+points = { nose = [0, 0, 0], step = [30, 0, 0], mouth = [80, 0, 0] }
+members = [
+  { points = ["nose", "step"], section = { shape = "circle", diameter_mm = 60 } },
+  { points = ["step", "mouth"], section = { shape = "circle", diameter_mm = 60 }, end_section = { shape = "circle", diameter_mm = 40 }, up = [0, 0, 1] },
+]
+[structure.bodies.tool]
+youngs_modulus_gpa = 600.0
+density_kg_m3 = 14500.0
+section = { shape = "circle", diameter_mm = 16.0 }
+points = { shank = [80, 0, 0], tip = [180, 0, 0] }
+masses = [{ point = "tip", mass_kg = 0.02, inertia_kg_m2 = [1e-6, 2e-6, 2e-6], offset_mm = [1, 0, 0] }]
+[joint]
+dofs = ["holder.mouth:y", "holder.mouth:rz"]
+against = ["tool.shank:y", "tool.shank:rz"]
+[uncertain.bodies.tool.density]
+sd_percent = 3.0
+[uncertain.youngs_modulus]
+sd_percent = 2.0
+"""  # noqa: E501
+CHAIN = """
+[structure]
+kind = "chain"
+masses_kg = { 1 = 1.0, 2 = 2.0, 3 = 1.5 }
+springs = [{ between = ["2", "3"], stiffness_n_per_m = 1e5 }]
+damping = { law = "dampers", dampers = [{ between = ["1", "ground"], damping_n_s_per_m = 5.0 }] }
+"""
+MATRICES = """
+[structure]
+kind = "matrices"
+dofs = ["1:y", "1:rz"]
+stiffness = [[2e5, -1e4], [-1e4, 1e3]]
+mass = [2.0, 0.01]
+damping = { law = "loss_factor", loss_factor = 0.02 }
+[joint]
+dofs = ["1:y", "1:rz"]
+"""
+
+
+def text_of(structure, out, into, more=PRIOR):
+    return structure + DATA.replace("OUT", out).replace("IN", into) + more
+
+
+def built(structure, out, into, **more):
+    return jb.case_from_text("frame", text_of(structure, out, into), **more)
+
+
+def test_a_portal_frame_is_what_it_says():
+    case = built(PORTAL, "3:y", "1:x")
+    steel = BeamMaterial(2.1e11, 0.3, 7800.0)
+    points = {"foot": (0, 0, 0), "1": (0, 0.4, 0), "5": (0.5, 0.4, 0), "right": (0.5, 0, 0)}
+    body = Body(points, (Member(tuple(points), Section.rectangle(0.04, 0.02), steel),))
+    expected = FrameRecipe(
+        body, ModalDamping((0.005,)), ("x", "y", "rz"), case.spec.structure.supports, accelerometer_dofs=("3:y",)
+    )
+    assert case.problem.structure.recipe.bodies[0][1].members == expected.bodies[0][1].members
+    assert case.problem.structure.recipe == expected
+    assert case.problem.structure.nominal.position("3:y") == pytest.approx((0.25, 0.4, 0))
+    assert case.spec.plan_outputs == tuple(f"{p}:x" for p in ("foot", "1", "5", "right", "2", "3", "4") if p != "right")
+    assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
+
+
+def test_a_holder_and_a_tool_inherit_what_they_do_not_state():
+    case = built(SPINDLE, "tool.tip:y", "tool.tip:y")
+    (holder_name, holder), (tool_name, tool) = case.problem.structure.recipe.bodies
+    assert (holder_name, tool_name) == ("holder", "tool")
+    assert holder.members[1].end_section == Section.circle(0.04)
+    assert holder.members[1].up == (0, 0, 1)
+    assert holder.members[0].material == BeamMaterial(2.1e11, 0.3, 7800.0)
+    assert tool.members[0].material == BeamMaterial(6e11, 0.3, 14500.0)
+    assert tool.masses == (PointMass("tip", 0.02, (1e-6, 2e-6, 2e-6), (1e-3, 0, 0)),)
+    assert case.problem.structure.names == ("youngs_modulus", "tool.density")
+    assert case.problem.names[-2:] == ("youngs_modulus", "tool.density")
+    assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
+    workshop = case.workshop_problem
+    assert workshop.names[3:] == ("youngs_modulus", "density", "tool.density")
+
+
+def test_a_case_without_priors_takes_the_frames_own_stiffness():
+    text = text_of(PORTAL, "3:y", "1:x", "")
+    low, _ = jb.case_from_text("frame", text).problem.prior.marginals[0].support
+    own = 2.1e11 * 0.02 * 0.04**3 / 12 / 0.5**3  # the ends of the member are 0.5 m apart
+    assert low == pytest.approx(np.log(0.1 * own))
+
+
+SPRINGS = """
+[data]
+kind = "natural_frequencies"
+frequencies_hz = [20.0, 60.0]
+sd_relative = 0.01
+sd_hz = 0.0
+[joints.base]
+kind = "springs"
+dofs = ["1:x"]
+prior = { kx = { distribution = "log_uniform", low = 1e3, high = 1e7 } }
+[joints.middle]
+kind = "springs"
+dofs = ["1:x"]
+against = ["2:x"]
+"""
+
+
+def test_a_chain_is_that_of_python_and_its_unknown_springs_are_joints():
+    problem = jb.case_from_text("chain", CHAIN + SPRINGS).problem
+    expected = chain([1.0, 2.0, 1.5], [("2", "3", 1e5)], dampers=[("1", "ground", 5.0)])
+    found = problem.structure.nominal
+    assert_allclose(found.stiffness, expected.stiffness)
+    assert_allclose(found.mass, expected.mass)
+    assert_allclose(found.damping.matrix, expected.damping.matrix)
+    assert problem.names == ("base.kx", "middle.kx")
+    k = np.array([3e4, 5e4])
+    added = np.array([[k.sum(), -k[1], 0], [-k[1], k[1], 0], [0, 0, 0]])
+    square = linalg.eigh(expected.stiffness + added, expected.mass, eigvals_only=True)
+    assert_allclose(problem.natural_frequencies_hz(k, 2)[0], np.sqrt(square[:2]) / (2 * np.pi), rtol=1e-9)
+
+
+LAPPED = """
+[structure]
+kind = "frame"
+directions = ["x", "y", "rz"]
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+section = { shape = "rectangle", width_mm = 40.0, height_mm = 10.0 }
+damping = { law = "modal", ratio = 0.005 }
+[structure.bodies.upper]
+points = { end = [0, 0, 0], left = [240, 0, 0], right = [280, 0, 0], tip = [300, 0, 0] }
+[structure.bodies.lower]
+points = { tip = [220, -10, 0], left = [240, -10, 0], right = [280, -10, 0], end = [520, -10, 0] }
+[joints.left]
+kind = "springs"
+dofs = ["upper.left:x", "upper.left:y", "upper.left:rz"]
+against = ["lower.left:x", "lower.left:y", "lower.left:rz"]
+offset_mm = [0, -5, 0]
+offset_against_mm = [0, 5, 0]
+[joints.right]
+kind = "springs"
+dofs = ["upper.right:x", "upper.right:y", "upper.right:rz"]
+against = ["lower.right:x", "lower.right:y", "lower.right:rz"]
+offset_mm = [0, -5, 0]
+offset_against_mm = [0, 5, 0]
+shared = "left"
+[data]
+kind = "synthetic_frf"
+outputs = ["upper.end:y", "lower.end:y"]
+inputs = ["upper.end:y"]
+f_min_hz = 20.0
+f_max_hz = 900.0
+f_step_hz = 40.0
+noise = { relative = 0.03, floor = 0.01, seed = 1 }
+truth = { stiffness = { left = { kx = 2e8, ky = 1e8, krz = 2e4 } } }
+"""
+
+
+def test_two_lapped_beams_with_two_shared_bolts_are_those_of_a_dense_solve():
+    problem = jb.case_from_text("lapped", LAPPED).problem
+    assert problem.names == ("left.kx", "left.ky", "left.krz")
+    k = np.array([2e8, 1e8, 2e4])
+    ports = Ports(np.arange(20.0, 900.0, 110.0), ("upper.end:y", "lower.end:y"), ("upper.end:y",))
+    found = problem.receptance_model(ports).receptance(problem.parametrisation.matrix(k))[0]
+    free = problem.structure.recipe.structure()
+    # by hand: each bolt's end hangs on a rigid arm of 5 mm from either axis
+    forms = []
+    for bolt in ("left", "right"):
+        for side, sign, arm in (("upper", 1.0, -0.005), ("lower", -1.0, 0.005)):
+            x, y, rz = (free.index([f"{side}.{bolt}:{d}"])[0] for d in ("x", "y", "rz"))
+            rows = np.zeros((3, free.n_dofs))
+            rows[0, x], rows[0, rz], rows[1, y], rows[2, rz] = 1.0, -arm, 1.0, 1.0
+            forms.append(sign * rows)
+    upper_left, lower_left, upper_right, lower_right = forms
+    added = sum(f.T @ np.diag(k) @ f for f in (upper_left + lower_left, upper_right + lower_right))
+    whole = replace(free, stiffness=free.stiffness + added)
+    expected = DirectSolve(whole, Joint(("upper.end:x",)), ports).receptance(np.zeros((1, 1)))[0]
+    assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_sides_of_a_joint_at_different_places_are_refused_in_one_line():
+    text = LAPPED.replace("offset_mm = [0, -5, 0]\n", "", 1)
+    with pytest.raises(CaseError, match=r"^l\.toml:\d+: joints.*at different places, \(0, -5, 0\) mm apart"):
+        jb.case_from_text("l.toml", text)
+
+
+@pytest.mark.parametrize("kind", ["inline", "npy", "csv"])
+def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
+    stiffness, text = np.array([[2e5, -1e4], [-1e4, 1e3]]), MATRICES
+    if kind == "npy":
+        np.save(tmp_path / "K.npy", stiffness)
+    elif kind == "csv":
+        np.savetxt(tmp_path / "K.csv", stiffness, delimiter=",")
+    if kind != "inline":
+        text = text.replace("[[2e5, -1e4], [-1e4, 1e3]]", f'"K.{kind}"')
+    case = built(text, "1:y", "1:y", directory=tmp_path)
+    assert_allclose(case.problem.structure.nominal.stiffness, stiffness)
+    assert_allclose(case.problem.structure.nominal.mass, np.diag([2.0, 0.01]))
+    found = case.problem.structure.nominal.damping
+    assert found == LossFactor(0.02)
+    assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
+
+
+def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
+    np.save(tmp_path / "K.npy", np.array([[2e5, -1e4], [-2e4, 1e3]]))
+    np.save(tmp_path / "M.npy", np.eye(3))
+    (tmp_path / "K.csv").write_text("1,2\n3")
+    (tmp_path / "K.txt").write_text("1")
+    text = text_of(MATRICES, "1:y", "1:y")
+    line = next(i for i, row in enumerate(text.splitlines(), 1) if row.startswith("stiffness"))
+    given = "[[2e5, -1e4], [-1e4, 1e3]]"
+    for name, words in [
+        ("K.npy", "K.npy: found -10000 and -20000 at row 1, column 2"),
+        ("M.npy", r"shape (3, 3); expected (2, 2)"),
+        ("K.csv", "no readable array"),
+        ("K.txt", "ending '.txt'"),
+        ("none.npy", "no such file"),
+        ("../K.npy", "leads out of the directory"),
+    ]:
+        with pytest.raises(CaseError) as caught:
+            jb.case_from_text("m.toml", text.replace(given, f'"{name}"'), directory=tmp_path)
+        assert words in str(caught.value)
+        assert str(caught.value).startswith(f"m.toml:{line}: structure.stiffness:")
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("structure", "old", "new", "where", "words"),
+    [
+        (MATRICES, "[-1e4, 1e3]]", "[-2e4, 1e3]]", "structure.stiffness", "found -10000 and -20000 at row 1, column 2"),
+        (MATRICES, "[2.0, 0.01]", "[2.0]", "structure.mass", "found 1 numbers; expected 2 rows"),
+        (MATRICES, "[[2e5, -1e4], [-1e4, 1e3]]", "[[2e5, -1e4], [-1e4, -1e3]]", "structure", "positive semidefinite"),
+        (MATRICES, 'dofs = ["1:y", "1:rz"]\nst', 'dofs = ["1:y", "1:y"]\nst', "structure.dofs", "listed twice"),
+        (PORTAL, "right = [500, 0, 0]", "right = [500, 0]", "structure.points.right", ""),
+        (PORTAL, '"right:x"', '"left:x"', "structure.supports", "no point left"),
+        (PORTAL, '"right:x"', '"right:z"', "structure.supports", "no direction z"),
+        (PORTAL, "foot = [0, 0, 0]", "fo.ot = [0, 0, 0]", "structure.points.fo", "found a table"),
+        (PORTAL, "foot = [0, 0, 0]", "foot = [0, 400, 0]", "structure", "no length between the points foot and 1"),
+        (PORTAL, "section = ", "# section = ", "structure.section", "no section"),
+        (PORTAL, '["x", "y", "rz"]', '["x", "y", "rr"]', "structure.directions", '"rr"'),
+        (PORTAL, 'kind = "frame"', 'kind = "frames"', "structure.kind", '"frame"'),
+        (SPINDLE, "bodies.tool.density]", "bodies.tol.density]", "uncertain.bodies.tol.density", "without this"),
+        (SPINDLE, '"tool.shank:rz"]', '"tool.shnk:rz"]', "joint.against", "no point tool.shnk"),
+        (SPINDLE, '["nose", "step"]', '["nose", "stop"]', "structure.bodies.holder.members", '"stop"'),
+        (SPINDLE, "mass_kg = 0.02", "mass_kg = -0.02", "structure.bodies.tool.masses.mass_kg", "at least 0"),
+        (SPINDLE, "[1e-6, 2e-6, 2e-6]", "[1e-6, 2e-6]", "structure.bodies.tool.masses.inertia_kg_m2", "found 2"),
+        (SPINDLE, "bodies.tool]", "bodies.2]", "structure.bodies.2", "begins with a letter"),
+        (SPINDLE, "[structure.bodies.holder]", "points = { a = [0, 0, 0], b = [1, 0, 0] }\n[structure.bodies.holder]",
+            "structure.points", "beside"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_by_line_and_key(structure, old, new, where, words):
+    out, into = {MATRICES: ("1:y", "1:y"), PORTAL: ("3:y", "1:x"), SPINDLE: ("tool.tip:y", "tool.tip:y")}[structure]
+    text = text_of(structure, out, into)
+    assert old in text
+    with pytest.raises(CaseError) as caught:
+        jb.case_from_text("f.toml", text.replace(old, new))
+    lines = str(caught.value).splitlines()
+    assert any(f": {where}:" in line and words in line for line in lines), str(caught.value)
+
+
+def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
+    recipe = built(SPINDLE, "tool.tip:y", "tool.tip:y").problem.structure
+    description = _Description()
+    plain = description._taken(recipe, "structure")
+    assert description.own == {}
+    again = _Restoring(lambda name: description.arrays[name], "here").part(json.loads(json.dumps(plain)), "structure")
+    assert isinstance(again, FrameFamily)
+    assert again.recipe == recipe.recipe
+    assert again.ranges == recipe.ranges
