@@ -25,6 +25,7 @@ from jointbayes.inference import IntegratedScale as IntegratedScale
 from jointbayes.inference import JointPrior as JointPrior
 from jointbayes.inference import Normal as Normal
 from jointbayes.inference import Nuisance as Nuisance
+from jointbayes.inference import OfStiffness as OfStiffness
 from jointbayes.inference import Problem as Problem
 from jointbayes.inference import ProportionalNoise as ProportionalNoise
 from jointbayes.inference import ScaledNoise as ScaledNoise
@@ -44,6 +45,9 @@ from jointbayes.joint import blocks_of as blocks_of
 from jointbayes.joint import parametrisation_named as parametrisation_named
 from jointbayes.measurement import FrequencyMeasurement as FrequencyMeasurement
 from jointbayes.measurement import FrfMeasurement as FrfMeasurement
+from jointbayes.measurement import ModeMeasurement as ModeMeasurement
+from jointbayes.measurement import ModeShapes as ModeShapes
+from jointbayes.measurement import Observed as Observed
 from jointbayes.measurement.formats import iter_records as iter_records
 from jointbayes.measurement.formats import read_frf as read_frf
 from jointbayes.measurement.formats import write_frf as write_frf

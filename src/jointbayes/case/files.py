@@ -21,7 +21,8 @@ from jointbayes.case.schema.structure import BeamSpec, StructureSpec
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.joint import AnyJoint, as_joints
 from jointbayes.measurement.channels import Channel
-from jointbayes.measurement.data import FrfMeasurement, Measurement
+from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.mode_data import Measurement
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.hits import HitSettings

@@ -5,6 +5,7 @@ from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, Substructures
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
+from jointbayes.frf.mode_shapes import AssembledShapes, Modal
 from jointbayes.frf.ports import Ports, ReceptanceModel
 from jointbayes.frf.propagation import NoisePropagation
 
@@ -18,8 +19,10 @@ __all__ = [
     # forward models
     "AnyStructure",
     "AssembledModes",
+    "AssembledShapes",
     "DirectSolve",
     "LowRankCoupling",
+    "Modal",
     "NaturalFrequencies",
     "NoisePropagation",
     "Ports",

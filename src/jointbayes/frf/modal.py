@@ -119,7 +119,7 @@ class NaturalFrequencies:
         known = as_factors(factors, len(matrices))
         eigenvalues, _, _ = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
-        return frequency * _first(self._family.frequency_factors(known), frequency.shape[1])
+        return frequency * first_factors(self._family.frequency_factors(known), frequency.shape[1])
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
@@ -128,11 +128,14 @@ class NaturalFrequencies:
         known = as_factors(factors, 1)
         directions = stiffness_of(directions)
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness_of(stiffness)), known)
-        (off,) = _first(self._family.frequency_factors(known), self._count)
+        (off,) = first_factors(self._family.frequency_factors(known), self._count)
         shapes = np.linalg.solve(springs.T, rows)[:, : self._count]
         frequency = np.sqrt(np.maximum(eigenvalues[: self._count], 0.0)) / (2 * np.pi)
         slope = np.einsum("ir,pij,jr->pr", shapes, np.asarray(directions, dtype=float), shapes)
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
+
+    # as data of modes they are all there is
+    modal_values, modal_tangent = frequency_hz, tangent
 
 
 class AssembledModes:
@@ -257,14 +260,11 @@ class AssembledModes:
         at_joint = np.linalg.solve(springs.T, rows[:r])
         shapes = rows[r:] + self._along.T @ at_joint
         out, into = shapes[: self._n_out], shapes[self._n_out :]
-        change = np.einsum("ir,pij,js->prs", at_joint, np.asarray(directions, dtype=float), at_joint)
-        gap = lam[None, :] - lam[:, None]
-        same = np.abs(gap) <= _DEGENERATE * np.maximum(np.abs(lam[None, :]), np.abs(lam[:, None]))
-        turn = np.where(same, 0.0, change / np.where(same, 1.0, gap))  # dQ = Q turn
+        change, same, turn = turned_modes(lam, at_joint, np.asarray(directions, dtype=float))
         d_out, d_in = out @ turn, into @ turn
         constants = out[:, None, :] * into[None, :, :]
         d_constants = d_out[:, :, None, :] * into + out[:, None, :] * d_in[:, None, :, :]
-        off = _first(self._family.frequency_factors(known), lam.size)[0] ** 2
+        off = first_factors(self._family.frequency_factors(known), lam.size)[0] ** 2
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
         shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0) * off, into)
 
@@ -276,12 +276,37 @@ class AssembledModes:
         return each[0], each[1:]
 
 
-def _first(factors: Array, count: int) -> Array:
+def first_factors(factors: Array, count: int) -> Array:
     """Factors of the first `count` modes, shape (n, count), 1 where none is given."""
     out = np.ones((len(factors), count))
     given = min(count, factors.shape[1])
     out[:, :given] = factors[:, :given]
     return out
+
+
+def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """How modes turn into each other along changes of the joint.
+
+    Parameters
+    ----------
+    eigenvalues
+        Assembled eigenvalues, shape (m,).
+    at_joint
+        Motions of the joint in these modes, of unit modal mass, shape (r, m).
+    directions
+        Changes dK^J, shape (p, r, r).
+
+    Returns
+    -------
+    change, same, turn : ndarray, shapes (p, m, m), (m, m), (p, m, m)
+        φᵀ dK^J φ, whose diagonal are the derivatives of the eigenvalues; which modes have the same eigenvalue; and the
+        matrix of dΦ = Φ turn, without the turn of modes of the same eigenvalue among themselves.
+    """
+    change = np.einsum("ir,pij,js->prs", at_joint, directions, at_joint)
+    lam = np.abs(eigenvalues)
+    gap = eigenvalues[None, :] - eigenvalues[:, None]
+    same = np.abs(gap) <= _DEGENERATE * np.maximum(lam[None, :], lam[:, None])
+    return change, same, np.where(same, 0.0, change / np.where(same, 1.0, gap))
 
 
 class AssembledMisfit:

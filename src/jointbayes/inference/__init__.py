@@ -1,10 +1,10 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
-from jointbayes.inference.frequency_likelihood import FrequencyLikelihood
 from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
-from jointbayes.inference.marginals import Distribution, Marginal, Normal, OwnMarginal, Uniform
+from jointbayes.inference.marginals import Distribution, Marginal, Normal, OfStiffness, OwnMarginal, Uniform
+from jointbayes.inference.modal_likelihood import ModalLikelihood
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise
@@ -21,12 +21,13 @@ __all__ = [
     "Marginal",
     "Normal",
     "Nuisance",
+    "OfStiffness",
     "OwnMarginal",
     "Uniform",
     # likelihood
-    "FrequencyLikelihood",
     "FrfLikelihood",
     "Likelihood",
+    "ModalLikelihood",
     "likelihood_of",
     # noise
     "CorrelatedNoise",

@@ -15,7 +15,6 @@ from jointbayes.frf import (
     AnyStructure,
     FrfSet,
     LowRankCoupling,
-    NaturalFrequencies,
     Ports,
     ReceptanceModel,
     quantity_factor,
@@ -23,16 +22,17 @@ from jointbayes.frf import (
 )
 from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.frequency_likelihood import FrequencyLikelihood
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
+from jointbayes.inference.modal_likelihood import ModalLikelihood
+from jointbayes.inference.modes import modal_model
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.propagated import PropagatedNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import AnyJoint
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 
-__all__ = ["FrequencyLikelihood", "FrfLikelihood", "Likelihood", "likelihood_of"]
+__all__ = ["FrfLikelihood", "Likelihood", "likelihood_of"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -276,19 +276,19 @@ def likelihood_of(
     Raises
     ------
     ModelError
-        If a measured DOF does not exist in the structure, there are more frequencies than DOFs, or the data are natural
-        frequencies and a body is measured.
+        If a measured DOF does not exist in the structure, there are more modes than DOFs, or the data are modes and a body
+        is measured.
     """
     whole = substructures(structure)
     family = whole.family
-    if isinstance(measurement, FrequencyMeasurement):
+    if isinstance(measurement, ModalMeasurement):
         if whole.measured:
             raise ModelError(
                 f"measured body {whole.measured[0].name}: found natural frequencies as data; expected FRFs, since a "
                 "body given by its FRFs has no modes to be compared with; use the FRFs"
             )
-        frequencies = NaturalFrequencies(family, joint, measurement.frequency_hz.size)
-        return FrequencyLikelihood(frequencies, measurement, (*family.names, *(noise.names if noise else ())), noise)
+        modal = modal_model(family, joint, measurement)
+        return ModalLikelihood(modal, measurement, (*family.names, *(noise.names if noise else ())), noise)
     frf: FrfSet = measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))

@@ -11,7 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from jointbayes.errors import ModelError
 
-__all__ = ["Distribution", "Marginal", "Normal", "OwnMarginal", "Uniform", "as_marginal"]
+__all__ = ["Distribution", "Marginal", "Normal", "OfStiffness", "OwnMarginal", "Uniform", "as_marginal"]
 
 Array = NDArray[np.float64]
 
@@ -244,9 +244,104 @@ class OwnMarginal:
         return np.asarray(self.given.sample(rng, size))
 
 
-Marginal = Normal | Uniform | OwnMarginal
+@dataclass(frozen=True)
+class OfStiffness:
+    """A prior on a stiffness itself, in its unit, as the prior on its logarithm that it amounts to.
+
+    The density of θ = ln k is that of k times dk/dθ = k, cut off where k is not above zero. A uniform prior on k has
+    nine tenths of its probability in the uppermost decade.
+
+    Parameters
+    ----------
+    given
+        The distribution of k: `Normal`, `Uniform`, or a distribution of one's own.
+
+    Raises
+    ------
+    ModelError
+        If it leaves no stiffness above zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> prior = OfStiffness(Uniform(1e6, 3e6))  # N/m
+    >>> float(np.exp(prior.ppf(np.array(0.5))))
+    2000000.0
+    """
+
+    given: "Normal | Uniform | OwnMarginal"
+
+    def __post_init__(self) -> None:
+        given = as_marginal(self.given)
+        object.__setattr__(self, "given", given)
+        if isinstance(given, OfStiffness):
+            raise ModelError("prior: found OfStiffness of OfStiffness; expected a distribution of k; give it once")
+        if not (self._above > 0 and given.support[1] > 0 and math.isfinite(self.sd) and self.sd > 0):
+            raise ModelError(
+                f"prior of a stiffness: found {given!r}, which leaves none above zero; expected a distribution of k, "
+                "in its unit, with values above 0; correct it, or state a prior on ln k"
+            )
+
+    @cached_property
+    def _below(self) -> float:
+        """Probability that the given distribution has below zero."""
+        return float(self.given.cdf(np.array(0.0)))
+
+    @property
+    def _above(self) -> float:
+        return 1.0 - self._below
+
+    @cached_property
+    def mean(self) -> float:
+        """Median: a long tail, here towards small stiffnesses, has no part in it."""
+        return float(self.ppf(np.array(0.5)))
+
+    @cached_property
+    def sd(self) -> float:
+        """Half the width of the central 68.3 % in ln k."""
+        low, high = self.ppf(ndtr(np.array([-1.0, 1.0])))
+        return float(high - low) / 2
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Ends of ln k between which the density is above zero."""
+        low, high = self.given.support
+        return math.log(low) if low > 0 else -math.inf, math.log(high)
+
+    @property
+    def precision(self) -> float:
+        """Curvature of a normal distribution of the same width: where a search takes its steps from."""
+        return 1 / self.sd**2
+
+    def log_density(self, theta: Array) -> Array:
+        """Log density of ln k; θ of any shape."""
+        t = np.asarray(theta, dtype=float)
+        with np.errstate(over="ignore"):
+            k = np.exp(t)
+        # an end that was taken to its logarithm and back may lie beyond itself by rounding
+        low, high = self.given.support
+        near = np.where((t >= self.support[0]) & (t <= self.support[1]), np.clip(k, low, high), k)
+        return self.given.log_density(near) + t - math.log(self._above)
+
+    def cdf(self, theta: Array) -> Array:
+        """Probability below θ = ln k; of any shape."""
+        with np.errstate(over="ignore"):
+            below = self.given.cdf(np.exp(np.asarray(theta, dtype=float)))
+        return np.maximum(below - self._below, 0.0) / self._above
+
+    def ppf(self, probability: Array) -> Array:
+        """ln k below which there is so much probability; of any shape."""
+        k = self.given.ppf(self._below + np.asarray(probability, dtype=float) * self._above)
+        return np.log(np.maximum(k, np.finfo(float).tiny))
+
+    def sample(self, rng: np.random.Generator, size: int) -> Array:
+        """Independent draws of ln k, shape (size,)."""
+        return self.ppf(rng.uniform(size=size))
+
+
+Marginal = Normal | Uniform | OwnMarginal | OfStiffness
 
 
 def as_marginal(given: object) -> Marginal:
     """A prior on one coordinate as it is, or a distribution of one's own as `OwnMarginal`."""
-    return given if isinstance(given, Normal | Uniform | OwnMarginal) else OwnMarginal(given)
+    return given if isinstance(given, Marginal) else OwnMarginal(given)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference.cone import NO_JOINT, cut_quantiles, log_probability_inside
-from jointbayes.inference.marginals import Marginal, OwnMarginal, Uniform, as_marginal
+from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, as_marginal
 from jointbayes.joint import Parametrisation
 
 __all__ = ["JointPrior", "Nuisance"]
@@ -34,7 +34,7 @@ class Nuisance:
     Raises
     ------
     ModelError
-        If the nominal value is not positive.
+        If the nominal value is not positive, or the prior is one on a stiffness.
     """
 
     name: str
@@ -44,6 +44,11 @@ class Nuisance:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "prior", as_marginal(self.prior))
+        if isinstance(self.prior, OfStiffness):
+            raise ModelError(
+                f"{self.name}: found {self.prior!r}; expected a prior on ln({self.name}/nominal), since OfStiffness is "
+                "for stiffnesses of the joint; give Normal or Uniform"
+            )
         if not 0 < self.nominal < math.inf:
             raise ModelError(
                 f"{self.name}: found a nominal value of {self.nominal:g}; expected a number above 0 for a quantity "
@@ -70,14 +75,16 @@ class JointPrior:
         Gives the first coordinates, those of the joint, their meaning.
     marginals
         One prior per coordinate of the joint, in the parametrisation's order: `Normal`, `Uniform`, or a distribution
-        of one's own, which is a frozen one of scipy.stats or an object with ``log_density(x)`` and ``sample(rng, n)``.
+        of one's own, which is a frozen one of scipy.stats or an object with ``log_density(x)`` and ``sample(rng, n)``;
+        or, where a coordinate is the logarithm of a stiffness, `OfStiffness` of one of these.
     nuisances
         The other uncertain quantities, whose coordinates follow.
 
     Raises
     ------
     ModelError
-        If there are not as many marginals as coordinates of the joint.
+        If there are not as many marginals as coordinates of the joint, or one on a stiffness is that of a coordinate
+        which is no logarithm.
     """
 
     parametrisation: Parametrisation
@@ -91,6 +98,12 @@ class JointPrior:
                 f"prior: found {len(self.marginals)} marginals; expected one for each of "
                 f"{', '.join(self.parametrisation.names)}"
             )
+        for axis, marginal in zip(self.parametrisation.axes, self.marginals, strict=True):
+            if isinstance(marginal, OfStiffness) and not axis.logarithmic:
+                raise ModelError(
+                    f"prior of {axis.name}: found {marginal!r}; expected a prior on {axis.label} itself, which is not "
+                    "the logarithm of a stiffness; give it without OfStiffness"
+                )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,8 +122,8 @@ class JointPrior:
 
     @property
     def gaussian(self) -> bool:
-        """Whether ln p is −½ Σ precision·(θ − mean)² and a constant inside the support: no marginal is of one's own."""
-        return not any(isinstance(m, OwnMarginal) for m in self.all_marginals)
+        """Whether ln p is −½ Σ precision·(θ − mean)² and a constant inside the support: each normal or uniform in θ."""
+        return all(isinstance(m, Normal | Uniform) for m in self.all_marginals)
 
     @property
     def mean(self) -> Array:
@@ -139,6 +152,8 @@ class JointPrior:
         for axis, marginal in zip(self.parametrisation.axes, self.marginals, strict=True):
             if axis.name == name and isinstance(marginal, Uniform):
                 return axis.value(marginal.low), axis.value(marginal.high)
+            if axis.name == name and isinstance(marginal, OfStiffness) and isinstance(marginal.given, Uniform):
+                return max(marginal.given.low, 0.0), marginal.given.high
         return None
 
     def joint(self, theta: ArrayLike) -> Array:

@@ -1,6 +1,7 @@
 """Measurements and their noise."""
 
-from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, ModalMeasurement
+from jointbayes.measurement.mode_data import Measurement, ModeMeasurement, ModeShapes, ModeValue, Observed
 from jointbayes.measurement.variance import CoherenceNoise, NoiseLaw, RelativeNoise
 from jointbayes.measurement.virtual.synthetic import synthesise_frf
 
@@ -9,7 +10,12 @@ __all__ = [
     "FrequencyMeasurement",
     "FrfMeasurement",
     "Measurement",
+    "ModalMeasurement",
+    "ModeMeasurement",
+    "ModeShapes",
+    "ModeValue",
     "NoiseLaw",
+    "Observed",
     "RelativeNoise",
     "synthesise_frf",
 ]

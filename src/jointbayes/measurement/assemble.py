@@ -17,7 +17,8 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.measurement.channels import ChannelMap, map_records
-from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement.mode_data import Measurement
 from jointbayes.measurement.formats import in_band, iter_records, join_frfs
 from jointbayes.measurement.modal.fit import fit_modes, identify_modes
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource

@@ -11,7 +11,7 @@ from jointbayes.frf import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.frf_set import read_only
 from jointbayes.measurement.provenance import Provenance
 
-__all__ = ["FrequencyMeasurement", "FrfMeasurement", "Measurement"]
+__all__ = ["FrequencyMeasurement", "FrfMeasurement", "ModalMeasurement"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,8 +75,60 @@ class FrfMeasurement:
         return replace(self, frf=self.frf.select(outputs, inputs), variance=self.variance[:, rows][:, :, columns])
 
 
+class ModalMeasurement:
+    """What a list of natural frequencies and a table of modes have in common: values of modes, each with its sd.
+
+    Natural frequencies stand in `frequency_hz`, shape (n,), with their `sd_hz`; what enters the likelihood, these or
+    more, in `values` and `sd`, shape (m,).
+    """
+
+    __slots__ = ()
+    frequency_hz: NDArray[np.float64]
+    sd_hz: NDArray[np.float64]
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Measured values, shape (m,)."""
+        return self.frequency_hz
+
+    @property
+    def sd(self) -> NDArray[np.float64]:
+        """Their standard deviations, shape (m,)."""
+        return self.sd_hz
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Number of each mode, from 1, as far as the data state it: the place of its natural frequency."""
+        return tuple(range(1, self.frequency_hz.size + 1))
+
+    @property
+    def lowest(self) -> bool:
+        """Whether they are the lowest modes, each of them, in rising order."""
+        return True
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """DOFs at which something was measured."""
+        return ()
+
+    @property
+    def top_hz(self) -> float:
+        """Highest frequency, Hz."""
+        return float(self.frequency_hz.max())
+
+    @property
+    def joint_frf(self) -> None:
+        """None: modes come without FRFs at the joint."""
+        return
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.float64], ...]:
+        """All numbers that were measured or stated."""
+        return self.frequency_hz, self.sd_hz
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class FrequencyMeasurement:
+class FrequencyMeasurement(ModalMeasurement):
     """Measured natural frequencies, lowest first, with standard deviations; both shape (n,), Hz.
 
     `provenance` as in `FrfMeasurement`.
@@ -110,15 +162,6 @@ class FrequencyMeasurement:
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
         return f"FrequencyMeasurement({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
 
-    @property
-    def top_hz(self) -> float:
-        """Highest frequency, Hz."""
-        return float(self.frequency_hz[-1])
-
-    @property
-    def joint_frf(self) -> None:
-        """None: natural frequencies come without FRFs at the joint."""
-        return
-
-
-Measurement = FrfMeasurement | FrequencyMeasurement
+    def with_values(self, values: NDArray[np.float64]) -> "FrequencyMeasurement":
+        """The same with other frequencies, shape (n,), Hz."""
+        return FrequencyMeasurement(values, self.sd_hz)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.identification import refine
-from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, Uniform
+from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Uniform
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.draws import PosteriorDraws
@@ -69,7 +69,7 @@ class WidenedPosterior:
 def widened_prior(prior: JointPrior) -> JointPrior:
     """The prior with each marginal of the joint a decade wider on each side.
 
-    Bounds of a logarithm move by ln 10; a normal's standard deviation grows so that its 95 % range grows by a decade on
+    Bounds of a logarithm, or of a stiffness itself, move by ln 10; a normal's standard deviation grows so that its 95 % range grows by a decade on
     each side. A bounded coordinate such as ρ becomes uniform over all that is possible; one that is neither reaches ten
     times as far from its middle.
     """
@@ -87,6 +87,9 @@ def _wider(axis: Coordinate, marginal: Marginal) -> Marginal:
         return Normal(marginal.mean, 10 * marginal.sd)
     if isinstance(marginal, Uniform):
         return Uniform(marginal.low - DECADE, marginal.high + DECADE)
+    if isinstance(marginal, OfStiffness) and isinstance(marginal.given, Uniform):
+        factor = math.exp(DECADE)
+        return OfStiffness(Uniform(max(marginal.given.low, 0.0) / factor, marginal.given.high * factor))
     return Normal(marginal.mean, marginal.sd + DECADE / _NORMAL_95)
 
 
@@ -112,14 +115,16 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
     names = prior.parametrisation.names
     marginals = zip(names, prior.marginals, widened_prior(prior).marginals, strict=True)
     for column, (name, stated, wider) in enumerate(marginals):
-        if not isinstance(stated, Uniform) or not isinstance(wider, Uniform):
+        if prior.bounds_of(name) is None:
             continue
-        draws = theta[:, column]
-        edge = _EDGE * min(DECADE, stated.high - stated.low)
-        below, above = (draws < stated.low + edge).mean(), (draws > stated.high - edge).mean()
-        if below / edge * (stated.low - wider.low) > REACH:
+        draws, (low, high), (least, most) = theta[:, column], stated.support, wider.support
+        edge = _EDGE * min(DECADE, high - low)
+        below, above = (draws < low + edge).mean(), (draws > high - edge).mean()
+        # a prior that is uniform in k keeps its density in k: of ln k it grows on beyond the upper end
+        beyond = math.expm1(most - high) if isinstance(stated, OfStiffness) else most - high
+        if math.isfinite(low) and below / edge * (low - least) > REACH:
             within_reach.append((name, "lower"))
-        if above / edge * (wider.high - stated.high) > REACH:
+        if above / edge * beyond > REACH:
             within_reach.append((name, "upper"))
     return tuple(within_reach)
 

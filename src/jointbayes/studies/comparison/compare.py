@@ -179,5 +179,7 @@ def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
             continue
         place = (draws[:, i] - low[i]) / (high[i] - low[i])
         shares = {"low": float((place < _EDGE).mean()), "high": float((place > 1 - _EDGE).mean())}
-        edges += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * _EDGE]
+        below, within = marginal.cdf(low[i] + np.array([_EDGE, 1 - _EDGE]) * (high[i] - low[i])).tolist()
+        before = {"low": max(below, _EDGE), "high": max(1 - within, _EDGE)}
+        edges += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * before[side]]
     return tuple(edges)

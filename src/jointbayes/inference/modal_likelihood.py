@@ -1,4 +1,4 @@
-"""Likelihood of natural frequencies."""
+"""Likelihood of natural frequencies, and of what else is known of modes."""
 
 import math
 from collections.abc import Sequence
@@ -7,28 +7,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies
 from jointbayes.frf.ports import as_factors
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
+from jointbayes.inference.modes import ModalModel
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import symmetric_changes
-from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.measurement import ModalMeasurement
 
-__all__ = ["FrequencyLikelihood"]
+__all__ = ["ModalLikelihood"]
 
 Array = NDArray[np.float64]
 
 
-class FrequencyLikelihood(Likelihood):
-    """Independent Gaussian likelihood of the lowest natural frequencies.
+class ModalLikelihood(Likelihood):
+    """Independent Gaussian likelihood of natural frequencies, and of what else is known of modes.
 
     Parameters
     ----------
     model
-        Predicts as many frequencies as were measured.
+        Predicts as many values as were measured.
     measurement
-        Frequencies with standard deviations.
+        Values with standard deviations.
     names
         Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
     noise
@@ -42,12 +42,12 @@ class FrequencyLikelihood(Likelihood):
 
     def __init__(
         self,
-        model: NaturalFrequencies,
-        measurement: FrequencyMeasurement,
+        model: ModalModel,
+        measurement: ModalMeasurement,
         names: Sequence[str] = (),
         noise: NoiseModel | None = None,
     ) -> None:
-        self._model, self._measured, self._sd = model, measurement.frequency_hz, measurement.sd_hz
+        self._model, self._measured, self._sd = model, measurement.values, measurement.sd
         noise = noise or GaussianNoise(1)
         if not noise.needs_chi2_only:
             raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
@@ -59,6 +59,7 @@ class FrequencyLikelihood(Likelihood):
         matrices = np.asarray(stiffness, dtype=float)
         known = as_factors(factors, len(matrices))
         chi2 = 0.5 * (self.standardised(matrices, known) ** 2).sum(axis=-1)
+        chi2[np.isnan(chi2)] = np.inf  # a shape relative to a DOF at rest
         return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
 
     def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
@@ -75,10 +76,10 @@ class FrequencyLikelihood(Likelihood):
         return z / self.hyper(factors) if self.hyper_count else z
 
     def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
-        """Natural frequencies, shape (batch, n), Hz."""
+        """Natural frequencies in Hz, and what else was measured, shape (batch, n)."""
         matrices = np.asarray(stiffness, dtype=float)
         structural = self._structural(as_factors(factors, len(matrices)))
-        return self._model.frequency_hz(matrices, structural)
+        return self._model.modal_values(matrices, structural)
 
     def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, n)."""
@@ -108,9 +109,9 @@ class FrequencyLikelihood(Likelihood):
         structural, scale = self._structural(known), 1.0
         if self.hyper_count:
             (scale,) = self.hyper(known)[0]
-        value, derivative = self._model.tangent(stiffness, directions, structural)
+        value, derivative = self._model.modal_tangent(stiffness, directions, structural)
         moved = moved_factors(structural)
-        up, down = np.split(self._model.frequency_hz(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
+        up, down = np.split(self._model.modal_values(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
         slope = np.concatenate([derivative, (up - down) / (2 * STEP), np.zeros((self.hyper_count, value.size))])
         sd = scale * self._sd
         return (value - self._measured) / sd, (slope / sd).T

@@ -1,0 +1,306 @@
+"""Modes as data: natural frequencies, damping ratios and shapes of one or several repetitions of a modal test."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError, array_of
+from jointbayes.frf.frf_set import read_only
+from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, ModalMeasurement
+from jointbayes.measurement.provenance import Provenance
+
+__all__ = ["Match", "Measurement", "ModeMeasurement", "ModeShapes", "ModeValue", "Observed"]
+
+Array = NDArray[np.float64]
+Match = Literal["number", "shape"]
+#: What a value of a mode is, in the order in which they come.
+ModeQuantity = Literal["frequency", "eigenvalue", "damping", "shape"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """Values with the standard deviations of their errors, which are independent; NaN where nothing was observed.
+
+    Parameters
+    ----------
+    values
+        Observed values, one row for each repetition of the test; of a single repetition without that axis.
+    sd
+        Standard deviation of each, or of all repetitions alike: any shape that broadcasts to that of the values.
+    """
+
+    values: Array
+    sd: Array
+
+    def rows(self, shape: tuple[int, ...], what: str) -> "Observed":
+        """The same with one row for each repetition, shape (repetitions, *shape); checked.
+
+        Raises
+        ------
+        MeasurementError
+            If shapes do not agree, nothing was observed, or a standard deviation is not positive.
+        """
+        values = array_of(self.values, float, what, MeasurementError)
+        given, values = values.shape, values[None] if values.ndim == len(shape) else values
+        if values.shape[1:] != shape or len(values) == 0:
+            expected = f"(repetitions, {', '.join(map(str, shape))})"
+            raise MeasurementError(f"{what}: found values of shape {given}; expected {expected}; correct them")
+        stated = array_of(self.sd, float, f"{what}: sd", MeasurementError)
+        try:
+            sd = np.broadcast_to(stated, values.shape)
+        except ValueError:
+            raise MeasurementError(
+                f"{what}: found standard deviations of shape {stated.shape}; expected one for each value, shape "
+                f"{values.shape}, or one for all; correct them"
+            ) from None
+        seen = ~np.isnan(values)
+        if not np.isfinite(values[seen]).all() or not seen.any():
+            raise MeasurementError(f"{what}: found no finite value, or infinity; expected numbers, NaN where none is")
+        if not (np.isfinite(sd[seen]).all() and (sd[seen] > 0).all()):
+            raise MeasurementError(f"{what}: found a standard deviation that is not above 0; expected one; correct it")
+        return Observed(read_only(values), read_only(np.where(seen, sd, np.nan)))
+
+    def mean(self) -> tuple[Array, Array]:
+        """Weighted mean over repetitions and its standard deviation; NaN where nothing was observed."""
+        weight = np.where(np.isnan(self.values), 0.0, 1 / self.sd**2)
+        total = weight.sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.nansum(weight * self.values, axis=0) / total, 1 / np.sqrt(total)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeShapes:
+    """Components of mode shapes relative to that at a reference DOF, which is 1.
+
+    Parameters
+    ----------
+    dofs
+        Labels of the p DOFs.
+    reference
+        Label of the reference DOF; or one for each mode, where no DOF moves in all of them.
+    components
+        φ(DOF)/φ(reference), shape (repetitions, n, p) or (n, p).
+    """
+
+    dofs: tuple[str, ...]
+    reference: str | tuple[str, ...]
+    components: Observed
+
+
+@dataclass(frozen=True, slots=True)
+class ModeValue:
+    """What one number of a modal test is.
+
+    Parameters
+    ----------
+    quantity
+        A natural frequency (Hz), its eigenvalue (rad²/s²), a damping ratio, or a component of a shape.
+    mode, dof
+        Place of the mode among the measured ones, and of the DOF among those of the shapes, from 0.
+    repetition
+        Repetition of the test, from 0.
+    """
+
+    quantity: ModeQuantity
+    mode: int
+    dof: int
+    repetition: int
+
+
+@dataclass(frozen=True, eq=False)
+class ModeMeasurement(ModalMeasurement):
+    """Modes from a modal test, or from several repetitions of it.
+
+    Parameters
+    ----------
+    frequency
+        Natural frequencies, shape (repetitions, n) or (n,), Hz; or the eigenvalues (2πf)², rad²/s².
+    damping
+        Damping ratios, shape (repetitions, n) or (n,).
+    shapes
+        Mode shapes.
+    numbers
+        Number of each measured mode among those of the structure with its joint, from 1; by default the lowest n.
+    match
+        Whether the mode of that ``"number"`` is compared with the measured one, or the one that has the nearest
+        ``"shape"`` (by the modal assurance criterion), whatever joint changes their order.
+    eigenvalues
+        Whether `frequency` holds eigenvalues: their errors are then the normal ones.
+    provenance
+        Where the data come from, as in `FrfMeasurement`.
+
+    Raises
+    ------
+    MeasurementError
+        If shapes of arrays disagree, a number is impossible, or modes are to be matched by shapes that are not given.
+
+    Examples
+    --------
+    >>> frequency = Observed([[12.1, 31.4], [12.2, 31.6]], 0.1)
+    >>> ratio = Observed([[[0.62], [-1.60]], [[0.61], [-1.63]]], 0.02)
+    >>> ModeMeasurement(frequency, shapes=ModeShapes(("1:x",), "2:x", ratio))
+    ModeMeasurement(2 modes, 2 repetitions: 12.15, 31.5 Hz; shapes at 1:x over 2:x)
+    """
+
+    frequency: Observed
+    damping: Observed | None = None
+    shapes: ModeShapes | None = None
+    numbers: tuple[int, ...] = ()  # type: ignore[assignment]
+    match: Match = "number"
+    eigenvalues: bool = False
+    provenance: Provenance | None = None
+
+    def __post_init__(self) -> None:
+        what = "eigenvalues" if self.eigenvalues else "natural frequencies"
+        given = array_of(self.frequency.values, float, what, MeasurementError)
+        n = given.shape[-1] if given.ndim else 0
+        object.__setattr__(self, "frequency", self.frequency.rows((n,), what))
+        seen = self.frequency.values
+        if np.isnan(seen).all(axis=0).any() or (seen <= 0).any():
+            raise MeasurementError(
+                f"{what}: found a mode without any, or one that is not above 0; expected one above 0 for each mode; "
+                "leave out modes of which only the shape is known"
+            )
+        object.__setattr__(self, "numbers", tuple(map(int, self.numbers)) or tuple(range(1, n + 1)))
+        if len(self.numbers) != n or len(set(self.numbers)) != n or min(self.numbers) < 1:
+            raise MeasurementError(
+                f"mode numbers: found {self.numbers} for {n} modes; expected a different one, from 1, for each"
+            )
+        if self.damping is not None:
+            damping = self.damping.rows((n,), "damping ratios")
+            object.__setattr__(self, "damping", damping)
+            if not (np.nan_to_num(damping.values) < 1).all() or (damping.values < 0).any():
+                raise MeasurementError("damping ratios: found one outside 0 to 1; expected ratios, 0.01 for 1 %")
+        if self.shapes is not None:
+            object.__setattr__(self, "shapes", _checked(self.shapes, n))
+        if self.match not in ("number", "shape") or (self.match == "shape" and self.shapes is None):
+            raise MeasurementError(
+                f'modes: found match = "{self.match}"{"" if self.shapes else " without shapes"}; expected "number", or '
+                '"shape" where shapes are given; correct it'
+            )
+
+    def __repr__(self) -> str:
+        listed = ", ".join(f"{f:.4g}" for f in self.frequency_hz)
+        count = len(self.frequency.values)
+        more = f", {count} repetitions" if count > 1 else ""
+        shapes = "; damping ratios" if self.damping is not None else ""
+        if self.shapes is not None:
+            reference = ", ".join(dict.fromkeys(self.references))
+            shapes += f"; shapes at {', '.join(self.shapes.dofs)} over {reference}"
+        return f"ModeMeasurement({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
+
+    @cached_property
+    def _mean(self) -> tuple[Array, Array]:
+        """Mean natural frequencies and their standard deviations, Hz."""
+        mean, sd = self.frequency.mean()
+        if not self.eigenvalues:
+            return mean, sd
+        frequency = np.sqrt(mean) / (2 * np.pi)
+        return frequency, sd / (8 * np.pi**2 * frequency)
+
+    @property
+    def frequency_hz(self) -> Array:  # type: ignore[override]
+        """Natural frequencies, weighted means over repetitions, shape (n,), Hz."""
+        return self._mean[0]
+
+    @property
+    def sd_hz(self) -> Array:  # type: ignore[override]
+        """Their standard deviations, shape (n,), Hz."""
+        return self._mean[1]
+
+    @property
+    def lowest(self) -> bool:
+        """Whether they are the lowest modes, each of them, in rising order."""
+        rising = bool((np.diff(self.frequency_hz) > 0).all())
+        return self.match == "number" and rising and self.numbers == tuple(range(1, len(self.numbers) + 1))
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Reference DOF of each mode, shape (n,); empty without shapes."""
+        if self.shapes is None:
+            return ()
+        given = self.shapes.reference
+        return (given,) * len(self.numbers) if isinstance(given, str) else given
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """DOFs of the shapes and their references, each once."""
+        return tuple(dict.fromkeys((*(self.shapes.dofs if self.shapes else ()), *self.references)))
+
+    @property
+    def _parts(self) -> tuple[tuple[ModeQuantity, Observed | None], ...]:
+        return (
+            ("eigenvalue" if self.eigenvalues else "frequency", self.frequency),
+            ("damping", self.damping),
+            ("shape", self.shapes.components if self.shapes else None),
+        )
+
+    @cached_property
+    def observed(self) -> tuple[ModeValue, ...]:
+        """What each of `values` is."""
+        found = []
+        for quantity, part in self._parts:
+            for repetition, mode, *dof in np.argwhere(~np.isnan(part.values)).tolist() if part else ():
+                found.append(ModeValue(quantity, mode, dof[0] if dof else 0, repetition))
+        return tuple(found)
+
+    @cached_property
+    def values(self) -> Array:
+        """All that was observed, in the order of `observed`, shape (m,)."""
+        return np.concatenate([part.values[~np.isnan(part.values)] for _, part in self._parts if part])
+
+    @cached_property
+    def sd(self) -> Array:
+        """Standard deviations of `values`, shape (m,)."""
+        return np.concatenate([part.sd[~np.isnan(part.values)] for _, part in self._parts if part])
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """All numbers that were measured or stated."""
+        return tuple(array for _, part in self._parts if part for array in (part.values, part.sd))
+
+    def with_values(self, values: Array) -> "ModeMeasurement":
+        """The same with other values, in the order of `observed`, shape (m,)."""
+        parts, start = [], 0
+        for _, part in self._parts:
+            if part is None:
+                parts.append(None)
+                continue
+            changed, seen = np.array(part.values), ~np.isnan(part.values)
+            changed[seen] = values[start : start + seen.sum()]
+            start += int(seen.sum())
+            parts.append(Observed(changed, part.sd))
+        frequency, damping, components = parts
+        assert frequency is not None
+        shapes = replace(self.shapes, components=components) if self.shapes and components else None
+        return replace(self, frequency=frequency, damping=damping, shapes=shapes)
+
+
+def _checked(shapes: ModeShapes, n: int) -> ModeShapes:
+    """Shapes of n modes with one row for each repetition.
+
+    Raises
+    ------
+    MeasurementError
+        If shapes of arrays disagree, or references are not one or one for each mode.
+    """
+    dofs = tuple(shapes.dofs)
+    reference = shapes.reference if isinstance(shapes.reference, str) else tuple(shapes.reference)
+    if not dofs or len(set(dofs)) != len(dofs):
+        raise MeasurementError(f"mode shapes: found DOFs {dofs}; expected one or more, each once; correct them")
+    if not isinstance(reference, str) and len(reference) != n:
+        raise MeasurementError(
+            f"mode shapes: found {len(reference)} reference DOFs for {n} modes; expected one, or one for each mode"
+        )
+    if isinstance(reference, str) and reference in dofs:
+        raise MeasurementError(
+            f'mode shapes: found the reference DOF "{reference}" among the DOFs; expected it to be none of them, since '
+            "its component is 1; leave it out"
+        )
+    return ModeShapes(dofs, reference, shapes.components.rows((n, len(dofs)), "mode shapes"))
+
+
+Measurement = FrfMeasurement | FrequencyMeasurement | ModeMeasurement

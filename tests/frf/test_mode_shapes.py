@@ -1,0 +1,91 @@
+"""Frequencies, damping ratios and shapes of the assembled structure, against eigenproblems of the test's own."""
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import AssembledShapes
+from jointbayes.joint import Joint
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section
+from jointbayes.structure import Structure
+from tests.conftest import CLAMP, rod
+
+STIFF = np.array([[3e6, 2e4], [2e4, 4e3]])
+DOFS = ("1:y", "4:y", "8:rz", "11:y")
+
+
+def assembled(structure: Structure, matrix: np.ndarray) -> np.ndarray:
+    whole = structure.stiffness.copy()
+    place = structure.index(CLAMP.dofs)
+    whole[np.ix_(place, place)] += matrix
+    return whole
+
+
+def test_frequencies_and_shapes_are_those_of_the_assembled_matrices():
+    structure = rod()
+    model = AssembledShapes(structure, CLAMP, DOFS, 4)
+    batch = np.array([STIFF, 1e4 * STIFF, 1e-3 * STIFF])
+    modal = model.modes(batch)
+    for i, matrix in enumerate(batch):
+        lam, shapes = linalg.eigh(assembled(structure, matrix), structure.mass)
+        np.testing.assert_allclose(modal.frequency_hz[i], np.sqrt(lam[:4]) / (2 * np.pi), rtol=1e-7)
+        seen = shapes[structure.index(DOFS), :4].T
+        sign = np.sign((seen * modal.shapes[i]).sum(axis=1))
+        scale = np.abs(seen).max(axis=1, keepdims=True)
+        assert np.abs(modal.shapes[i] * sign[:, None] - seen).max() < 1e-6 * scale.max()
+    np.testing.assert_array_equal(modal.damping_ratio, 0.01)
+
+
+@pytest.mark.parametrize("law", [LossFactor(2e-3), Rayleigh(3.0, 2e-6)])
+def test_damping_ratios_are_those_of_the_complex_eigenvalues(law):
+    structure = rod(damping=law)
+    found = AssembledShapes(structure, CLAMP, (), 4).modes(STIFF).damping_ratio[0]
+    alone, whole, n = structure.stiffness, assembled(structure, STIFF), structure.n_dofs
+    if isinstance(law, LossFactor):
+        lam = linalg.eigvals(whole + 2e-3j * alone, structure.mass)
+        poles = 1j * np.sqrt(lam)
+    else:
+        damping = 3.0 * structure.mass + 2e-6 * alone
+        zero, one = np.zeros((n, n)), np.eye(n)
+        first = np.block([[zero, one], [-whole, -damping]])
+        second = np.block([[one, zero], [zero, structure.mass]])
+        poles = linalg.eigvals(first, second)
+        poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(np.abs(poles))][:4]
+    np.testing.assert_allclose(found, np.abs(poles.real) / np.abs(poles), rtol=1e-4)
+
+
+@pytest.mark.parametrize("law", [ModalDamping((0.01, 0.02)), LossFactor(0.01), Rayleigh(3.0, 2e-6)])
+def test_the_derivative_is_that_of_differences(law):
+    model = AssembledShapes(rod(damping=law), CLAMP, DOFS, 4)
+    directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
+    here, slope = model.tangent(STIFF, directions)
+    step = 1e-4
+    up, down = (model.modes(STIFF + sign * step * directions) for sign in (1, -1))
+    for name in ("frequency_hz", "damping_ratio"):
+        difference = (getattr(up, name) - getattr(down, name)) / (2 * step)
+        np.testing.assert_allclose(getattr(slope, name), difference, rtol=2e-5, atol=1e-7 * np.abs(difference).max())
+    signs = [np.sign((one.shapes * here.shapes).sum(axis=2, keepdims=True)) for one in (up, down)]
+    difference = (up.shapes * signs[0] - down.shapes * signs[1]) / (2 * step)
+    np.testing.assert_allclose(slope.shapes, difference, atol=2e-5 * np.abs(difference).max())
+
+
+def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
+    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=10)
+    family = BeamFamily(recipe, {"youngs_modulus": (-0.2, 0.2), "loss_factor": (-1.0, 1.0)})
+    factors = np.array([1.1, 2.0])
+    found = AssembledShapes(family, CLAMP, DOFS, 3).modes(STIFF, factors)
+    structure = family.structure(factors)
+    own = AssembledShapes(structure, CLAMP, DOFS, 3).modes(STIFF)
+    np.testing.assert_allclose(found.frequency_hz, own.frequency_hz, rtol=1e-6)
+    np.testing.assert_allclose(found.damping_ratio, own.damping_ratio, rtol=1e-5)
+    np.testing.assert_allclose(found.shapes[..., 3] / found.shapes[..., 1], own.shapes[..., 3] / own.shapes[..., 1], rtol=1e-5)
+
+
+def test_more_modes_than_dofs_and_dofs_that_do_not_exist_are_refused():
+    chain = Structure(np.array([[2.0, -1.0], [-1.0, 1.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
+    with pytest.raises(ModelError, match="found a count of 3; expected 1 to 2"):
+        AssembledShapes(chain, Joint(("1:x",)), (), 3)
+    with pytest.raises(ModelError, match="'3:x'"):
+        AssembledShapes(chain, Joint(("1:x",)), ("3:x",), 1)

@@ -1,0 +1,116 @@
+"""Likelihood of modes: against values of the test's own, matching, and the Jacobian that the search uses."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import linalg, stats
+
+from jointbayes.frf import AssembledShapes
+from jointbayes.inference import likelihood_of
+from jointbayes.inference.modes import ModePrediction, mac
+from jointbayes.joint import Joint
+from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
+from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
+from tests.conftest import CLAMP, rod
+
+NAN = float("nan")
+MASSES = np.diag([2.0, 1.0, 1.5])
+SPRINGS = np.array([[700.0, -700.0, 0.0], [-700.0, 1200.0, -500.0], [0.0, -500.0, 500.0]])
+CHAIN = Structure(SPRINGS, MASSES, ModalDamping((0.01, 0.02)), ("1:x", "2:x", "3:x"))
+GROUND = Joint(("1:x",))
+STIFF = np.array([[3e6, 2e4], [2e4, 4e3]])
+
+
+def modes(k: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and shapes (mode, mass) of the chain whose first mass is held by k."""
+    whole = SPRINGS.copy()
+    whole[0, 0] += k
+    lam, shapes = linalg.eigh(whole, MASSES)
+    return lam, shapes.T
+
+
+def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
+    rng = np.random.default_rng(3)
+    frequency = Observed(rng.uniform(2, 8, (2, 3)), np.array([[0.1, 0.2, 0.3]]))
+    damping = Observed(np.array([0.02, NAN, 0.01]), np.array([1e-3, 1.0, 2e-3]))
+    components = rng.normal(size=(2, 3, 2))
+    components[1, 0, 1] = NAN
+    shapes = ModeShapes(("3:x", "1:x"), ("2:x", "2:x", "2:x"), Observed(components, 0.1))
+    measured = ModeMeasurement(frequency, damping, shapes)
+    likelihood = likelihood_of(CHAIN, GROUND, measured)
+    for k in (300.0, 4e4):
+        lam, phi = modes(k)
+        expected = stats.norm.logpdf(frequency.values, np.sqrt(lam) / (2 * np.pi), frequency.sd).sum()
+        expected += np.nansum(stats.norm.logpdf(damping.values, [0.01, 0.02, 0.02], damping.sd))
+        ratio = (phi[:, [2, 0]] / phi[:, [1]])[None]
+        expected += np.nansum(stats.norm.logpdf(components, ratio, 0.1))
+        assert likelihood.log_likelihood(np.array([[[k]]]))[0] == pytest.approx(expected, rel=1e-9)
+        assert likelihood.n_data == 6 + 2 + 11
+
+
+def test_eigenvalues_are_compared_as_eigenvalues():
+    lam, _ = modes(900.0)
+    measured = ModeMeasurement(Observed(1.1 * lam, 0.2 * lam), eigenvalues=True)
+    likelihood = likelihood_of(CHAIN, GROUND, measured)
+    np.testing.assert_allclose(likelihood.standardised([[[900.0]]])[0], -0.5, rtol=1e-9)
+
+
+def test_a_mode_is_compared_with_the_one_of_its_number():
+    lam, _ = modes(900.0)
+    f = np.sqrt(lam) / (2 * np.pi)
+    measured = ModeMeasurement(Observed(f[[2, 0]], 0.1), numbers=(3, 1))
+    likelihood = likelihood_of(CHAIN, GROUND, measured)
+    np.testing.assert_allclose(likelihood.predicted([[[900.0]]])[0], f[[2, 0]], rtol=1e-9)
+
+
+def test_modes_are_matched_by_shape_where_the_joint_changes_their_order():
+    # two masses held by a spring each: which mode is the lower one depends on the joint
+    apart = Structure(np.diag([0.0, 400.0]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
+    shapes = ModeShapes(("1:x",), "2:x", Observed(np.array([[1e-3], [2e3]]), 1.0))
+    frequency = Observed(np.sqrt([400.0, 900.0]) / (2 * np.pi), 0.1)
+    measured = ModeMeasurement(frequency, shapes=shapes, match="shape")
+    prediction = ModePrediction(as_family(apart), Joint(("1:x",)), measured)
+    for k, order in ((900.0, [0, 1]), (100.0, [1, 0])):
+        modal, places = prediction.matched([[[k]]])
+        assert places.tolist() == [order]
+        np.testing.assert_allclose(2 * np.pi * modal.frequency_hz[0], [20.0, math.sqrt(k)], rtol=1e-9)
+
+
+def test_mac_is_one_for_proportional_shapes_and_zero_for_orthogonal_ones_and_passes_over_what_was_not_measured():
+    measured = np.array([[1.0, 2.0, NAN], [2.0, -1.0, 0.0]])
+    predicted = np.array([[-2.0, -4.0, 7.0], [2.0, -1.0, 0.0]])
+    np.testing.assert_allclose(mac(measured, predicted), [[1.0, 0.0], [0.0, 1.0]], atol=1e-15)
+
+
+def test_a_reference_that_does_not_move_is_infinitely_unlikely_and_no_error():
+    # the masses do not know of each other: in either mode one is at rest, to rounding or exactly
+    alike = Structure(np.array([[5.0, 0.0], [0.0, 5.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
+    shapes = ModeShapes(("1:x",), "2:x", Observed(np.array([[0.5], [0.5]]), 0.1))
+    measured = ModeMeasurement(Observed(np.array([0.3, 0.4]), 0.1), shapes=shapes)
+    likelihood = likelihood_of(alike, Joint(("1:x",)), measured)
+    assert likelihood.log_likelihood([[[1.0]]])[0] < -1e30
+
+
+@pytest.mark.parametrize("match", ["number", "shape"])
+@pytest.mark.parametrize("eigenvalues", [False, True])
+def test_the_jacobian_of_the_residuals_is_that_of_differences(match, eigenvalues):
+    structure = rod(damping=LossFactor(0.01))
+    modal = AssembledShapes(structure, CLAMP, ("3:y", "7:y", "11:y"), 3).modes(STIFF)
+    frequency = (2 * np.pi * modal.frequency_hz) ** 2 if eigenvalues else modal.frequency_hz
+    shapes = ModeShapes(("3:y", "7:y"), "11:y", Observed(modal.shapes[:, :, :2] / modal.shapes[:, :, 2:], 0.01))
+    measured = ModeMeasurement(
+        Observed(1.01 * frequency, 0.01 * frequency),
+        Observed(modal.damping_ratio, 1e-4),
+        shapes,
+        match=match,
+        eigenvalues=eigenvalues,
+    )
+    likelihood = likelihood_of(structure, CLAMP, measured)
+    directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
+    residual, jacobian = likelihood.residuals(STIFF, directions, np.ones(0))
+    np.testing.assert_allclose(residual, likelihood.standardised(STIFF[None])[0], rtol=1e-12)
+    step = 1e-4
+    up, down = (likelihood.standardised(STIFF + sign * step * directions) for sign in (1, -1))
+    difference = ((up - down) / (2 * step)).T
+    assert np.abs(jacobian - difference).max() < 1e-5 * np.abs(difference).max()

@@ -1,0 +1,110 @@
+"""Two masses on two springs: the joint posterior of both stiffnesses, against a grid and an eigenproblem of its own.
+
+Ground – k1 – m1 – k2 – m2, as in Beck & Au (2002) and many tutorials of model updating: repeated observations of both
+eigenvalues and of the ratio of the components of each mode, uniform priors on the stiffnesses themselves.
+"""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from jointbayes.inference import JointPrior, OfStiffness, Problem, Uniform
+from jointbayes.joint import Joint, blocks_of, parametrisation_named
+from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
+from jointbayes.sampling import SamplerSettings
+from jointbayes.structure import ModalDamping, Structure
+from jointbayes.workflow import find_map, sample
+
+pytestmark = pytest.mark.science
+
+M1, M2 = 16.5e3, 16.1e3  # kg
+LOW, HIGH = 5e6, 60e6  # N/m
+REPEATS = 5
+
+Array = NDArray[np.float64]
+
+
+def eigenpairs(k1: Array, k2: Array) -> tuple[Array, Array]:
+    """Eigenvalues λ and ratios φ1/φ2 of both modes, each shape (2, …): roots of the quadratic, written out."""
+    # (k1 + k2 − λ m1)(k2 − λ m2) = k2²
+    half = ((k1 + k2) * M2 + k2 * M1) / (2 * M1 * M2)
+    root = np.sqrt(half**2 - k1 * k2 / (M1 * M2))
+    lam = np.stack([half - root, half + root])
+    return lam, 1 - lam * M2 / k2  # second row: −k2 φ1 + (k2 − λ m2) φ2 = 0
+
+
+def observed(seed: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Truth, and observations of λ and φ1/φ2 with their standard deviations, shape (repetitions, 2)."""
+    rng = np.random.default_rng([13, seed])
+    k = rng.uniform(15e6, 45e6, 2)
+    lam, ratio = eigenpairs(*k)
+    sd_lam, sd_ratio = 0.05 * lam, np.full(2, 0.08)
+    shape = (REPEATS, 2)
+    return k, rng.normal(lam, sd_lam, shape), sd_lam, rng.normal(ratio, sd_ratio, shape), sd_ratio
+
+
+def on_a_grid(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array, n: int = 1500) -> tuple[Array, Array, Array]:
+    """Mean, standard deviation and quantiles (2.5, 50, 97.5 %) of k1 and k2, uniform between LOW and HIGH."""
+
+    def log_likelihood(k1: Array, k2: Array) -> Array:
+        predicted, shape = eigenpairs(k1[:, None], k2[None, :])
+        total = np.zeros(predicted.shape[1:])
+        for mode in (0, 1):
+            for value, other in zip(lam[:, mode], ratio[:, mode], strict=True):
+                total -= 0.5 * ((value - predicted[mode]) / sd_lam[mode]) ** 2
+                total -= 0.5 * ((other - shape[mode]) / sd_ratio[mode]) ** 2
+        return total
+
+    ends = np.array([[LOW, HIGH], [LOW, HIGH]])
+    for _ in range(3):  # each time on the part that holds all but 1e-12 of the probability
+        k = [low + (np.arange(n) + 0.5) * (high - low) / n for low, high in ends]
+        value = log_likelihood(*k)
+        weight = np.exp(value - value.max())
+        weight /= weight.sum()
+        sides = [weight.sum(axis=1), weight.sum(axis=0)]
+        step = np.diff(ends, axis=1)[:, 0] / n
+        ends = np.array([
+            [one[some.min()] - d, one[some.max()] + d]
+            for one, side, d in zip(k, sides, step, strict=True)
+            for some in [np.flatnonzero(side > 1e-12)]
+        ])  # fmt: skip
+        ends = np.clip(ends, LOW, HIGH)
+    mean = np.array([one @ side for one, side in zip(k, sides, strict=True)])
+    sd = np.sqrt([(one - m) ** 2 @ side for one, m, side in zip(k, mean, sides, strict=True)])
+    quantiles = np.array([
+        np.interp([0.025, 0.5, 0.975], np.cumsum(side) - side / 2, one) for one, side in zip(k, sides, strict=True)
+    ])  # fmt: skip
+    return mean, sd, quantiles
+
+
+def problem_of(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array) -> Problem:
+    loose = Structure(np.zeros((2, 2)), np.diag([M1, M2]), ModalDamping((0.0,)), ("1:x", "2:x"))
+    joints = (Joint(("1:x",), name="ground"), Joint(("2:x",), ("1:x",), name="between"))
+    springs = blocks_of({joint.name: parametrisation_named("springs", ("x",)) for joint in joints})
+    prior = JointPrior(springs, (OfStiffness(Uniform(LOW, HIGH)),) * 2)
+    shapes = ModeShapes(("1:x",), "2:x", Observed(ratio[:, :, None], sd_ratio[:, None]))
+    measured = ModeMeasurement(Observed(lam, sd_lam), shapes=shapes, eigenvalues=True)
+    return Problem(loose, joints, measured, prior)
+
+
+def test_the_model_is_the_two_by_two_eigenproblem():
+    _, *data = observed(0)
+    problem = problem_of(*data)
+    k = np.array([[7e6, 55e6], [2e7, 3e7], [59e6, 6e6]])
+    predicted = problem.log_posterior.predicted(np.log(k)).reshape(3, 2, REPEATS, 2)
+    lam, ratio = eigenpairs(*k.T)
+    np.testing.assert_allclose(predicted[:, 0, 0], lam.T, rtol=1e-9)
+    np.testing.assert_allclose(predicted[:, 1, 0], ratio.T, rtol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_posterior_is_that_of_a_grid_to_one_per_cent_of_its_standard_deviation(seed):
+    truth, *data = observed(seed)
+    mean, sd, quantiles = on_a_grid(*data)
+    problem = problem_of(*data)
+    posterior = sample(problem, seed=seed, settings=SamplerSettings(tau_factor=100, end_tolerance=0.01))
+    assert posterior.converged
+    for i, name in enumerate(problem.parametrisation.stiffness_names):
+        values = posterior.values(name)
+        error = np.array([values.mean() - mean[i], values.std() - sd[i]]) / sd[i]
+        assert np.abs(error).max() < 0.01, (name, error)
