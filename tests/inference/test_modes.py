@@ -113,4 +113,4 @@ def test_the_jacobian_of_the_residuals_is_that_of_differences(match, eigenvalues
     step = 1e-4
     up, down = (likelihood.standardised(STIFF + sign * step * directions) for sign in (1, -1))
     difference = ((up - down) / (2 * step)).T
-    assert np.abs(jacobian - difference).max() < 1e-5 * np.abs(difference).max()
+    assert np.abs(jacobian - difference).max() < 1e-5 * np.abs(difference).max(), (jacobian, difference)

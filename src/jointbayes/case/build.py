@@ -50,6 +50,7 @@ from jointbayes.measurement import (
     FrequencyMeasurement,
     FrfMeasurement,
     Measurement,
+    ModalMeasurement,
     NoiseLaw,
     RelativeNoise,
     synthesise_frf,
@@ -237,8 +238,8 @@ def _quantities(spec: CaseSpec, recipe: StructureRecipe, measurement: Measuremen
 
 def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
-    if isinstance(measurement, FrequencyMeasurement):
-        return measurement.frequency_hz.size
+    if isinstance(measurement, ModalMeasurement):
+        return max(measurement.numbers)
     rigid = rigid_frequencies_hz(recipe, as_joints(joints_of(spec)), _MOST_MODES)
     return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
 

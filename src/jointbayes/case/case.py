@@ -36,7 +36,7 @@ from jointbayes.case.toml_text import fault_start, key_lines, line_of, read_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError
 from jointbayes.inference import Problem
 from jointbayes.joint import as_joints
-from jointbayes.measurement import FrequencyMeasurement, Measurement
+from jointbayes.measurement import Measurement, ModalMeasurement
 from jointbayes.sampling import SamplerSettings
 
 __all__ = ["Case", "case_around", "case_from_text", "load_case"]
@@ -95,8 +95,8 @@ class Case:
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
         """Measured natural frequencies, if the case holds any, Hz."""
         measured = self.problem.measurement
-        if isinstance(measured, FrequencyMeasurement):
-            return tuple(measured.frequency_hz.tolist())
+        if isinstance(measured, ModalMeasurement):
+            return tuple(measured.frequency_hz.tolist()) if measured.lowest else None
         reference = self.spec.reference
         return reference.natural_frequencies_hz if reference else None
 
@@ -104,8 +104,8 @@ class Case:
     def warnings(self) -> tuple[InputWarning, ...]:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         measured = self.problem.measurement
-        lines = measured.frequency_hz if isinstance(measured, FrequencyMeasurement) else measured.frf.frequency_hz
-        usual = input_warnings(self.spec, self.text, (float(lines[0]), float(lines[-1])))
+        lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
+        usual = input_warnings(self.spec, self.text, (float(lines.min()), float(lines.max())))
         # of the problem that the text states: another prior may be put in its place to a purpose
         return usual + truth_warnings(self.spec, self.text, self.stated.prior) if self.stated else usual
 

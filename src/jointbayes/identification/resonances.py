@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.measurement.modal.peaks import prominent_peaks
 
 __all__ = ["SharedResonances", "fit_resonance", "median_seen", "resonances_hz"]
@@ -41,10 +41,10 @@ def resonances_hz(measurement: Measurement) -> Array:
     Parameters
     ----------
     measurement
-        FRFs with variances, or natural frequencies.
+        FRFs with variances, natural frequencies, or modes.
     """
-    if isinstance(measurement, FrequencyMeasurement):
-        return np.array(measurement.frequency_hz)
+    if isinstance(measurement, ModalMeasurement):
+        return np.sort(measurement.frequency_hz)
     frequency = measurement.frf.frequency_hz
     if frequency.size < 3:
         return np.empty(0)

@@ -12,7 +12,7 @@ from jointbayes.frf import NaturalFrequencies
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem
-from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.measurement import ModalMeasurement
 from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.uncertain_quantities import is_damping_ratio
 
@@ -46,8 +46,9 @@ _SWEEPS = 2  # each mode is looked for with the others where they were last foun
 def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
     """Predicts the natural frequencies up to the end of the band of the problem's structures with its joint."""
     structures, measured = problem.structures, problem.measurement
-    if isinstance(measured, FrequencyMeasurement):
-        return NaturalFrequencies(structures, problem.joints, measured.frequency_hz.size)
+    if isinstance(measured, ModalMeasurement):
+        most = max(max(measured.numbers), min(measured.most_modes, problem.most_modes))
+        return NaturalFrequencies(structures, problem.joints, most)
     top = _SPARE * measured.top_hz
     most = structures.at(problem.joints.labels, top).nominal.n_dofs
     return NaturalFrequencies(structures, problem.joints, min(most, _MOST_MODES), top)
@@ -117,10 +118,10 @@ class _SetupMatch:
         measured = problem.measurement
         #: Resonances of the data, Hz.
         self.resonances_hz = resonances_hz(measured)
-        # measured natural frequencies are the lowest ones, each of them
-        self._complete = isinstance(measured, FrequencyMeasurement)
-        lines = measured.frequency_hz if isinstance(measured, FrequencyMeasurement) else measured.frf.frequency_hz
-        self._band = float(lines[0]), float(lines[-1])
+        # measured natural frequencies, and modes without other numbers, are the lowest ones, each of them
+        self._complete = isinstance(measured, ModalMeasurement) and measured.lowest
+        lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
+        self._band = float(lines.min()), float(lines.max())
         names, joint = problem.names, len(problem.parametrisation.names)
         quantities = problem.structures.names
         self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]

@@ -15,11 +15,13 @@ __all__ = ["ModalModel", "ModePrediction", "mac", "modal_model"]
 
 Array = NDArray[np.float64]
 
-_MORE = 3  # modes above the highest number stated, among which shapes are looked for
-
 
 class ModalModel(Protocol):
     """Predicts the values of a `ModalMeasurement` as a function of K^J."""
+
+    def modal_frequencies(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
+        ...
 
     def modal_values(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f)."""
@@ -84,11 +86,9 @@ class ModePrediction:
     def __init__(self, family: StructureFamily, joint: AnyJoint, measurement: ModeMeasurement) -> None:
         self._numbers = np.array(measurement.numbers) - 1
         self._dofs = measurement.dofs
-        count = max(measurement.numbers)
-        self._by_shape = measurement.match == "shape"
-        if self._by_shape:
-            dofs = len(family.at(joint.labels, family.reach_hz(count)).nominal.dofs)
-            count = max(count, min(count + _MORE, dofs - joint.size))
+        least, self._by_shape = max(measurement.numbers), measurement.match == "shape"
+        free = family.at(joint.labels, family.reach_hz(least)).nominal.n_dofs
+        count = max(least, min(measurement.most_modes, free - joint.size))
         self._model = AssembledShapes(family, joint, self._dofs, count)
         self._eigenvalues = measurement.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
@@ -103,6 +103,10 @@ class ModePrediction:
             [first[v.quantity] + (v.mode * p + v.dof if v.quantity == "shape" else v.mode) for v in measurement.observed],
             dtype=np.intp,
         )
+
+    def modal_frequencies(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+        """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
+        return self.matched(stiffness, factors)[0].frequency_hz
 
     def modal_values(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f).
@@ -133,7 +137,7 @@ class ModePrediction:
             value, change = here.shapes, moved.shapes
             reference, d_reference = self._at_reference(value), self._at_reference(change)
             ratio = value[:, :, self._shown] / reference
-            parts.append(((change[:, :, self._shown] - ratio * d_reference) / reference).reshape(len(frequency), -1))
+            parts.append(_in_rows((change[:, :, self._shown] - ratio * d_reference) / reference))
         return self._table(here)[0, self._place], np.hstack(parts)[:, self._place]
 
     def _partners(self, modal: Modal) -> NDArray[np.intp]:
@@ -141,7 +145,10 @@ class ModePrediction:
         if self._measured is None:
             return np.tile(self._numbers, (len(modal.frequency_hz), 1))
         likeness = mac(self._measured, modal.shapes)
-        return np.array([linear_sum_assignment(one, maximize=True)[1] for one in likeness], dtype=np.intp)
+        places = np.empty((len(likeness), len(self._numbers)), dtype=np.intp)
+        for row, one in zip(places, likeness, strict=True):
+            row[:] = linear_sum_assignment(one, maximize=True)[1]
+        return places
 
     def _table(self, modal: Modal) -> Array:
         """Frequencies or eigenvalues, damping ratios and relative components of modes, shape (batch, 2n + n·p)."""
@@ -150,12 +157,17 @@ class ModePrediction:
         if self._shown.size:
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = modal.shapes[:, :, self._shown] / self._at_reference(modal.shapes)
-            parts.append(ratio.reshape(len(frequency), -1))
+            parts.append(_in_rows(ratio))
         return np.hstack(parts)
 
     def _at_reference(self, shapes: Array) -> Array:
         """Components at the reference DOF of each mode, shape (batch, n, 1)."""
         return np.take_along_axis(shapes, self._reference[None, :, None], axis=2)
+
+
+def _in_rows(components: Array) -> Array:
+    """Components of all modes in one row, shape (batch, n·p), of shape (batch, n, p); the batch may be empty."""
+    return components.reshape(len(components), components.shape[1] * components.shape[2])
 
 
 def _taken(modal: Modal, places: NDArray[np.intp]) -> Modal:

@@ -44,7 +44,7 @@ class Problem:
     joint
         Where the joint acts; several in a sequence, each with a name.
     measurement
-        FRFs or natural frequencies with their noise.
+        FRFs, natural frequencies or modes with their noise.
     prior
         Prior over all that is uncertain; carries the parametrisation of the joint, or of all, see
         `jointbayes.joint.blocks_of`.
@@ -265,7 +265,7 @@ class Problem:
         if isinstance(measured, FrfMeasurement):
             dofs = (*joint, *measured.frf.outputs, *measured.frf.inputs)
             return substructures(self.structure).at(dofs, measured.top_hz).family
-        return self.structures.at(joint, self.structures.reach_hz(measured.frequency_hz.size))
+        return self.structures.at((*joint, *measured.dofs), self.structures.reach_hz(max(measured.numbers)))
 
     @property
     def most_modes(self) -> int:

@@ -102,6 +102,11 @@ class ModalMeasurement:
         return tuple(range(1, self.frequency_hz.size + 1))
 
     @property
+    def most_modes(self) -> int:
+        """How many of the lowest modes of a structure the data may show."""
+        return max(self.numbers)
+
+    @property
     def lowest(self) -> bool:
         """Whether they are the lowest modes, each of them, in rising order."""
         return True

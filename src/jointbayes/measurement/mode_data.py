@@ -15,6 +15,8 @@ from jointbayes.measurement.provenance import Provenance
 __all__ = ["Match", "Measurement", "ModeMeasurement", "ModeShapes", "ModeValue", "Observed"]
 
 Array = NDArray[np.float64]
+
+_MORE = 3  # modes above the highest number stated, among which shapes are looked for
 Match = Literal["number", "shape"]
 #: What a value of a mode is, in the order in which they come.
 ModeQuantity = Literal["frequency", "eigenvalue", "damping", "shape"]
@@ -210,6 +212,11 @@ class ModeMeasurement(ModalMeasurement):
     def sd_hz(self) -> Array:  # type: ignore[override]
         """Their standard deviations, shape (n,), Hz."""
         return self._mean[1]
+
+    @property
+    def most_modes(self) -> int:
+        """How many of the lowest modes of a structure the data may show."""
+        return max(self.numbers) + (_MORE if self.match == "shape" else 0)
 
     @property
     def lowest(self) -> bool:

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
-from jointbayes.inference import Problem
-from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.inference import Problem, modal_model
+from jointbayes.measurement import ModalMeasurement
 
 __all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
 
@@ -178,9 +178,9 @@ def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Di
     prior, measurement = problem.prior, problem.measurement
     point = np.asarray(theta, dtype=float)[None]
     stiffness, factors = prior.stiffness(point), prior.factors(point)
-    if isinstance(measurement, FrequencyMeasurement):
-        count = measurement.frequency_hz.size
-        predicted = problem.natural_frequencies_hz(stiffness, count, factors)[0]
+    if isinstance(measurement, ModalMeasurement):
+        modes = modal_model(problem.structures, problem.joints, measurement)
+        predicted = modes.modal_frequencies(prior.matrix(point), problem.structural(factors))[0]
         return diagnose_frequencies(measurement.frequency_hz, predicted, measurement.sd_hz)
     frf = measurement.frf
     model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))

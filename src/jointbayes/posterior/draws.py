@@ -311,11 +311,13 @@ class PosteriorDraws:
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
-        """Measured natural frequencies, if they are the data or the case states any, Hz."""
+        """Measured natural frequencies, if they are the lowest ones and the data, or the case states any, Hz."""
         if self.case is not None:
             return self.case.measured_frequencies_hz
         measured = self.problem.measurement
-        return None if isinstance(measured, FrfMeasurement) else tuple(measured.frequency_hz.tolist())
+        if isinstance(measured, FrfMeasurement) or not measured.lowest:
+            return None
+        return tuple(measured.frequency_hz.tolist())
 
 
 def _variable(dataset: xr.Dataset, name: str) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrequencyMeasurement, Measurement
+from jointbayes.measurement import Measurement, ModalMeasurement
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
 
 __all__ = ["RunRecord", "SampledCase", "data_sha256", "package_versions", "sampler_figures"]
@@ -100,8 +100,8 @@ def data_sha256(measurement: Measurement) -> str:
     """Fingerprint of the numbers that were analysed."""
     digest = hashlib.sha256()
     arrays: tuple[NDArray[Any], ...]
-    if isinstance(measurement, FrequencyMeasurement):
-        arrays = (measurement.frequency_hz, measurement.sd_hz)
+    if isinstance(measurement, ModalMeasurement):
+        arrays = measurement.arrays
     else:
         arrays = (measurement.frf.frequency_hz, measurement.frf.values, measurement.variance)
     for array in arrays:

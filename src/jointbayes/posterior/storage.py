@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import FrfMeasurement, Measurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModeMeasurement
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
@@ -93,6 +93,8 @@ def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:
 
 
 def _observed(measurement: Measurement) -> xr.Dataset:
+    if isinstance(measurement, ModeMeasurement):
+        return _modes_dataset(measurement)
     if not isinstance(measurement, FrfMeasurement):
         mode = np.arange(1, measurement.frequency_hz.size + 1)
         return xr.Dataset(
@@ -105,6 +107,25 @@ def _observed(measurement: Measurement) -> xr.Dataset:
     observed = _frf_dataset(measurement.frf)
     observed["frf_variance"] = (_FRF_DIMS, measurement.variance)
     return observed.assign_attrs(synthetic=int(measurement.synthetic))
+
+
+def _modes_dataset(measured: ModeMeasurement) -> xr.Dataset:
+    """Values of modes and their standard deviations by repetition; NaN where nothing was observed."""
+    unit = "rad2 s-2" if measured.eigenvalues else "Hz"
+    by_mode = ("repetition", "mode")
+    named = [("mode_frequency", measured.frequency, by_mode, unit), ("damping_ratio", measured.damping, by_mode, "1")]
+    coords: dict[str, Any] = {"mode": list(measured.numbers)}
+    if measured.shapes is not None:
+        named.append(("mode_shape", measured.shapes.components, (*by_mode, "shape_dof"), "1"))
+        coords |= {"shape_dof": list(measured.shapes.dofs), "reference_dof": ("mode", list(measured.references))}
+    variables = {}
+    for name, part, dims, units in named:
+        if part is not None:
+            # each quantity may have been observed in another number of repetitions
+            own = tuple(f"{name}_{dim}" if dim == "repetition" else dim for dim in dims)
+            variables |= {name: (own, part.values, {"units": units}), f"{name}_sd": (own, part.sd, {"units": units})}
+    attrs = {"match": measured.match, "eigenvalues": int(measured.eigenvalues)}
+    return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
 _FRF_DIMS = ("frequency", "output", "input")

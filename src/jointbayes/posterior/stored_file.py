@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement, ModeMeasurement, ModeShapes, Observed
 from jointbayes.measurement.formats.arrays.read import read_isolated
 from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, provenance_from
 from jointbayes.posterior.storage import JOINT_FRF, RECORD, value_units
@@ -74,6 +74,8 @@ class StoredFile:
             if "natural_frequency" in observed:
                 hz, sd = (self.numbers("observed_data", f"natural_frequency{end}") for end in ("", "_sd"))
                 return FrequencyMeasurement(hz, sd, known)
+            if "mode_frequency" in observed:
+                return self._modes(known)
             frf, variance = self._frf("observed_data"), self.numbers("observed_data", "frf_variance")
             if known is None:
                 return FrfMeasurement(frf, variance, "synthetic" not in observed or bool(observed["synthetic"].any()))
@@ -170,6 +172,28 @@ class StoredFile:
         outputs, inputs = (tuple(map(str, self.array(group, side).ravel())) for side in ("output", "input"))
         quantity: Any = str(self.array(group, "quantity"))  # judged by the set
         return FrfSet(self.numbers(group, "frequency"), self._complex(group, "frf"), outputs, inputs, quantity)
+
+    def _modes(self, known: Provenance | None) -> ModeMeasurement:
+        group = "observed_data"
+        here = self.groups[group]
+
+        def part(name: str) -> Observed | None:
+            if name not in here:
+                return None
+            return Observed(self._any_numbers(group, name), self._any_numbers(group, f"{name}_sd"))
+
+        frequency, components = part("mode_frequency"), part("mode_shape")
+        assert frequency is not None
+        shapes = None
+        if components is not None:
+            dofs, references = (
+                tuple(map(str, self.array(group, name).ravel())) for name in ("shape_dof", "reference_dof")
+            )
+            shapes = ModeShapes(dofs, references[0] if len(set(references)) == 1 else references, components)
+        match: Any = str(self.array(group, "match"))  # judged by the measurement
+        numbers = tuple(map(int, self._any_numbers(group, "mode").ravel()))
+        eigenvalues = bool(self._any_numbers(group, "eigenvalues").any())
+        return ModeMeasurement(frequency, part("damping_ratio"), shapes, numbers, match, eigenvalues, known)
 
     def _fault(self, found: str) -> MeasurementError:
         return MeasurementError(f"{self.where}: {found}; {REMEDY}")

@@ -88,8 +88,7 @@ def _wider(axis: Coordinate, marginal: Marginal) -> Marginal:
     if isinstance(marginal, Uniform):
         return Uniform(marginal.low - DECADE, marginal.high + DECADE)
     if isinstance(marginal, OfStiffness) and isinstance(marginal.given, Uniform):
-        factor = math.exp(DECADE)
-        return OfStiffness(Uniform(max(marginal.given.low, 0.0) / factor, marginal.given.high * factor))
+        return OfStiffness(Uniform(max(marginal.given.low, 0.0) / 10, marginal.given.high * 10))
     return Normal(marginal.mean, marginal.sd + DECADE / _NORMAL_95)
 
 

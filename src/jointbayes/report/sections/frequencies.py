@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.measurement import ModalMeasurement
 from jointbayes.report import figures
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Block, Figure, Section, Table
@@ -30,7 +30,7 @@ def frequency_section(inputs: ReportInputs) -> Section | None:
     blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
     measurement = inputs.posterior.problem.measurement
     if measured:
-        sd = measurement.sd_hz if isinstance(measurement, FrequencyMeasurement) else None
+        sd = measurement.sd_hz if isinstance(measurement, ModalMeasurement) else None
         low, high = np.array(frequencies.interval95).T
         series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
         svg = figures.frequency_errors(np.array(measured), sd, series)

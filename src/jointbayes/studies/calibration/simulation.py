@@ -16,7 +16,7 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.inference.residuals import PURE_NOISE
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement, ModeMeasurement
 
 __all__ = ["require_simulable", "simulated_values", "with_values"]
 
@@ -59,7 +59,14 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
 
 def _measured(measurement: Measurement) -> dict[str, object]:
     """What must be the same of data for the one to stand for the other, in the words of a message."""
-    if isinstance(measurement, FrequencyMeasurement):
+    if isinstance(measurement, ModeMeasurement):
+        return {
+            "data": "modes",
+            "values": measurement.observed,
+            "mode numbers": measurement.numbers,
+            "DOFs": (measurement.dofs, measurement.references),
+        }
+    if isinstance(measurement, ModalMeasurement):
         return {"data": "natural frequencies", "number of natural frequencies": measurement.frequency_hz.size}
     frf = measurement.frf
     lines = tuple(frf.frequency_hz.tolist())
@@ -82,7 +89,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     Returns
     -------
     ndarray
-        FRFs, shape (lines, outputs, inputs), or natural frequencies, shape (n,).
+        FRFs, shape (lines, outputs, inputs), or natural frequencies or values of modes, shape (n,).
 
     Raises
     ------
@@ -99,8 +106,8 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
         )
     lines, pairs = len(predicted), math.prod(predicted.shape[1:])
     z = likelihood.noise.draw(rng, likelihood.hyper(factors), lines, pairs)[0].reshape(predicted.shape)
-    if isinstance(measured, FrequencyMeasurement):
-        return predicted + math.sqrt(2) * measured.sd_hz * z.real  # z = r/(√2 sd), as noise models have it
+    if isinstance(measured, ModalMeasurement):
+        return predicted + math.sqrt(2) * measured.sd * z.real  # z = r/(√2 sd), as noise models have it
     if problem.residual_kind == "complex":
         return predicted + np.sqrt(measured.variance) * z
     spread = np.minimum(measured.variance / (2 * np.abs(measured.frf.values) ** 2), PURE_NOISE)
@@ -118,8 +125,8 @@ def with_values(problem: Problem, values: NDArray[Any]) -> Problem:
         If the values are no possible measurement: natural frequencies out of order.
     """
     measured = problem.measurement
-    if isinstance(measured, FrequencyMeasurement):
-        return replace(problem, measurement=FrequencyMeasurement(values, measured.sd_hz))
+    if isinstance(measured, ModalMeasurement):
+        return replace(problem, measurement=measured.with_values(values))
     old, variance = measured.frf, measured.variance
     if problem.residual_kind == "log_magnitude":
         variance = variance * np.abs(values / old.values) ** 2  # what is stated of ln|H| is variance/|H|²
