@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
+from jointbayes.case.case_text import read_case_text
 from jointbayes.joint import LogStiffness
 
 __all__ = ["CASES", "case_with_lines", "joints", "one_core", "quick_case"]
@@ -22,7 +23,7 @@ CASES = {"modal": "clamped_beam", "loss_factor": "clamped_beam_loss_factor"}
 def case_with_lines(law: str, f_min_hz: float | None = None, f_step_hz: float | None = None) -> jb.Case:
     """Load the case with this damping law; other lines than the file's if given."""
     name = CASES[law]
-    text = (ROOT / "configs" / f"{name}.toml").read_text(encoding="utf-8")
+    text = read_case_text(ROOT / "configs" / f"{name}.toml").text
     for key, value in (("f_min_hz", f_min_hz), ("f_step_hz", f_step_hz)):
         if value is not None:
             text, count = re.subn(rf"(?m)^{key} = \S+", f"{key} = {float(value)}", text)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import jointbayes as jb
+from jointbayes.case.case_text import read_case_text
 from benchmarks.page import table
 from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet, Ports, ReceptanceModel
@@ -74,7 +75,7 @@ _EDITS = (
 @cache
 def base_problem() -> Problem:
     """The problem that all joints share but for their data; the stated noise does not depend on the joint."""
-    text = (ROOT / "configs" / "clamped_beam_loss_factor.toml").read_text(encoding="utf-8")
+    text = read_case_text(ROOT / "configs" / "clamped_beam_loss_factor.toml").text
     for old, new in _EDITS:
         if old not in text:
             raise ValueError(f"clamped_beam_loss_factor.toml: expected {old!r}")

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from jointbayes.case.case import Case, case_from_text
+from jointbayes.case.case_text import read_case_text
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joint, LogStiffness
@@ -73,6 +74,11 @@ def rod(
     )
 
 
+def shipped_text(name: str) -> str:
+    """Text of a case of the repository, whole: with that of the cases it builds on."""
+    return read_case_text(CONFIGS / f"{name}.toml").text
+
+
 @pytest.fixture(scope="session")
 def configs() -> Path:
     return CONFIGS
@@ -118,7 +124,7 @@ def cheap_text() -> str:
 
 def cheap_frequencies_text() -> str:
     """The repository's natural-frequency case at 360 mm made small."""
-    text = (CONFIGS / "clamped_beam_frequencies_360mm.toml").read_text(encoding="utf-8")
+    text = shipped_text("clamped_beam_frequencies_360mm")
     return edited(text, ("elements = 10", "elements = 4"), ("walkers = 48", "walkers = 8"))
 
 

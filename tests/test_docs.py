@@ -24,7 +24,7 @@ from jointbayes.joint import COORDINATES
 from jointbayes.posterior import Posterior, RunRecord, package_versions, summarise
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
-from tests.conftest import CONFIGS, TABLE_3, edited
+from tests.conftest import CONFIGS, TABLE_3, edited, shipped_text
 
 ROOT = CONFIGS.parent
 README = ROOT / "README.md"
@@ -97,7 +97,7 @@ def test_every_key_of_the_case_file_is_documented_in_its_table_with_its_default(
 
 def _tiny_posterior(data: str) -> tuple[jb.Case, Posterior]:
     """Build a posterior from made-up draws: only the form of its summary matters here."""
-    text = (CONFIGS / f"{data}.toml").read_text(encoding="utf-8").replace("f_step_hz = 1.0", "f_step_hz = 500.0")
+    text = shipped_text(data).replace("f_step_hz = 1.0", "f_step_hz = 500.0")
     case = jb.case_from_text(data, text)
     rng = np.random.default_rng(1)
     names = case.problem.parametrisation.names

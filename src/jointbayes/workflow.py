@@ -391,7 +391,8 @@ def _case_of(stored: "StoredFile") -> Case:
     """The case that the text in a posterior file states, with the data of the file; files it names are not read."""
     run = stored.record.run
     measured = stored.measurement if run.provenance is not None else None
-    if measured is None and isinstance(parse_case(run.case_text, run.case_name).data, MeasuredSpec):
+    data = parse_case(run.case_text, run.case_name).data  # which refuses a text that builds on a file
+    if measured is None and isinstance(data, MeasuredSpec):
         raise MeasurementError(
             f"{stored.where}: found a case with measurement files, and no data of theirs; expected both, as files it "
             "names are not read; sample again, or take another copy of the file"

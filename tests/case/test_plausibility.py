@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 import jointbayes as jb
 from jointbayes.case import plausibility
+from jointbayes.case.case_text import case_text
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.limits import LIMITS, TABLE, limit_text
 from jointbayes.cli.commands import main
@@ -20,10 +21,10 @@ from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout
-from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, of_case
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, of_case, shipped_text
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
-UNCERTAIN = (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8")
+UNCERTAIN = shipped_text("clamped_beam_uncertain")
 LENGTH, DIAMETER = "length_mm = 383.0", "diameter_mm = 25.0"
 MODULUS, DENSITY = "youngs_modulus_gpa = 210.0", "density_kg_m3 = 7800.0"
 
@@ -31,7 +32,7 @@ MODULUS, DENSITY = "youngs_modulus_gpa = 210.0", "density_kg_m3 = 7800.0"
 def warnings_of(*changes, text=None):
     text = edited(text or cheap_text(), *changes)
     spec = parse_case(text, "case")
-    return [str(w) for w in plausibility.input_warnings(spec, text, plausibility.stated_band_hz(spec))]
+    return [str(w) for w in plausibility.input_warnings(spec, case_text(text, "case"), plausibility.stated_band_hz(spec))]
 
 
 # ---- slips
@@ -118,7 +119,7 @@ def test_measured_natural_frequencies_are_looked_at_as_well():
 def test_a_warning_knows_its_line():
     text = edited(GOOD, (LENGTH, "length_mm = 0.383"))
     spec = parse_case(text, "case")
-    (warning,) = plausibility.input_warnings(spec, text, None)
+    (warning,) = plausibility.input_warnings(spec, case_text(text, "case"), None)
     assert text.splitlines()[warning.line - 1].startswith("length_mm = 0.383")
 
 

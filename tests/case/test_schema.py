@@ -11,17 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jointbayes.case.case_text import read_case_text
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.fields import Spec
 from jointbayes.case.schema.section import CircleSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, shipped_text
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
-SIGNED = (CONFIGS / "clamped_beam_frequencies.toml").read_text(encoding="utf-8")
-UNCERTAIN = (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8")
-LOSS_FACTOR = (CONFIGS / "clamped_beam_loss_factor.toml").read_text(encoding="utf-8")
+SIGNED = shipped_text("clamped_beam_frequencies")
+UNCERTAIN = shipped_text("clamped_beam_uncertain")
+LOSS_FACTOR = shipped_text("clamped_beam_loss_factor")
 # One case with every optional table and, but for dof and the constants of other choices, every optional key.
 NOISE_LAW = """relative = 0.03              # this fraction of |H| at the line,
 floor = 0.01                 # plus this fraction of the median |H|
@@ -543,7 +544,7 @@ def test_windows_line_ends_and_byte_order_mark_are_accepted(tmp_path):
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_config_of_the_repository_loads(path):
-    case = parse_case(read_text(path))
+    case = parse_case(read_case_text(path))
     assert "SYNTHETIC" in path.read_text(encoding="utf-8")
     assert case.structure.length_mm == (360.0 if "360mm" in path.stem else 383.0)
     assert case.reference is None or (case.reference.k11, case.reference.k22) == (5.05e9, 1.52e6)
@@ -655,7 +656,7 @@ def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measu
 
 
 def test_the_two_uncertain_beams_differ_by_the_accelerometer_at_mid_span_alone():
-    tip, mid = parse_case(UNCERTAIN), parse_case(read_text(CONFIGS / "clamped_beam_midspan.toml"))
+    tip, mid = parse_case(UNCERTAIN), parse_case(shipped_text("clamped_beam_midspan"))
     assert tip.data.outputs == ("11:y",)
     assert mid.data.outputs == ("11:y", "6:y")
     assert len(tip.data.lines_hz()) == 1246

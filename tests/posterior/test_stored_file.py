@@ -13,7 +13,7 @@ from jointbayes.errors import JointBayesError, MeasurementError
 from jointbayes.measurement.formats.arrays import reader_process
 from jointbayes.posterior.storage import RECORD
 from jointbayes.workflow import load_posterior
-from tests.conftest import CONFIGS
+from tests.conftest import CONFIGS, shipped_text
 
 WHOLE = sorted((Path(__file__).parents[1] / "fuzz" / "corpus" / "posterior").glob("whole-*.nc"))
 FRF, ARRAYS = (next(path for path in WHOLE if path.stem == f"whole-{name}") for name in ("frf", "arrays"))
@@ -145,7 +145,7 @@ def test_damage_that_ends_the_reader_is_one_line(tmp_path, monkeypatch):
 
 
 def test_files_that_a_stored_case_names_are_not_read(tmp_path, monkeypatch):
-    text = (CONFIGS / "measured_rotation.toml").read_text(encoding="utf-8")
+    text = shipped_text("measured_rotation")
     path = copied(tmp_path, FRF, replaced(("record", "case_text"), text))
     monkeypatch.chdir(CONFIGS)  # where the file that it names is
     opened = []

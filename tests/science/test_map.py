@@ -8,7 +8,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.identification import compliance_start, refine
 from jointbayes.measurement import FrfMeasurement
-from tests.conftest import CONFIGS, PAIR, TABLE_3, pair_matrix
+from tests.conftest import CONFIGS, PAIR, TABLE_3, pair_matrix, shipped_text
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_the_laplace_covariance_is_the_inverse_fisher_matrix_for_exact_data():
 
 def test_fisher_information_of_the_tip_is_the_checked_one():
     # 10 to 2500 Hz in 2 Hz lines, 3 % + 1 % of the median: sd of (ln k11, ln k12, ln k22) = 0.35, 0.14, 0.006
-    text = (CONFIGS / "clamped_beam_noise_free.toml").read_text()
+    text = shipped_text("clamped_beam_noise_free")
     text = text.replace("f_min_hz = 20.0", "f_min_hz = 10.0").replace("f_step_hz = 1.0", "f_step_hz = 2.0")
     sd = np.sqrt(np.diag(jb.find_map(jb.case_from_text("fisher", text)).covariance))
     np.testing.assert_allclose(sd, [0.35, 0.14, 0.006], rtol=0.08)
@@ -93,7 +93,7 @@ def test_the_start_without_a_guess_leads_to_the_mode_on_other_noise(noisy, seed)
 
 
 def test_without_noise_the_start_without_a_guess_is_exact_where_damping_allows_it():
-    text = (CONFIGS / "clamped_beam_noise_free.toml").read_text()
+    text = shipped_text("clamped_beam_noise_free")
     text = text.replace('law = "modal"', 'law = "loss_factor"')
     text = re.sub(r"(?m)^ratio = .*$", "loss_factor = 0.02", text)
     problem = jb.case_from_text("loss", text).problem

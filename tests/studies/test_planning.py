@@ -35,7 +35,7 @@ from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation,
 from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first
 from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
 from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth
-from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix
+from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix, shipped_text
 
 TRUTH = np.log(TABLE_3)
 LAW = RelativeNoise(0.03, 0.01)
@@ -262,7 +262,7 @@ def test_an_accelerometer_with_mass_loads_the_structure_and_a_hammer_does_not():
 @pytest.mark.parametrize("own", [0.0, 15.0])
 def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_accelerometer(own):
     base = edited(
-        (CONFIGS / "clamped_beam_uncertain.toml").read_text(encoding="utf-8"),
+        shipped_text("clamped_beam_uncertain"),
         ("elements = 10", f"elements = 10\naccelerometer_mass_g = {own}"),
     )
     text = base.replace("[plan]", "[plan]\nadded_mass_g = 50.0")

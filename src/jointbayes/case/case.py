@@ -21,6 +21,7 @@ from jointbayes.case.build import (
     stiffness_of,
     with_workshop_uncertainty,
 )
+from jointbayes.case.case_text import CaseText, case_text, read_case_text
 from jointbayes.case.files import (
     plan_of,
     require_inside,
@@ -32,7 +33,7 @@ from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.toml_text import fault_start, key_lines, line_of, read_text
+from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError
 from jointbayes.inference import Problem
 from jointbayes.joint import as_joints
@@ -52,8 +53,8 @@ class Case:
     ----------
     name
         Short name: the file's, without its ending.
-    text
-        The TOML text.
+    source
+        The TOML text, together with that of the files it builds on.
     spec
         The same, checked and typed.
     problem
@@ -63,13 +64,18 @@ class Case:
     """
 
     name: str
-    text: str
+    source: CaseText
     spec: CaseSpec
     problem: Problem
     stated: Problem | None = None
 
     def __repr__(self) -> str:
         return f"Case({self.name!r}: {self.title}; {self.problem!r})"
+
+    @property
+    def text(self) -> str:
+        """TOML text that needs no other case file."""
+        return self.source.text
 
     @property
     def title(self) -> str:
@@ -105,9 +111,9 @@ class Case:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         measured = self.problem.measurement
         lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
-        usual = input_warnings(self.spec, self.text, (float(lines.min()), float(lines.max())))
+        usual = input_warnings(self.spec, self.source, (float(lines.min()), float(lines.max())))
         # of the problem that the text states: another prior may be put in its place to a purpose
-        return usual + truth_warnings(self.spec, self.text, self.stated.prior) if self.stated else usual
+        return usual + truth_warnings(self.spec, self.source, self.stated.prior) if self.stated else usual
 
     @cached_property
     def workshop_problem(self) -> Problem | None:
@@ -139,13 +145,13 @@ def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case
     path
         TOML file; see docs/case-file.md.
     allow_outside
-        Whether measurement files may lie outside the directory of the case file.
+        Whether measurement files, and case files that it builds on, may lie outside the directory of the case file.
 
     Raises
     ------
     CaseError
         If the file cannot be read or anything in it is wrong: file, line, key, what is expected; or if a measurement
-        file lies outside the directory of the case file and that is not allowed.
+        file, or one it builds on, lies outside the directory of the case file and that is not allowed.
 
     Examples
     --------
@@ -154,8 +160,8 @@ def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case
     'clamped_beam'
     """
     file = Path(path)
-    text = read_text(file)
-    return _build(file.stem, text, parse_case(text, str(file)), str(file), file.parent, None, allow_outside)
+    source = read_case_text(file, allow_outside)
+    return _build(file.stem, source, parse_case(source), file.parent, None, allow_outside)
 
 
 def case_from_text(
@@ -173,25 +179,26 @@ def case_from_text(
     name, text
         Name of the case, and its text.
     directory
-        Where measurement files are looked for.
+        Where measurement files, and case files that it builds on, are looked for.
     measurement
         Data of a case with measurement files, as they were read before; the files are then not needed.
     allow_outside
-        Whether measurement files may lie outside that directory.
+        Whether such files may lie outside that directory.
     """
-    return _build(name, text, parse_case(text, name), name, Path(directory), measurement, allow_outside)
+    source = case_text(text, name, Path(directory) / f"{name}.toml", allow_outside)
+    return _build(name, source, parse_case(source), Path(directory), measurement, allow_outside)
 
 
 def case_around(problem: Problem, text: str) -> Case:
     """A case whose problem is not the one that its text states: for what the text says of title and reference."""
-    return Case(problem.name, text, parse_case(text, problem.name), problem)
+    source = case_text(text, problem.name)
+    return Case(problem.name, source, parse_case(source), problem)
 
 
 def _build(
     name: str,
-    text: str,
+    source: CaseText,
     spec: CaseSpec,
-    where: str,
     directory: Path,
     measurement: Measurement | None,
     allow_outside: bool,
@@ -203,7 +210,7 @@ def _build(
         lambda path: f"{fault_start(where, line_of(key_lines(text), path))} {'.'.join(path)}:",
     )
     stated = spec
-    with _told_of(where, text, spec) as tell:
+    with _told_of(source, spec) as tell:
         joints = "joints" if spec.joints else "joint"
         tell(joints)
         joint = as_joints(joints_of(spec))
@@ -215,7 +222,7 @@ def _build(
                 require_inside(
                     directory,
                     spec.data.file,
-                    lambda number: fault_start(where, line_of(key_lines(text), ("data", "file", number))),
+                    lambda number: fault_start(*source.place(("data", "file", number))),
                 )
             measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
             spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
@@ -246,11 +253,11 @@ def _build(
         )
         require_lowest(stated, recipe, joint, measurement)
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
-    return Case(name, text, spec, problem, problem)
+    return Case(name, source, spec, problem, problem)
 
 
 @contextmanager
-def _told_of(where: str, text: str, spec: CaseSpec) -> Iterator[Callable[[str], None]]:
+def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]]:
     """Name file, line and key in errors of what is built from a case, yielding what is called with each table's turn.
 
     The key is the one that looks like a slip, where one does, and else the table, where the file has it.
@@ -266,11 +273,10 @@ def _told_of(where: str, text: str, spec: CaseSpec) -> Iterator[Callable[[str], 
     except CaseError:
         raise
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
-        lines = key_lines(text)
-        line, key = line_of(lines, (table,)), table if (table,) in lines else "file"
-        slips = () if isinstance(error, MeasurementError) else input_warnings(spec, text, stated_band_hz(spec))
+        place, key = source.place((table,)), table if (table,) in source.places else "file"
+        slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, stated_band_hz(spec))
         if slips:
-            line, key = slips[0].line, slips[0].key
+            place, key = (slips[0].file, slips[0].line), slips[0].key
         message = str(error)
         if isinstance(error, MemoryError):
             message = "found too little memory; expected room for the matrices; use fewer lines, DOFs or elements"
@@ -279,4 +285,4 @@ def _told_of(where: str, text: str, spec: CaseSpec) -> Iterator[Callable[[str], 
                 f"found numbers that are too far apart to be computed with ({error}); expected those of one machine; "
                 "check sizes, material and stiffnesses"
             )
-        raise CaseError(f"{fault_start(where, line)} {key}: {message}") from error
+        raise CaseError(f"{fault_start(*place)} {key}: {message}") from error

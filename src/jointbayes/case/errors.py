@@ -17,7 +17,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from jointbayes.case.toml_text import KeyPath, fault_line, key_lines, line_of, similar
+from jointbayes.case.case_text import CaseText
+from jointbayes.case.toml_text import KeyPath, similar
 
 __all__ = ["Finding", "fault_lines", "raise_findings"]
 
@@ -267,9 +268,7 @@ def _example(field: FieldInfo | None) -> str:
     return json.dumps(field.examples[0], ensure_ascii=False) if field and field.examples else "…"
 
 
-def fault_lines(
-    error: ValidationError, model: type[BaseModel], data: Mapping[str, object], text: str, name: str
-) -> list[str]:
+def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText) -> list[str]:
     """Describe every fault that pydantic found in a case file.
 
     Parameters
@@ -278,24 +277,22 @@ def fault_lines(
         What validating ``data`` against ``model`` raised.
     model : type of pydantic.BaseModel
         The schema; the ``description`` of its fields completes "expected …".
-    data : mapping
-        The parsed TOML text.
-    text, name : str
-        The TOML text itself and the file name to show.
+    source : CaseText
+        The text of the case and where its keys stand.
 
     Returns
     -------
     list of str
         One line per fault, in the order of the file; of many the first, and how many there are besides.
     """
-    lines, root = key_lines(text), _Place([model], data)
+    root = _Place([model], source.data)
     # A union of plain values reports once for each of its types: the first says it all.
     each: dict[KeyPath, _Fault] = {}
     errors = error.errors(include_url=False)
     for fault in (f for e in errors[:_MOST_READ] for f in _faults(e, root)):
         each.setdefault(fault.place.path, fault)
     # Pairing what is unknown with what is missing compares each with each.
-    first = sorted(each.values(), key=lambda fault: line_of(lines, fault.place.path))[:_MOST_SORTED]
+    first = sorted(each.values(), key=lambda fault: source.order(fault.place.path))[:_MOST_SORTED]
     paired = _pair_renamed(first)
     left_out = len(errors[_MOST_READ:]) + len(each) - len(first) + max(0, len(paired) - _MOST_TOLD)
     shown = []
@@ -305,5 +302,5 @@ def fault_lines(
             words = _unknown_wording(fault, model)
         else:
             words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
-        shown.append(fault_line(name, line_of(lines, path), _show_key(path), *words))
+        shown.append(source.fault(path, _show_key(path), *words))
     return [*shown, f"and {left_out} more"] if left_out else shown

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jointbayes.case.case_text import CaseText
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import SyntheticFrfSpec
@@ -14,7 +15,6 @@ from jointbayes.case.schema.frame import FrameSpec
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.schema.section import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, TubeSpec
 from jointbayes.case.schema.structure import BeamSpec, StructureSpec
-from jointbayes.case.toml_text import key_lines, line_of
 
 if TYPE_CHECKING:
     from jointbayes.inference import JointPrior
@@ -59,14 +59,15 @@ class InputWarning:
 
     Parameters
     ----------
-    line
-        Its line in the case file.
+    file, line
+        Where it stands: the case file, or one that it builds on.
     key
         Its key, with its tables.
     text
         What was found, what is expected, and the likely slip.
     """
 
+    file: str
     line: int
     key: str
     text: str
@@ -84,7 +85,7 @@ def stated_band_hz(spec: CaseSpec) -> tuple[float, float] | None:
     return lines[0], lines[-1]
 
 
-def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float] | None) -> tuple[InputWarning, ...]:
+def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] | None) -> tuple[InputWarning, ...]:
     """Look for values of a case that are far from those of machines.
 
     Parameters
@@ -105,7 +106,7 @@ def input_warnings(spec: CaseSpec, text: str, band_hz: tuple[float, float] | Non
     return _placed(findings, text)
 
 
-def truth_warnings(spec: CaseSpec, text: str, prior: JointPrior) -> tuple[InputWarning, ...]:
+def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
     """Look whether the prior excludes the joint that makes the data, so that no analysis can find it."""
     return _placed(_excluded(spec, prior), text)
 
@@ -134,13 +135,12 @@ def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
             yield Finding((*loc, *place), found, expected, f"widen [{table}] or correct the truth")
 
 
-def _placed(findings: Iterable[Finding], text: str) -> tuple[InputWarning, ...]:
-    lines = key_lines(text)
+def _placed(findings: Iterable[Finding], text: CaseText) -> tuple[InputWarning, ...]:
     found = []
     for finding in findings:
         path = finding.loc
         words = f"{finding.found}; expected {finding.expected}; {finding.remedy}"
-        found.append(InputWarning(line_of(lines, path), ".".join(map(str, path)), words))
+        found.append(InputWarning(*text.place(path), ".".join(map(str, path)), words))
     return tuple(found)
 
 

@@ -9,12 +9,24 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from jointbayes.errors import CaseError, path_fault
 
-__all__ = ["KeyPath", "fault_line", "fault_start", "key_lines", "line_of", "parse_toml", "read_text", "similar"]
+__all__ = [
+    "KeyPath",
+    "fault_line",
+    "fault_start",
+    "key_lines",
+    "key_parts",
+    "line_of",
+    "parse_toml",
+    "printable",
+    "read_text",
+    "similar",
+]
 
 _MOST_BYTES = 1_000_000
 #: Tables in tables; a case file has five. Beyond, reading takes time and memory that grow with the square of the depth.
@@ -141,6 +153,21 @@ def key_lines(text: str) -> dict[KeyPath, int]:
     return _Scanner(text).scan()
 
 
+@lru_cache(maxsize=1000)
+def key_parts(key: str) -> tuple[str, ...]:
+    """Parts of a dotted key, in which parts may stand in quotes; none of what is no key."""
+    try:
+        inside: Any = tomllib.loads(f"{key} = 0")
+    except (ValueError, RecursionError):
+        return ()
+    parts: list[str] = []
+    while isinstance(inside, dict) and len(inside) == 1:
+        part = next(iter(inside))
+        parts.append(part)
+        inside = inside[part]
+    return tuple(parts) if inside == 0 else ()
+
+
 def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
     """Line of a key, or of the innermost table around it that is written in the file."""
     return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
@@ -160,7 +187,12 @@ def fault_line(name: str, line: int, key: str, *parts: str) -> str:
 
 def fault_start(name: str, line: int) -> str:
     """File and line; the name is the only part of a message that a user may fill with line breaks."""
-    return f"{name if name.isprintable() else json.dumps(name)}:{line}:"
+    return f"{printable(name)}:{line}:"
+
+
+def printable(name: str) -> str:
+    """A name as it is, or, with line breaks or the like in it, as JSON has it."""
+    return name if name.isprintable() else json.dumps(name)
 
 
 def parse_toml(text: str, name: str) -> dict[str, object]:

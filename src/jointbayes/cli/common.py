@@ -54,19 +54,20 @@ def outside_allowed() -> bool:
 
 def load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
+    from jointbayes.case.case_text import read_case_text
     from jointbayes.case.plausibility import input_warnings, stated_band_hz
     from jointbayes.case.schema.case import parse_case
-    from jointbayes.case.toml_text import fault_line, read_text
+    from jointbayes.case.toml_text import fault_line
     from jointbayes.cli.progress import show_phase
 
     # what is wrong with the file itself is said before anything heavy is loaded
-    text = read_text(config)
-    spec = parse_case(text, str(config))
+    text = read_case_text(config, outside_allowed())
+    spec = parse_case(text)
     early = input_warnings(spec, text, stated_band_hz(spec))
 
     def tell(warnings: "Iterable[InputWarning]") -> None:
         for warning in warnings:
-            place = fault_line(str(config), warning.line, warning.key, warning.text)
+            place = fault_line(warning.file, warning.line, warning.key, warning.text)
             say(f"jointbayes: warning: {place}", err=True)
 
     tell(early)

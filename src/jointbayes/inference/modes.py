@@ -95,7 +95,8 @@ class ModePrediction:
         shapes = measurement.shapes
         self._shown = np.array([place[label] for label in shapes.dofs] if shapes else [], dtype=np.intp)
         self._reference = np.array([place[label] for label in measurement.references], dtype=np.intp)
-        self._measured = _whole_shapes(measurement) if self._by_shape else None
+        #: Measured shapes at the DOFs of `ModeMeasurement.dofs`, NaN where unknown, shape (n, DOFs).
+        self.measured_shapes = _whole_shapes(measurement)
         #: Place of each measured value among the predicted ones of all modes: frequencies, ratios, components.
         n, p = len(self._numbers), len(self._shown)
         first = {"frequency": 0, "eigenvalue": 0, "damping": n, "shape": 2 * n}
@@ -142,9 +143,9 @@ class ModePrediction:
 
     def _partners(self, modal: Modal) -> NDArray[np.intp]:
         """Places of the predicted modes that are compared with the measured ones, shape (batch, n)."""
-        if self._measured is None:
+        if not self._by_shape:
             return np.tile(self._numbers, (len(modal.frequency_hz), 1))
-        likeness = mac(self._measured, modal.shapes)
+        likeness = mac(self.measured_shapes, modal.shapes)
         places = np.empty((len(likeness), len(self._numbers)), dtype=np.intp)
         for row, one in zip(places, likeness, strict=True):
             row[:] = linear_sum_assignment(one, maximize=True)[1]
@@ -155,10 +156,13 @@ class ModePrediction:
         frequency = (2 * np.pi * modal.frequency_hz) ** 2 if self._eigenvalues else modal.frequency_hz
         parts = [frequency, modal.damping_ratio]
         if self._shown.size:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = modal.shapes[:, :, self._shown] / self._at_reference(modal.shapes)
-            parts.append(_in_rows(ratio))
+            parts.append(_in_rows(self.components(modal)))
         return np.hstack(parts)
+
+    def components(self, modal: Modal) -> Array:
+        """Components of matched modes relative to that at their reference DOF, shape (batch, n, p)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(modal.shapes[:, :, self._shown] / self._at_reference(modal.shapes))
 
     def _at_reference(self, shapes: Array) -> Array:
         """Components at the reference DOF of each mode, shape (batch, n, 1)."""
@@ -181,7 +185,8 @@ def _taken(modal: Modal, places: NDArray[np.intp]) -> Modal:
 
 def _whole_shapes(measurement: ModeMeasurement) -> Array:
     """Measured shapes at all DOFs, 1 at the reference, means over repetitions, NaN where unknown: shape (n, DOFs)."""
-    assert measurement.shapes is not None
+    if measurement.shapes is None:
+        return np.empty((len(measurement.numbers), 0))
     place = {label: i for i, label in enumerate(measurement.dofs)}
     whole = np.full((len(measurement.numbers), len(place)), np.nan)
     mean, _ = measurement.shapes.components.mean()

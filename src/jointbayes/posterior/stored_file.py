@@ -18,6 +18,7 @@ from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement, ModeMeasurement, ModeShapes, Observed
 from jointbayes.measurement.formats.arrays.read import read_isolated
+from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, provenance_from
 from jointbayes.posterior.storage import JOINT_FRF, RECORD, value_units
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP

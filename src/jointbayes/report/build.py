@@ -12,6 +12,7 @@ from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.likelihood import likelihood_section
 from jointbayes.report.sections.measured_bodies import measured_bodies_section
 from jointbayes.report.sections.measurement import measurement_section
+from jointbayes.report.sections.modes import modes_section
 from jointbayes.report.sections.nuisances import nuisance_section
 from jointbayes.report.sections.paper import audit_section, paper_section
 from jointbayes.report.sections.posterior import posterior_section
@@ -27,6 +28,7 @@ SECTIONS = (
     measured_bodies_section,
     fit_section,
     frequency_section,
+    modes_section,
     joint_in_modes_section,
     posterior_section,
     nuisance_section,

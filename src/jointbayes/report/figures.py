@@ -23,6 +23,7 @@ __all__ = [
     "frequency_errors",
     "frf_overlay",
     "histories",
+    "mode_shape",
     "profiles",
     "residual_norm",
     "squares_by_line",
@@ -34,6 +35,7 @@ _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 #: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
 _STRETCHES = 700
 _TRACE_POINTS, _BINS = 120, 40
+_MOST_TICKS = 16  # of DOFs along an axis
 #: Lines that a figure shows as one point each.
 _POINTS = 3000
 #: Curves that one figure can tell apart by colour.
@@ -273,6 +275,25 @@ def _autocorrelation(chains: Array, lags: int) -> Array:
     centred = chains - chains.mean()
     covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
     return covariance / covariance[0]
+
+
+def mode_shape(labels: Sequence[str], measured: Array, sd: Array, best: Array, low: Array, high: Array) -> str:
+    """Components of one mode at DOFs with these labels, each array of shape (DOFs,): measured, MAP and its interval."""
+
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas, top=0.3)[0, 0]
+        place = np.arange(len(labels))
+        axes.errorbar(place, measured, yerr=1.96 * sd, fmt="o", ms=4, color="0.4", elinewidth=1, label="measured, 95 %")
+        axes.plot(place + 0.12, best, "D", ms=3, color=_BLUE, label="MAP")
+        axes.vlines(place + 0.2, low, high, color=_ORANGE, lw=2, label="95 % interval")
+        axes.axhline(0, color="0.4", lw=0.6)
+        shown = place[:: max(1, -(-len(labels) // _MOST_TICKS))]
+        axes.set_xticks(shown, [labels[i] for i in shown])
+        axes.set_xlim(-0.5, len(labels) - 0.3)
+        axes.set_ylabel("Component over the reference's")
+        legend_above(axes)
+
+    return svg(draw, 6.2, 2.6)
 
 
 def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) -> str:

@@ -34,9 +34,12 @@ class CaseTarget(Target):
 
     def seeds(self) -> list[bytes]:
         """The cases of the repository with fewer lines, so that each takes milliseconds, and the kept files."""
+        from jointbayes.case.case_text import read_case_text
+
         found = []
         for path in sorted(CONFIGS.glob("*.toml")):
-            text = path.read_bytes().replace(b"elements = 10 ", b"elements = 3 ").replace(b".uff", b".csv")
+            text = read_case_text(path).text.encode().replace(b"elements = 10\n", b"elements = 3\n")
+            text = text.replace(b".uff", b".csv")
             text = text.replace(b'"2:y", "6:y", "9:y"', b'"3:y"')
             text = _NODE.sub(lambda node: b'"4:' if node[1] == b"11" else b'"3:', text)
             found.append(_STEP.sub(b"f_step_hz = 100.0", text))

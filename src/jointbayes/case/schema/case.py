@@ -12,11 +12,12 @@ from collections.abc import Iterator
 from typing import Annotated
 
 import pydantic
-from pydantic import Field
+from pydantic import Field, Strict
 
+from jointbayes.case.case_text import CaseText, case_text
 from jointbayes.case.errors import Finding, fault_lines
 from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
-from jointbayes.case.schema.fields import Spec
+from jointbayes.case.schema.fields import Spec, key_field
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
 from jointbayes.case.schema.measured import MeasuredFrfSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
@@ -35,7 +36,6 @@ from jointbayes.case.schema.rules import (
 from jointbayes.case.schema.settings import CompareSpec, IdentificationSpec, PlanSpec, ReferenceSpec, SamplingSpec
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
-from jointbayes.case.toml_text import parse_toml
 from jointbayes.errors import CaseError
 from jointbayes.joint import Coordinate
 from jointbayes.joint.quantities import prefixed
@@ -51,9 +51,15 @@ _TITLE = Field(
 )
 
 
-class CaseSpec(Spec):
-    """A whole case file."""
+_EXTENDS = key_field("the name of the case file whose keys this one starts from, relative to this file", "base.toml")
+_REMOVE = key_field("a list of keys or tables of that file that this one does not take", ["prior.k12"])
 
+
+class CaseSpec(Spec):
+    """A whole case file; of one that builds on another what both are together, without `extends` and `remove`."""
+
+    extends: Annotated[str, _EXTENDS] = ""
+    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
     title: Annotated[str, _TITLE] = ""
     structure: StructureSpec
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
@@ -136,15 +142,15 @@ class CaseSpec(Spec):
         yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 
-def parse_case(text: str, name: str = "case") -> CaseSpec:
+def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
     """Read a case from TOML text.
 
     Parameters
     ----------
-    text : str
-        The TOML text.
+    text : str or CaseText
+        The TOML text, which stands alone; or one with the files that it builds on.
     name : str
-        The file name that error messages show.
+        The file name that error messages show, of a text alone.
 
     Returns
     -------
@@ -156,9 +162,9 @@ def parse_case(text: str, name: str = "case") -> CaseSpec:
     CaseError
         If anything is wrong; one line for each fault, ``FILE:LINE: key: found; expected; what to do``.
     """
-    data = parse_toml(text, name)
+    source = case_text(text, name) if isinstance(text, str) else text
     try:
-        return CaseSpec.model_validate(data)
+        return CaseSpec.model_validate(source.data)
     except pydantic.ValidationError as error:
-        faults = fault_lines(error, CaseSpec, data, text, name)
+        faults = fault_lines(error, CaseSpec, source)
     raise CaseError("\n".join(faults))

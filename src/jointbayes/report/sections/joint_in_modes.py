@@ -81,8 +81,10 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
     if isinstance(measured, FrfMeasurement):
         count, low, high = _MOST_MODES, *measured.frf.frequency_hz[[0, -1]]
     else:
-        count, low, high = measured.frequency_hz.size, np.finfo(float).tiny, math.inf
+        count, low, high = max(measured.numbers), np.finfo(float).tiny, math.inf
     count = min(count, problem.most_modes)
+    if count < 1:  # a rigid joint would leave no mode
+        return np.empty(0, dtype=np.intp), *np.empty((2, 0)), np.empty((0, 0))
     k = problem.prior.stiffness(theta)
     steps = _STEP * np.eye(k.size)[[quantity.role == "stiffness" for quantity in problem.quantities]]
     joints = np.stack([k, problem.parametrisation.rigid, *(k * (1 + steps)), *(k * (1 - steps))])

@@ -5,15 +5,16 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import pydantic
 
+from jointbayes.case.case_text import CaseText, read_case_text
 from jointbayes.case.errors import fault_lines
 from jointbayes.case.schema.case import CaseSpec
-from jointbayes.case.toml_text import parse_toml, read_text
+from jointbayes.case.toml_text import key_parts
 from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError
 
@@ -22,7 +23,7 @@ __all__ = ["BaseCase", "read_base"]
 _MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BaseCase:
     """The case over which rows of a table are laid.
 
@@ -30,15 +31,12 @@ class BaseCase:
     ----------
     path
         Its file; data files are looked for beside it.
-    text
-        Its TOML text.
-    data
-        The same, parsed.
+    source
+        Its text, with that of what it builds on.
     """
 
     path: Path
-    text: str
-    data: dict[str, Any]
+    source: CaseText
 
     def overridden(self, cells: Mapping[str, str], where: str) -> tuple[str, CaseSpec]:
         """Text and content of the case with other values for some keys.
@@ -72,23 +70,33 @@ class BaseCase:
         return toml_text(data), spec
 
     def _judged(self, values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], CaseSpec | None, list[str]]:
-        data = copy.deepcopy(self.data)
+        data = copy.deepcopy(dict(self.source.data))
         for key, value in values.items():
             _set(data, key, value, where)
         try:
             return data, CaseSpec.model_validate(data), []
         except pydantic.ValidationError as error:
-            return data, None, fault_lines(error, CaseSpec, data, self.text, _MARK)
+            return data, None, fault_lines(error, CaseSpec, self._marked(data))
+
+    @cached_property
+    def _files(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((str(self.path), *(file for file, _ in self.source.places.values()))))
+
+    def _marked(self, data: dict[str, Any]) -> CaseText:
+        """Other data with the places of the base's, each file under a mark with its number."""
+        number = {file: f"{_MARK}{i}" for i, file in enumerate(self._files)}
+        places = {path: (number[file], line) for path, (file, line) in self.source.places.items()}
+        return CaseText(f"{_MARK}0", "", data, places)
 
     def _placed(self, fault: str, given: Mapping[str, str], where: str) -> str:
         """A fault with the row in place of the base's line, where the row gives that key."""
-        match = re.fullmatch(rf"{_MARK}:(\d+): ([^:]*): (.*)", fault, re.DOTALL)
+        match = re.fullmatch(rf"{_MARK}(\d+):(\d+): ([^:]*): (.*)", fault, re.DOTALL)
         if match is None:  # a key in quotes that holds a colon
-            return fault.replace(_MARK, where, 1)
-        line, key, words = match.groups()
+            return re.sub(rf"^{_MARK}\d+", lambda _: where, fault)
+        number, line, key, words = match.groups()
         if any(key == column or key.startswith(f"{column}.") for column in given):
             return f"{where}: {key}: {words}"
-        return f"{where}: {key}, {self.path}:{line}: {words}"
+        return f"{where}: {key}, {self._files[int(number)]}:{line}: {words}"
 
 
 def _at_fault(key: str, faults: list[str]) -> bool:
@@ -103,23 +111,8 @@ def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
     return parsed["value"] if parsed.keys() == {"value"} else cell
 
 
-@lru_cache(maxsize=1000)
-def _parts(key: str) -> tuple[str, ...]:
-    """Parts of a dotted key, in which parts may stand in quotes."""
-    try:
-        inside: Any = tomllib.loads(f"{key} = 0")
-    except (ValueError, RecursionError):
-        return ()
-    parts: list[str] = []
-    while isinstance(inside, dict) and len(inside) == 1:
-        part = next(iter(inside))
-        parts.append(part)
-        inside = inside[part]
-    return tuple(parts) if inside == 0 else ()
-
-
 def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
-    parts = _parts(key)
+    parts = key_parts(key)
     if not parts:
         raise CaseError(
             f"{where}: column {key!r}: found no key of a case file; expected one such as structure.length_mm, or key, "
@@ -138,13 +131,14 @@ def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
 
 
 @lru_cache(maxsize=1000)
-def read_base(path: Path) -> BaseCase:
+def read_base(path: Path, allow_outside: bool = False) -> BaseCase:
     """Read a base case; each file once.
+
+    What it builds on must lie in its directory or below unless `allow_outside`.
 
     Raises
     ------
     CaseError
         If it cannot be read or is no TOML; whether it is a case is seen with the row.
     """
-    text = read_text(path)
-    return BaseCase(path, text, parse_toml(text, str(path)))
+    return BaseCase(path, read_case_text(path, allow_outside))

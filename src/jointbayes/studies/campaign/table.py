@@ -6,10 +6,11 @@ import hashlib
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
 
+from jointbayes.case.case_text import read_case_text
 from jointbayes.case.files import require_inside
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
@@ -44,6 +45,8 @@ class CampaignCase:
         What the table puts in place of the base's values, by dotted key; None of a case file.
     serial, date
         As the table has them.
+    allow_outside
+        Whether a case may build on files outside its directory.
     """
 
     key: str
@@ -53,6 +56,7 @@ class CampaignCase:
     cells: Mapping[str, str] | None = None
     serial: str | None = None
     date: datetime.datetime | None = None
+    allow_outside: bool = False
 
     def read(self) -> tuple[str, CaseSpec]:
         """Text of the case, and the same checked.
@@ -63,9 +67,9 @@ class CampaignCase:
             If it is no case.
         """
         if self.cells is None:
-            text = read_text(self.path)
-            return text, parse_case(text, str(self.path))
-        return read_base(self.path).overridden(self.cells, self.where)
+            source = read_case_text(self.path, self.allow_outside)
+            return source.text, parse_case(source)
+        return read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Its measurement files."""
@@ -115,7 +119,8 @@ def read_cases(
         raise CaseError(f"{tables[0]}: found a table and {len(paths) - 1} more; expected one table, or case files")
     if not tables and base is not None:
         raise CaseError(f"{base}: found a base case with case files; expected it with a table; give a table in CSV")
-    cases = tuple(_rows(tables[0], base) if tables else _of_files(sources))
+    found = _rows(tables[0], base) if tables else _of_files(sources)
+    cases = tuple(replace(case, allow_outside=allow_outside) for case in found)
     _require_own_keys(cases)
     faults: list[str] = []
     for case in cases:

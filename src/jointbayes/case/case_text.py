@@ -1,0 +1,243 @@
+"""The text of a case: its own, or the one that a file and the base files it builds on make together.
+
+``extends = "base.toml"`` takes all keys of another file, of which the case then states only what differs: tables are
+merged key by key, every other value, a list too, replaces the base's. ``remove = ["data", "prior.k12"]`` takes keys or
+tables out of the base first, such as a table of another kind. Each key keeps the file and line that it stands in.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jointbayes.case.toml_text import (
+    KeyPath,
+    fault_line,
+    key_lines,
+    key_parts,
+    parse_toml,
+    printable,
+    read_text,
+    similar,
+)
+from jointbayes.case.toml_writer import toml_text
+from jointbayes.errors import CaseError
+
+__all__ = ["CaseText", "case_text", "read_case_text"]
+
+_MOST_FILES = 10  # that build on each other
+_EXTENDS, _REMOVE = "extends", "remove"
+#: Keys whose values name files, relative to the file that states them.
+_FILE_KEYS = frozenset({"file"})
+
+Place = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseText:
+    """Text of a case, with the file and line of each of its keys.
+
+    Parameters
+    ----------
+    name
+        The file that is the case, as messages show it.
+    text
+        TOML text that needs no other file: the file's own, or that of all its files together.
+    data
+        What it is parsed to.
+    places
+        File and line of each key, table and list entry.
+    """
+
+    name: str
+    text: str
+    data: Mapping[str, Any]
+    places: Mapping[KeyPath, Place]
+
+    def place(self, path: KeyPath) -> Place:
+        """File and line of a key, or of the innermost table around it that is written."""
+        known = (self.places[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self.places)
+        return next(known, (self.name, 1))
+
+    def order(self, path: KeyPath) -> tuple[bool, str, int]:
+        """What sorts keys as they are read: those of the case's own file first."""
+        file, line = self.place(path)
+        return file != self.name, file, line
+
+    def fault(self, path: KeyPath, key: str, *parts: str) -> str:
+        """One line of a `CaseError` on a key: file, line, key, then found; expected; what to do."""
+        return fault_line(*self.place(path), key, *parts)
+
+
+def read_case_text(path: str | os.PathLike[str], allow_outside: bool = False) -> CaseText:
+    """Read a case file and the files it builds on.
+
+    Parameters
+    ----------
+    path
+        The file.
+    allow_outside
+        Whether files it builds on may lie outside its directory.
+
+    Raises
+    ------
+    CaseError
+        If a file cannot be read or is no TOML, lies outside the directory of the case and may not, or builds on itself.
+    """
+    file = Path(path)
+    return case_text(read_text(file), os.fspath(path), file, allow_outside)
+
+
+def case_text(text: str, name: str, file: Path | None = None, allow_outside: bool = False) -> CaseText:
+    """The text of a case with that of the files it builds on.
+
+    Parameters
+    ----------
+    text, name
+        The text, and the file that messages show.
+    file
+        The file that it is, or one of that directory; None of a text that stands alone and must name no other.
+    allow_outside
+        Whether files it builds on may lie outside the directory of `file`.
+
+    Raises
+    ------
+    CaseError
+        As `read_case_text`; or if the text names a file and stands alone.
+    """
+    data = parse_toml(text, name)
+    places = {path: (name, line) for path, line in key_lines(text).items()}
+    if _EXTENDS not in data and _REMOVE not in data:
+        return CaseText(name, text, data, places)
+    own = CaseText(name, text, data, places)
+    if file is None:
+        found, expected = "found a text that is no file and builds on one", "a text that is whole"
+        raise CaseError(own.fault((_EXTENDS,), _EXTENDS, found, f"expected {expected}", "load it as a file"))
+    chain = _chain(own, file, allow_outside)
+    merged, places = chain[-1]
+    for over in reversed(chain[:-1]):
+        merged, places = _merged(CaseText(name, "", merged, places), CaseText(name, "", *over))
+    names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in places.values()))
+    return CaseText(name, f"# Merged from {names}\n{toml_text(merged)}", merged, places)
+
+
+def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[str, Any], dict[KeyPath, Place]]]:
+    """Data and places of a case and of the files it builds on, the last of which builds on none."""
+    home, here, current = file.parent, file, own
+    read, chain = [_real(file)], [(dict(own.data), dict(own.places))]
+    while (base := current.data.get(_EXTENDS)) is not None:
+        if not isinstance(base, str) or not base:
+            expected = "the name of a case file, a text"
+            raise _fault(current, f"found {type(base).__name__}", expected, f'write for example {_EXTENDS} = "base.toml"')
+        here = here.parent / base
+        if not allow_outside and not _inside(here, home):
+            remedy = "move the file there, or allow it: --allow-outside, in Python allow_outside=True"
+            found = f'found "{printable(base)}", which leads out of the directory of the case file'
+            raise _fault(current, found, "a case file in it or below", remedy)
+        name = os.path.join(os.path.dirname(current.name), base)  # as the user would write it
+        if _real(here) in read:
+            circle = " → ".join(printable(one.name) for one in (*read[read.index(_real(here)) :], here))
+            raise _fault(current, f"found a circle, {circle}", "files that end at one that extends none", "remove one extends")
+        if len(chain) == _MOST_FILES:
+            raise _fault(current, f"found more than {_MOST_FILES} files that build on each other", "fewer", "merge some")
+        read.append(_real(here))
+        text = read_text(here) if here.exists() else None
+        if text is None:
+            near = similar(here.name, (p.name for p in here.parent.glob("*.toml") if p != file))
+            remedy = f'did you mean "{near}"?' if near else "check the name; it is relative to this file"
+            raise _fault(current, f'found "{printable(base)}", which is no file', "a case file to build on", remedy)
+        data = parse_toml(text, name)
+        current = CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
+        if here.parent != home:
+            data = _relocated(data, here.parent, home)
+        chain.append((dict(data), dict(current.places)))
+    if _REMOVE in current.data:
+        found, expected = "found it in a file that builds on none", f"a file with {_EXTENDS}"
+        raise CaseError(current.fault((_REMOVE,), _REMOVE, found, f"expected {expected}", "remove it"))
+    return chain
+
+
+def _fault(source: CaseText, found: str, expected: str, remedy: str) -> CaseError:
+    return CaseError(source.fault((_EXTENDS,), _EXTENDS, found, f"expected {expected}", remedy))
+
+
+def _real(file: Path) -> Path:
+    try:
+        return file.resolve()
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: found again on reading
+        return file
+
+
+def _inside(file: Path, home: Path) -> bool:
+    return _real(file).is_relative_to(_real(home))
+
+
+def _relocated(table: Mapping[str, Any], here: Path, home: Path) -> dict[str, Any]:
+    """A table whose names of files, relative to one directory, are relative to another."""
+
+    def moved(value: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
+        if isinstance(value, list):
+            return [moved(one) for one in value]
+        return Path(os.path.relpath(here / value, home)).as_posix() if isinstance(value, str) else value
+
+    def inner(key: str, value: object) -> Any:  # noqa: ANN401
+        if isinstance(value, Mapping):
+            return _relocated(value, here, home)
+        if isinstance(value, list) and any(isinstance(one, Mapping) for one in value):
+            return [_relocated(one, here, home) if isinstance(one, Mapping) else one for one in value]
+        return moved(value) if key in _FILE_KEYS else value
+
+    return {key: inner(key, value) for key, value in table.items()}
+
+
+def _merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath, Place]]:
+    """Data and places of a base, less what is removed, with those of a file that builds on it."""
+    data, places = dict(base.data), dict(base.places)
+    for index, path in enumerate(_removed(over)):
+        if not _without(data, path):
+            shown = ".".join(path)
+            near = similar(shown, (".".join(map(str, known)) for known in base.places))
+            remedy = f'did you mean "{near}"?' if near else "correct or remove it"
+            words = (f'found "{printable(shown)}", which the base does not have', "expected a key of it", remedy)
+            raise CaseError(over.fault((_REMOVE, index), _REMOVE, *words))
+        places = {known: place for known, place in places.items() if known[: len(path)] != path}
+    _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
+    own = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
+    return data, places | own
+
+
+def _removed(over: CaseText) -> list[tuple[str, ...]]:
+    given = over.data.get(_REMOVE, [])
+    paths = [key_parts(one) if isinstance(one, str) else () for one in given] if isinstance(given, list) else [()]
+    if not all(paths):
+        words = ("found what is no key", "expected a list of keys of the base", 'write for example remove = ["prior.k12"]')
+        raise CaseError(over.fault((_REMOVE, paths.index(())), _REMOVE, *words))
+    return paths
+
+
+def _without(data: dict[str, Any], path: tuple[str, ...]) -> bool:
+    """Take a key out of tables, which are copied on the way; whether it was there."""
+    *above, last = path
+    table = data
+    for part in above:
+        if not isinstance(table.get(part), Mapping):
+            return False
+        table[part] = dict(table[part])
+        table = table[part]
+    return table.pop(last, None) is not None
+
+
+def _lay_over(data: dict[str, Any], over: Mapping[str, Any], path: KeyPath, places: dict[KeyPath, Place]) -> None:
+    """Put values in the place of a base's, table by table; where those stood is forgotten."""
+    for key, value in over.items():
+        here, old = (*path, key), data.get(key)
+        if isinstance(value, Mapping) and isinstance(old, Mapping):
+            data[key] = dict(old)
+            _lay_over(data[key], value, here, places)
+            continue
+        for known in [known for known in places if known[: len(here)] == here]:
+            del places[known]
+        data[key] = value

@@ -1,0 +1,120 @@
+"""Modes as data: measured frequencies, damping ratios and shapes against those of the posterior."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.inference import ModePrediction, mac
+from jointbayes.measurement import ModeMeasurement, Observed
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.rounding import signed
+from jointbayes.report import figures
+from jointbayes.report.format import interval, number
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Block, Figure, Section, Table
+
+__all__ = ["modes_section"]
+
+Array = NDArray[np.float64]
+
+_DRAWS = 1000
+_MOST_ROWS, _MOST_FIGURES = 60, 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared:
+    """One kind of quantity, measured against the MAP and the ends of its 95 % interval; arrays of one shape."""
+
+    measured: Array
+    sd: Array
+    best: Array
+    low: Array
+    high: Array
+
+    def row(self, at: tuple[int, ...]) -> tuple[str, ...]:
+        """Measured, sd, MAP, deviation in standard deviations, interval."""
+        ends = interval((self.low[at], self.high[at]), 4)
+        if np.isnan(self.measured[at]):
+            return ("–", "–", number(self.best[at], 4), "–", ends)
+        away = (self.best[at] - self.measured[at]) / self.sd[at]
+        return (number(self.measured[at], 4), number(self.sd[at], 2), number(self.best[at], 4), signed(away), ends)
+
+
+def modes_section(inputs: ReportInputs) -> Section | None:
+    """Measured against predicted modes; None where the data are others."""
+    posterior, measured = inputs.posterior, inputs.posterior.problem.measurement
+    if not isinstance(measured, ModeMeasurement):
+        return None
+    prediction = ModePrediction(posterior.problem.structures, posterior.problem.joints, measured)
+    parts, likeness, places = _compared(posterior, measured, prediction)
+    head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
+    rows = []
+    for name, part in parts.items():
+        if name != "shape":
+            rows += [(f"{name}, mode {n}", *part.row((i,))) for i, n in enumerate(measured.numbers)]
+    repetitions = len(measured.frequency.values)
+    note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
+    note = (note if repetitions > 1 else "") + "Frequencies are undamped ones."
+    blocks: list[Block] = [Table("Modes, measured and predicted", ("Quantity", *head), tuple(rows), note=note)]
+    if "shape" in parts and measured.shapes is not None:
+        shape, dofs = parts["shape"], measured.shapes.dofs
+        each = [
+            (f"{foreign(dof)} over {foreign(measured.references[i])}, mode {n}", *shape.row((i, j)))
+            for i, n in enumerate(measured.numbers)
+            for j, dof in enumerate(dofs)
+        ]
+        more = f"The first {_MOST_ROWS} of {len(each)}." if len(each) > _MOST_ROWS else ""
+        blocks.append(Table("Components of mode shapes", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more))
+        matched = tuple(
+            (str(n), str(place + 1), number(one, 4))
+            for n, place, one in zip(measured.numbers, places, likeness, strict=True)
+        )
+        how = "the number that the data state" if measured.match == "number" else "the nearest shape"
+        note = f"Matched by {how}, at the MAP. Modal assurance criterion: 1 where the two shapes are proportional."
+        head = ("Measured mode", "Mode of the model", "Modal assurance criterion")
+        blocks.append(Table("Matched modes", head, matched, note=note))
+        blocks += _figures(measured, shape)
+    return Section("modes", "Modes", tuple(blocks))
+
+
+def _compared(
+    posterior: Posterior, measured: ModeMeasurement, prediction: ModePrediction
+) -> tuple[dict[str, _Compared], Array, NDArray[np.intp]]:
+    """Each kind of quantity by name; and of each mode its MAC and its partner's place (from 0) at the MAP."""
+    problem, prior = posterior.problem, posterior.problem.prior
+    theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
+    modal, places = prediction.matched(prior.matrix(theta), problem.structural(prior.factors(theta)))
+    omega_squared = (2 * np.pi * modal.frequency_hz) ** 2
+    predicted = {"Frequency (Hz)": modal.frequency_hz}
+    given: dict[str, Observed | None] = {"Frequency (Hz)": measured.frequency}
+    if measured.eigenvalues:
+        predicted, given = {"Eigenvalue (rad²/s²)": omega_squared}, {"Eigenvalue (rad²/s²)": measured.frequency}
+    predicted |= {"Damping ratio": modal.damping_ratio}
+    given |= {"Damping ratio": measured.damping}
+    likeness = np.empty(0)
+    if measured.shapes is not None:
+        predicted["shape"], given["shape"] = prediction.components(modal), measured.shapes.components
+        likeness = np.diagonal(mac(prediction.measured_shapes, modal.shapes[0]))
+    parts = {}
+    for name, part in given.items():
+        if part is not None:
+            low, high = np.quantile(predicted[name][1:], [0.025, 0.975], axis=0)
+            parts[name] = _Compared(*part.mean(), predicted[name][0], low, high)
+    return parts, likeness, places[0]
+
+
+def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
+    """Each mode's components, measured and predicted."""
+    assert measured.shapes is not None
+    found: list[Block] = []
+    for i, n in enumerate(measured.numbers[:_MOST_FIGURES]):
+        values = (shape.measured[i], shape.sd[i], shape.best[i], shape.low[i], shape.high[i])
+        labels = [foreign(dof) for dof in measured.shapes.dofs]
+        caption = f"Shape of mode {n} over its component at {foreign(measured.references[i])}: measured with 95 %, "
+        caption += "MAP, and the 95 % interval of the posterior."
+        away = np.abs((shape.best[i] - shape.measured[i]) / shape.sd[i])
+        alt = f"Components of mode {n}; the largest deviation of the MAP is {number(np.nanmax(away), 2)} sd."
+        found.append(Figure(f"mode-shape-{n}", caption, alt, figures.mode_shape(labels, *values)))
+    return found

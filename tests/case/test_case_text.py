@@ -1,0 +1,165 @@
+"""Cases that build on another file: what they become, where their faults are said to be, and what is refused."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import jointbayes as jb
+from jointbayes.case.case_text import case_text, read_case_text
+from jointbayes.case.schema.case import parse_case
+from jointbayes.errors import CaseError
+
+BASE = """\
+title = "Base"
+
+[structure]
+length_mm = 400.0
+damping = { law = "modal", ratio = [0.01, 0.02] }
+
+[data]
+file = "tip.uff"
+outputs = ["11:y", "6:y"]
+
+[prior.k11]
+low = 1.0
+"""
+
+
+def write(directory: Path, **files: str) -> Path:
+    for name, text in files.items():
+        place = directory / f"{name.replace('__', '/')}.toml"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text)
+    return directory / "case.toml"
+
+
+def test_tables_merge_key_by_key_and_lists_replace(tmp_path):
+    case = write(
+        tmp_path,
+        base=BASE,
+        case='extends = "base.toml"\n[structure]\ndamping.ratio = [0.03]\n[data]\noutputs = []\n[prior.k11]\nhigh = 2.0\n',
+    )
+    text = read_case_text(case)
+    expected = tomllib.loads(BASE)
+    expected["structure"]["damping"]["ratio"] = [0.03]
+    expected["data"]["outputs"] = []
+    expected["prior"]["k11"]["high"] = 2.0
+    assert text.data == expected
+    assert tomllib.loads(text.text) == expected
+    assert "extends" not in text.text
+    assert text.text.startswith("# Merged from base.toml, case.toml\n")
+
+
+def test_each_key_keeps_the_file_and_line_it_stands_in(tmp_path):
+    case = write(
+        tmp_path,
+        base=BASE,
+        case='extends = "base.toml"\n\n[data]\noutputs = ["1:y"]\n',
+    )
+    text = read_case_text(case)
+    own, base = str(case), str(tmp_path / "base.toml")
+    assert text.place(("structure", "length_mm")) == (base, 4)
+    assert text.place(("data", "outputs", 0)) == (own, 4)
+    assert text.place(("data", "outputs", 1)) == (own, 4)  # the second of the base is gone
+    assert text.place(("data", "file")) == (base, 8)
+    assert text.place(("data", "none")) == (own, 3)
+    assert text.place(("prior", "k11", "none")) == (base, 11)
+
+
+def test_what_is_removed_is_gone_with_all_below_it(tmp_path):
+    case = write(
+        tmp_path,
+        base=BASE,
+        case='extends = "base.toml"\nremove = ["data", "structure.damping.ratio", "title"]\n[data]\nkind = "modes"\n',
+    )
+    data = read_case_text(case).data
+    assert data["data"] == {"kind": "modes"}
+    assert data["structure"]["damping"] == {"law": "modal"}
+    assert "title" not in data
+
+
+def test_a_chain_is_laid_over_from_its_end(tmp_path):
+    case = write(
+        tmp_path,
+        base=BASE,
+        parts__middle='extends = "../base.toml"\ntitle = "Middle"\n[data]\nfile = ["a.uff", "../b.uff"]\n',
+        case='extends = "parts/middle.toml"\n[structure]\nlength_mm = 1.0\n',
+    )
+    data = read_case_text(case).data
+    assert (data["title"], data["structure"]["length_mm"]) == ("Middle", 1.0)
+    assert data["data"]["file"] == ["parts/a.uff", "b.uff"]  # relative to the file that names them
+
+
+def test_a_text_without_extends_is_itself():
+    text = case_text(BASE, "x.toml")
+    assert text.text == BASE
+    assert text.place(("structure", "length_mm")) == ("x.toml", 4)
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"case": '\nextends = "case.toml"\n'}, "case.toml:2: extends: found a circle, .*case.toml → .*case.toml; expected"),
+        (
+            {"case": 'extends = "base.toml"\n', "base": 'title = "B"\nextends = "case.toml"\n'},
+            "base.toml:2: extends: found a circle, .*case.toml → .*base.toml → .*case.toml; expected",
+        ),
+        ({"case": 'extends = "bass.toml"\n', "base": BASE}, 'extends: found "bass.toml", which is no file; .*"base.toml"'),
+        ({"case": 'extends = "../base.toml"\n'}, r"extends: found \"../base.toml\", which leads out of .*--allow-outside"),
+        ({"case": "extends = 3\n"}, 'extends: found int; expected the name of a case file, a text; write for example'),
+        ({"case": 'remove = ["data"]\n[data]\n'}, "remove: found it in a file that builds on none"),
+        (
+            {"case": 'extends = "base.toml"\nremove = ["prior.k1"]\n', "base": BASE},
+            'case.toml:2: remove: found "prior.k1", which the base does not have; .* "prior.k11"',
+        ),
+        ({"case": 'extends = "base.toml"\nremove = "data"\n', "base": BASE}, "remove: found what is no key"),
+        ({"case": 'extends = "base.toml"\nremove = [""]\n', "base": BASE}, "remove: found what is no key"),
+        ({"case": 'extends = "base.toml"\n', "base": "a = \n"}, "base.toml:1: a: .*expected TOML"),
+    ],
+)
+def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, files, words):
+    case = write(tmp_path / "here", **files)
+    with pytest.raises(CaseError, match=words) as refused:
+        read_case_text(case)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):
+    case = write(tmp_path / "here", case='extends = "../base.toml"\n')
+    (tmp_path / "base.toml").write_text(BASE)
+    data = read_case_text(case, allow_outside=True).data
+    assert data["data"]["file"] == "../tip.uff"
+
+
+def test_a_text_alone_builds_on_no_file():
+    with pytest.raises(CaseError, match="x.toml:1: extends: found a text that is no file"):
+        parse_case('extends = "base.toml"\n', "x.toml")
+
+
+def test_a_shipped_case_shortened_by_its_base_is_the_same_problem(tmp_path, configs):
+    whole = (configs / "clamped_beam.toml").read_text()
+    case = write(tmp_path, base=whole, case='extends = "base.toml"\ntitle = "Shorter"\n[structure]\nlength_mm = 390.0\n')
+    changed = jb.load_case(case)
+    assert changed.title == "Shorter"
+    assert changed.spec.structure.length_mm == 390.0
+    again = jb.case_from_text("again", changed.text)
+    assert again.spec == changed.spec
+    assert jb.load_case(configs / "clamped_beam.toml").spec.prior == changed.spec.prior
+    assert json.loads(changed.spec.model_dump_json())["extends"] == ""
+
+
+def test_faults_and_warnings_name_the_file_and_line_they_come_from(tmp_path, configs):
+    whole = (configs / "clamped_beam.toml").read_text()
+    line = whole.splitlines().index("length_mm = 383.0") + 1
+    base = whole.replace("length_mm = 383.0", 'length_mm = "383"')
+    case = write(tmp_path, base=base, case='extends = "base.toml"\n[structure]\nlenght_mm = 390.0\n')
+    with pytest.raises(CaseError) as refused:
+        jb.load_case(case)
+    own, other = str(refused.value).splitlines()
+    assert own.startswith(f"{case}:3: structure.lenght_mm: unknown key")
+    assert other.startswith(f"{tmp_path / 'base.toml'}:{line}: structure.length_mm: found the text")
+    write(tmp_path, base=whole.replace("length_mm = 383.0", "length_mm = 0.383"), case='extends = "base.toml"\n')
+    (warning, *_) = jb.load_case(case).warnings
+    assert (warning.file, warning.line) == (str(tmp_path / "base.toml"), line)
