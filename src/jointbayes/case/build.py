@@ -7,18 +7,22 @@ from importlib import import_module
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.case.mode_data import modes_of
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.damping import ModalDampingSpec
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, NoiseSpec, SyntheticFrfSpec, TruthSpec
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec, StiffnessSpec
+from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import (
     DecadesPriorSpec,
     FactorPriorSpec,
     LogNormalPriorSpec,
     LogUniformPriorSpec,
+    NormalStiffnessPriorSpec,
     PriorSpec,
     UniformPriorSpec,
+    UniformStiffnessPriorSpec,
 )
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.structures import metres, structure_recipe
@@ -29,6 +33,7 @@ from jointbayes.inference import (
     NoiseModel,
     Normal,
     Nuisance,
+    OfStiffness,
     Uniform,
 )
 from jointbayes.inference.noise.base import NoiseChoice
@@ -91,7 +96,7 @@ WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
 
 def recipe_of(spec: StructureSpec, data: DataSpec, measurement: Measurement | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else ()
+    loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else data.dofs if isinstance(data, ModesSpec) else ()
     if measurement is not None and measurement.provenance is not None:
         loaded = measurement.provenance.loaded
     return structure_recipe(spec, loaded)
@@ -195,6 +200,10 @@ def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:
             return Normal.from_decades(spec.guess, spec.decades)
         case UniformPriorSpec():
             return Uniform(spec.low, spec.high)
+        case UniformStiffnessPriorSpec():
+            return OfStiffness(Uniform(spec.low, spec.high))
+        case NormalStiffnessPriorSpec():
+            return OfStiffness(Normal(spec.mean, spec.sd))
 
 
 def with_workshop_uncertainty(
@@ -284,7 +293,9 @@ def family_of(recipe: StructureRecipe, prior: JointPrior) -> StructureFamily:
 def measurement_of(case: CaseSpec, joint: AnyJoint) -> Measurement:
     """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs."""
     spec = case.data
-    assert isinstance(spec, SyntheticFrfSpec | NaturalFrequenciesSpec)
+    assert isinstance(spec, SyntheticFrfSpec | NaturalFrequenciesSpec | ModesSpec)
+    if isinstance(spec, ModesSpec):
+        return modes_of(spec)
     if isinstance(spec, NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
         return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))

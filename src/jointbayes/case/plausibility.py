@@ -13,6 +13,7 @@ from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.frame import FrameSpec
 from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.case.schema.section import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, TubeSpec
 from jointbayes.case.schema.structure import BeamSpec, StructureSpec
 
@@ -81,6 +82,9 @@ def stated_band_hz(spec: CaseSpec) -> tuple[float, float] | None:
     data = spec.data
     if isinstance(data, MeasuredSpec):
         return None
+    if isinstance(data, ModesSpec):
+        seen = [f for row in data.frequencies for f in row if not math.isnan(f)]
+        return min(seen), max(seen)
     lines = data.lines_hz() if isinstance(data, SyntheticFrfSpec) else data.frequencies_hz
     return lines[0], lines[-1]
 

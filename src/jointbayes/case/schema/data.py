@@ -24,6 +24,7 @@ from jointbayes.case.schema.fields import (
 from jointbayes.case.schema.joint import K11_FIELD, K12_FIELD, K22_FIELD, pair_findings
 from jointbayes.case.schema.limits import MOST_VALUES
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec
+from jointbayes.case.schema.modes import ModesSpec
 
 __all__ = ["DataSpec", "NaturalFrequenciesSpec", "NoiseSpec", "SyntheticFrfSpec", "TruthSpec"]
 
@@ -104,7 +105,7 @@ class TruthSpec(Spec):
 
 
 _KIND = key_field(
-    'the kind of data, "synthetic_frf", "natural_frequencies", "measured_frf" or "measured_frequencies"',
+    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
     "synthetic_frf",
 )
 _QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
@@ -171,12 +172,17 @@ class NaturalFrequenciesSpec(Spec):
     sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)]
     sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)]
 
+    @property
+    def most_modes(self) -> int:
+        """Number of the highest mode."""
+        return len(self.frequencies_hz)
+
     def _findings(self) -> Iterator[Finding]:
         if self.sd_relative + self.sd_hz == 0:
             yield Finding(("sd_relative",), "sd_relative and sd_hz are both 0", "at least one above 0", "raise one")
 
 
 DataSpec = Annotated[
-    SyntheticFrfSpec | NaturalFrequenciesSpec | MeasuredFrfSpec | MeasuredFrequenciesSpec,
+    SyntheticFrfSpec | NaturalFrequenciesSpec | ModesSpec | MeasuredFrfSpec | MeasuredFrequenciesSpec,
     Field(discriminator="kind", description="the data: their kind and what belongs to it"),
 ]

@@ -202,7 +202,7 @@ class MeasuredSpec(Spec):
 
 
 _KIND = key_field(
-    'the kind of data, "synthetic_frf", "natural_frequencies", "measured_frf" or "measured_frequencies"',
+    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
     "measured_frf",
 )
 _VARIANCE = Field(description="the variance of the FRFs: source")

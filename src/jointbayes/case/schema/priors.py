@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, create_model
 
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Positive, Spec, ascii_unit, key_field, not_above, positive
+from jointbayes.case.schema.fields import Positive, Spec, ascii_unit, key_field, not_above, not_negative, positive
 from jointbayes.joint import (
     COORDINATES,
     DIRECTIONS,
@@ -23,13 +23,15 @@ __all__ = [
     "FactorPriorSpec",
     "LogNormalPriorSpec",
     "LogUniformPriorSpec",
+    "NormalStiffnessPriorSpec",
     "PriorSpec",
     "PriorsSpec",
     "UncertainSpec",
     "UniformPriorSpec",
+    "UniformStiffnessPriorSpec",
 ]
 
-_DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal" or "decades"', "log_uniform")
+_DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform")
 #: Every coordinate that a joint may have, by name.
 _COUPLED = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
 _SPRINGS = {quantity.name: Coordinate.logarithm_of(quantity) for quantity in spring_stiffnesses(DIRECTIONS)}
@@ -72,7 +74,28 @@ class DecadesPriorSpec(Spec):
     decades: Annotated[float, positive("the decades the guess may be off, 95 % inside", 1.0)]
 
 
-_StiffnessPrior = LogUniformPriorSpec | LogNormalPriorSpec | DecadesPriorSpec
+class UniformStiffnessPriorSpec(Spec):
+    """Every value of the stiffness itself is equally probable between two bounds."""
+
+    distribution: Annotated[Literal["uniform"], _DISTRIBUTION]
+    low: Annotated[float, not_negative(f"the lower bound {_UNIT}", 1e6)]
+    high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e8)]
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from not_above(self.low, self.high, "low", "high", _UNIT)
+
+
+class NormalStiffnessPriorSpec(Spec):
+    """The stiffness itself is normal, cut off at zero."""
+
+    distribution: Annotated[Literal["normal"], _DISTRIBUTION]
+    mean: Annotated[float, positive(f"the mean {_UNIT}", 1e8)]
+    sd: Annotated[float, positive(f"the standard deviation {_UNIT}", 2e7)]
+
+
+_StiffnessPrior = (
+    LogUniformPriorSpec | LogNormalPriorSpec | DecadesPriorSpec | UniformStiffnessPriorSpec | NormalStiffnessPriorSpec
+)
 PriorSpec = Annotated[_StiffnessPrior, Field(discriminator="distribution")]
 
 

@@ -12,6 +12,7 @@ from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, Synthe
 from jointbayes.case.schema.fields import either, listed
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
+from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.settings import PlanSpec
@@ -33,7 +34,7 @@ __all__ = [
 ]
 
 _ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")  # of joints that share quantities
-_FREQUENCIES = NaturalFrequenciesSpec | MeasuredFrequenciesSpec
+_FREQUENCIES = NaturalFrequenciesSpec | ModesSpec | MeasuredFrequenciesSpec
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
@@ -47,16 +48,16 @@ def dof_findings(
         labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
     if isinstance(data, SyntheticFrfSpec):
         labelled |= {("data", "outputs"): data.outputs, ("data", "inputs"): data.inputs}
-    elif isinstance(data, NaturalFrequenciesSpec):
+    elif isinstance(data, NaturalFrequenciesSpec | ModesSpec):
         free = structure.free_dofs
-        if len(data.frequencies_hz) > free:
-            found = f"{len(data.frequencies_hz)} frequencies for {free} free DOFs"
-            yield Finding(
-                ("data", "frequencies_hz"),
-                found,
-                f"at most {free} frequencies",
-                "raise structure.elements" if structure.spans else "remove the highest",
-            )
+        if data.most_modes > free:
+            key = "numbers" if isinstance(data, ModesSpec) and data.numbers else "frequencies_hz"
+            found = f"{data.most_modes} frequencies for {free} free DOFs"
+            remedy = "raise structure.elements" if structure.spans else "remove the highest"
+            yield Finding(("data", key), found, f"at most {free} frequencies", remedy)
+    if isinstance(data, ModesSpec) and data.shapes is not None:
+        shapes = data.shapes
+        labelled |= {("data", "shapes", "dofs"): shapes.dofs, ("data", "shapes", "reference"): shapes.reference}
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
         yield from _immovable_dofs(structure, labels, loc)
@@ -200,12 +201,15 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data:
     mass = structure.accelerometer_mass_g
     yield from _foreign_quantities(uncertain, structure)
     if isinstance(data, _FREQUENCIES):
-        if mass > 0 and isinstance(data, NaturalFrequenciesSpec):
+        seen = _seen(data)
+        if mass > 0 and "accelerometer_mass" not in seen:
             found = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
             yield Finding(("structure", "accelerometer_mass_g"), found, f"0, or {_FRF_ONLY}", "remove it")
         for name in uncertain.given:
-            if name in _UNSEEN and (name != "accelerometer_mass" or isinstance(data, NaturalFrequenciesSpec)):
+            if name in _UNSEEN and name not in seen:
                 yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
+        if "damping_ratio" in seen:
+            yield from _damping_findings(uncertain, structure)
         return
     yield from _damping_findings(uncertain, structure)
     if uncertain.mode_frequencies and structure.damping.law != "modal":
@@ -236,6 +240,14 @@ def _foreign_quantities(uncertain: UncertainSpec, structure: StructureSpec) -> I
             found = f'a structure of kind = "{structure.kind}" without this quantity'
             expected = f"one of {listed([*known, *sorted(_OF_NO_STRUCTURE)])}"
             yield Finding(loc, found, expected, "remove it or correct the name of the body")
+
+
+def _seen(data: DataSpec) -> frozenset[str]:
+    """Quantities of `_UNSEEN` that these data depend on all the same."""
+    if isinstance(data, ModesSpec):
+        damping = {"damping_ratio", "loss_factor"} if data.damping_ratios is not None else set()
+        return frozenset(damping | ({"accelerometer_mass"} if data.shapes is not None else set()))
+    return frozenset() if isinstance(data, NaturalFrequenciesSpec) else frozenset({"accelerometer_mass"})
 
 
 def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:

@@ -1,0 +1,143 @@
+"""Cases whose data are modes, and priors on the stiffness itself: what they state, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.case.schema.case import parse_case
+from jointbayes.errors import CaseError
+from jointbayes.inference import OfStiffness
+from tests.conftest import CONFIGS
+
+MODES = """
+[data]
+kind = "modes"
+frequencies_hz = [[118.0, 750.0], [122.0, nan]]
+sd_relative = [0.01, 0.02]
+sd_hz = 0.5
+damping_ratios = [0.011, 0.009]
+damping_sd_relative = 0.1
+numbers = [1, 2]
+
+[data.shapes]
+dofs = ["4:y", "8:y"]
+reference = "11:y"
+components = [[0.14, 0.62], [-0.61, nan]]
+sd = [0.02, 0.03]
+"""
+WHOLE = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+BEAM = WHOLE[: WHOLE.index("[data]")]
+BASE = f'{BEAM}{MODES}\n[sampling]\nwalkers = 16\n'
+
+
+def changed(*changes: tuple[str, str]) -> str:
+    text = BASE
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_a_case_states_modes_as_python_does():
+    measured = jb.case_from_text("modes", BASE).problem.measurement
+    np.testing.assert_array_equal(measured.frequency.values, [[118.0, 750.0], [122.0, math.nan]])
+    # fractions of the mean over repetitions
+    np.testing.assert_allclose(measured.frequency.sd[0], np.hypot([1.2, 15.0], 0.5))
+    np.testing.assert_allclose(measured.damping.sd, [[0.0011, 0.0009]])
+    np.testing.assert_array_equal(measured.shapes.components.sd, [[[0.02, 0.02], [0.03, math.nan]]])
+    assert (measured.dofs, measured.numbers, measured.match) == (("4:y", "8:y", "11:y"), (1, 2), "number")
+    assert len(measured.values) == 3 + 2 + 3
+
+
+def test_eigenvalues_and_repeated_shapes_are_taken():
+    eigenvalue = [(2 * math.pi * f) ** 2 for f in (118.0, 750.0)]
+    text = changed(
+        ("frequencies_hz = [[118.0, 750.0], [122.0, nan]]", f"eigenvalues = {eigenvalue}"),
+        ("sd_hz = 0.5\n", ""),
+        ("components = [[0.14, 0.62], [-0.61, nan]]", "components = [[[0.1, 0.6], [-0.6, nan]], [[nan, 0.7], [-0.5, nan]]]"),
+        ('reference = "11:y"', 'reference = ["11:y", "10:y"]'),
+        ("numbers = [1, 2]", 'match = "shape"'),
+    )
+    measured = jb.case_from_text("modes", text).problem.measurement
+    np.testing.assert_allclose(measured.frequency_hz, [118.0, 750.0])
+    np.testing.assert_allclose(measured.frequency.sd[0], np.multiply(eigenvalue, [0.01, 0.02]))
+    assert measured.references == ("11:y", "10:y")
+    assert measured.shapes.components.values.shape == (2, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("frequencies_hz = [[118.0, 750.0], [122.0, nan]]\n", ""), "data.frequencies_hz: missing"),
+        (("[122.0, nan]", "[122.0]"), r"data.frequencies_hz: found 1 modes in repetition 2 and 2 in the first"),
+        (("[118.0, 750.0]", "[118.0, nan]"), "data.frequencies_hz: found a mode without any"),
+        (("118.0", "0.0"), "data.frequencies_hz: found one that is not above 0"),
+        (("sd_relative = [0.01, 0.02]", "sd_relative = [0.01, 0.02, 0.03]"), "data.sd_relative: found 3 for 2 modes"),
+        (("sd_hz = 0.5", "sd_hz = 0.0\neigenvalues = [1.0]"), "data.eigenvalues: given together with"),
+        (("damping_sd_relative = 0.1\n", ""), "damping_sd_relative and damping_sd are both 0"),
+        (("[0.011, 0.009]", "[1.1, 0.9]"), "data.damping_ratios: found one outside 0 to 1"),
+        (("[0.011, 0.009]", "[0.011]"), "data.damping_ratios: found 1 modes in repetition 1 and 2"),
+        (("numbers = [1, 2]", "numbers = [2, 2]"), "data.numbers: found 2 twice"),
+        (("numbers = [1, 2]", "numbers = [1, 999]"), "data.numbers: 999 frequencies for 22 free DOFs"),
+        (('"8:y"', '"11:y"'), 'data.shapes.dofs: found the reference "11:y"'),
+        (('"8:y"', '"18:y"'), "data.shapes.dofs: .*18:y"),
+        (('reference = "11:y"', 'reference = "tip"'), "data.shapes.reference: .*expected a DOF label"),
+        (("[-0.61, nan]", "[-0.61]"), "data.shapes.components: found 1 components of mode 2 at 2 DOFs"),
+        (("sd = [0.02, 0.03]", "sd = 0.0"), "data.shapes.sd: found 0"),
+        (("sd = [0.02, 0.03]", 'sd = "small"'), "data.shapes.sd: found the text"),
+        (("[data.shapes]", 'match = "mac"\n[data.shapes]'), "data.match: found"),
+        (("[sampling]", "[uncertain.gain]\nsd_percent = 1.0\n[sampling]"), "uncertain.gain: natural frequencies do not"),
+    ],
+)
+def test_impossible_modes_are_refused_in_one_line_with_their_key(change, words):
+    with pytest.raises(CaseError, match=words) as refused:
+        parse_case(changed(change), "modes.toml")
+    assert "\n" not in str(refused.value)
+
+
+def test_damping_ratios_make_uncertain_damping_visible():
+    text = changed(("[sampling]", "[uncertain.damping_ratio]\nlow_factor = 0.1\nhigh_factor = 10.0\n[sampling]"))
+    assert jb.case_from_text("modes", text).problem.names[-1] == "damping_ratio"
+    without = text.replace("damping_ratios = [0.011, 0.009]\ndamping_sd_relative = 0.1\n", "")
+    with pytest.raises(CaseError, match="uncertain.damping_ratio: undamped natural frequencies do not depend"):
+        parse_case(without)
+
+
+def test_priors_on_the_stiffness_itself():
+    text = changed(
+        ('[prior.k11]                  # N/m\ndistribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" '
+         '(guess, decades)\nlow = 1.0e6', '[prior.k11]\ndistribution = "uniform"\nlow = 0.0'),
+        ('[prior.k22]                  # N m/rad\ndistribution = "log_uniform"\nlow = 1.0e3\nhigh = 1.0e8',
+         '[prior.k22]\ndistribution = "normal"\nmean = 1.5e6\nsd = 2.0e5'),
+    )  # fmt: skip
+    first, _, last = jb.case_from_text("modes", text).problem.prior.marginals
+    assert first == OfStiffness(jb.Uniform(0.0, 1e11))
+    assert last == OfStiffness(jb.Normal(1.5e6, 2e5))
+    with pytest.raises(CaseError, match="prior.k11.high: found 0.0"):
+        parse_case(text.replace("high = 1.0e11", "high = 0.0"))
+    with pytest.raises(CaseError, match='prior.rho.distribution: .*"uniform", the only kind of prior for rho'):
+        parse_case((CONFIGS / "clamped_beam_frequencies.toml").read_text().replace(
+            'extends = "clamped_beam.toml"\nremove = ["prior.k12", "data", "identification", "reference.paper_audit"]',
+            ""
+        ).replace('distribution = "uniform"', 'distribution = "normal"'))  # fmt: skip
+
+
+def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
+    text = changed(("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))
+    case = jb.case_from_text("modes", text)
+    posterior = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=16, max_steps=200))
+    posterior.save(tmp_path / "modes.nc")
+    again = jb.load_posterior(tmp_path / "modes.nc")
+    np.testing.assert_array_equal(again.problem.measurement.values, case.problem.measurement.values)
+    np.testing.assert_array_equal(again.theta, posterior.theta)
+    summary = posterior.summary()
+    assert summary.natural_frequencies_hz.measured == tuple(case.problem.measurement.frequency_hz)
+    assert len(posterior.check.chi2_by_line) == len(case.problem.measurement.values)
+    jb.write_report(again, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert "Modes, measured and predicted" in page
+    assert "Damping ratio, mode 2" in page
+    assert "Modal assurance criterion" in page
+    assert (tmp_path / "report" / "figures" / "mode-shape-1.svg").exists()
