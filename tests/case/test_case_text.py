@@ -152,7 +152,7 @@ def test_a_shipped_case_shortened_by_its_base_is_the_same_problem(tmp_path, conf
 
 def test_faults_and_warnings_name_the_file_and_line_they_come_from(tmp_path, configs):
     whole = (configs / "clamped_beam.toml").read_text()
-    line = whole.splitlines().index("length_mm = 383.0") + 1
+    line = next(i for i, row in enumerate(whole.splitlines(), 1) if row.startswith("length_mm = 383.0"))
     base = whole.replace("length_mm = 383.0", 'length_mm = "383"')
     case = write(tmp_path, base=base, case='extends = "base.toml"\n[structure]\nlenght_mm = 390.0\n')
     with pytest.raises(CaseError) as refused:

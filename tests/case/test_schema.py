@@ -24,9 +24,7 @@ SIGNED = shipped_text("clamped_beam_frequencies")
 UNCERTAIN = shipped_text("clamped_beam_uncertain")
 LOSS_FACTOR = shipped_text("clamped_beam_loss_factor")
 # One case with every optional table and, but for dof and the constants of other choices, every optional key.
-NOISE_LAW = """relative = 0.03              # this fraction of |H| at the line,
-floor = 0.01                 # plus this fraction of the median |H|
-"""
+NOISE_LAW = "relative = 0.03\nfloor = 0.01\n"
 FULL = (
     UNCERTAIN.replace("[structure.section]", "accelerometer_mass_g = 2.0\n\n[structure.section]")
     .replace(NOISE_LAW, "coherence = 0.98\naverages = 10\nfloor = 0.001\n")
@@ -209,7 +207,7 @@ BROKEN_FULL = r"""
 _mass_g = 2.0=>_mass_g = -1.0 ;; structure.accelerometer_mass_g ;; the mass in g added at each measured translation, a number of at least 0
 _mass_g = 2.0=>_mas_g = 2.0 ;; structure.accelerometer_mas_g ;; did you mean "accelerometer_mass_g"?
 _mass_g = 2.0=>_mass_g = 0.0 && [uncertain.accelerometer_mass]=>@[uncertain.accelerometer_mass] ;; uncertain.accelerometer_mass ;; which is 0
-outputs = ["11:y"] =>outputs = ["11:rz"]  && accelerometer_mass_g = 2.0=>@accelerometer_mass_g = 2.0 ;; structure.accelerometer_mass_g ;; rotations only
+outputs = ["11:y"]=>outputs = ["11:rz"] && accelerometer_mass_g = 2.0=>@accelerometer_mass_g = 2.0 ;; structure.accelerometer_mass_g ;; rotations only
 [uncertain.length]=>[uncertain.lenght] ;; uncertain.lenght ;; did you mean "length"?
 [uncertain.length]=>[uncertain.temperature] ;; uncertain.temperature ;; one of youngs_modulus, density, length
 [uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@sd_persent ;; uncertain.youngs_modulus.sd_persent ;; did you mean "sd_percent"?
@@ -223,7 +221,7 @@ low_factor = 0.1=>low_factor = 1.1 ;; uncertain.damping_ratio.low_factor ;; abov
 high_factor = 10.0=>high_factor = 0.9 ;; uncertain.damping_ratio.high_factor ;; at least 1
 low_factor = 0.1=>low_factor = 1.0 && high_factor = 10.0=>@high_factor = 1.0 ;; uncertain.damping_ratio.high_factor ;; not above low_factor
 high_factor = 10.0=>high_factor = 100.0 ;; uncertain.damping_ratio.high_factor ;; below 100
-ratio = 0.01 =>ratio = [0.01, 0.0]  && [uncertain.damping_ratio]=>@[uncertain.damping_ratio] ;; uncertain.damping_ratio ;; a damping ratio is 0
+ratio = 0.01=>ratio = [0.01, 0.0] && [uncertain.damping_ratio]=>@[uncertain.damping_ratio] ;; uncertain.damping_ratio ;; a damping ratio is 0
 [uncertain.gain]=>[uncertain.loss_factor] ;; uncertain.loss_factor ;; law = "loss_factor" with a loss factor above 0
 residuals = "log_magnitude"=>residuals = "log_magnitud" ;; noise.residuals ;; did you mean "log_magnitude"?
 distribution = "gaussian"=>distribution = "normal" ;; noise.distribution ;; "gaussian" or "student_t"
@@ -282,8 +280,8 @@ BROKEN_LOSS_FACTOR = r"""
 [data]\n=>[uncertain.damping_ratio]\nsd_percent = 2\n[data]\n ;; uncertain.damping_ratio ;; structure.damping has law = "loss_factor"
 [structure.damping]=>[structure.damping]\nlaw = "rayleigh"\nalpha_per_s = 0.0\nbeta_s = 1e-6 # && law = "loss_factor"=>#  && loss_factor = =>#  && [data]\n=>@[uncertain.loss_factor]\nsd_percent = 2\n[data]\n ;; uncertain.loss_factor ;; uncertain Rayleigh damping is not offered
 [structure.damping]=>[structure.damping]\nlaw = "rayleigh"\nalpha_per_s = 0.0\nbeta_s = 1e-6 # && law = "loss_factor"=>#  && loss_factor = =>#  && [data]\n=>@[uncertain.damping_ratio]\nsd_percent = 2\n[data]\n ;; uncertain.damping_ratio ;; uncertain Rayleigh damping is not offered
-loss_factor = =>loss_factor = 0 # && [data]\n=>@[uncertain.loss_factor]\nsd_percent = 2\n[data]\n ;; uncertain.loss_factor ;; a loss factor is 0
-[data.truth]  =>[data.truth]\n@damping_ratio = 0.01 #  ;; data.truth.damping_ratio ;; law = "modal"
+loss_factor = 0.02=>loss_factor = 0 && [data]\n=>@[uncertain.loss_factor]\nsd_percent = 2\n[data]\n ;; uncertain.loss_factor ;; a loss factor is 0
+[data.truth]=>[data.truth]\n@damping_ratio = 0.01 ;; data.truth.damping_ratio ;; law = "modal"
 """  # noqa: E501
 # What natural frequencies give no meaning.
 BROKEN_SIGNED += r"""

@@ -206,7 +206,17 @@ def _merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPat
         places = {known: place for known, place in places.items() if known[: len(path)] != path}
     _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
     own = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
-    return data, places | own
+    return _in_order(data, base.data), places | own
+
+
+def _in_order(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables with their keys in the order of the base, also of what was removed from it and stated anew."""
+    keys = [*(key for key in base if key in data), *(key for key in data if key not in base)]
+    both = ((key, data[key], base.get(key)) for key in keys)
+    return {
+        key: _in_order(value, old) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
+        for key, value, old in both
+    }
 
 
 def _removed(over: CaseText) -> list[tuple[str, ...]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.inference import ModePrediction, mac
+from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.measurement import ModeMeasurement, Observed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
@@ -44,11 +44,19 @@ class _Compared:
 
 def modes_section(inputs: ReportInputs) -> Section | None:
     """Measured against predicted modes; None where the data are others."""
-    posterior, measured = inputs.posterior, inputs.posterior.problem.measurement
+    problem = inputs.posterior.problem
+    blocks = [block for i, part in enumerate(problem.parts, 1) for block in _blocks(inputs.posterior, part, i)]
+    return Section("modes", "Modes", tuple(blocks)) if blocks else None
+
+
+def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> list[Block]:
+    """Tables and figures of one set-up; none where its data are others."""
+    measured = problem.measurement
     if not isinstance(measured, ModeMeasurement):
-        return None
-    prediction = ModePrediction(posterior.problem.structures, posterior.problem.joints, measured)
-    parts, likeness, places = _compared(posterior, measured, prediction)
+        return []
+    prediction = ModePrediction(problem.structures, problem.joints, measured)
+    parts, likeness, places = _compared(posterior, problem, prediction)
+    of_setup = f" of {foreign(problem.setup)}" if problem.setup else ""
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
     for name, part in parts.items():
@@ -57,7 +65,7 @@ def modes_section(inputs: ReportInputs) -> Section | None:
     repetitions = len(measured.frequency.values)
     note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
     note = (note if repetitions > 1 else "") + "Frequencies are undamped ones."
-    blocks: list[Block] = [Table("Modes, measured and predicted", ("Quantity", *head), tuple(rows), note=note)]
+    blocks: list[Block] = [Table(f"Modes{of_setup}, measured and predicted", ("Quantity", *head), tuple(rows), note=note)]
     if "shape" in parts and measured.shapes is not None:
         shape, dofs = parts["shape"], measured.shapes.dofs
         each = [
@@ -66,7 +74,7 @@ def modes_section(inputs: ReportInputs) -> Section | None:
             for j, dof in enumerate(dofs)
         ]
         more = f"The first {_MOST_ROWS} of {len(each)}." if len(each) > _MOST_ROWS else ""
-        blocks.append(Table("Components of mode shapes", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more))
+        blocks.append(Table(f"Components of mode shapes{of_setup}", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more))
         matched = tuple(
             (str(n), str(place + 1), number(one, 4))
             for n, place, one in zip(measured.numbers, places, likeness, strict=True)
@@ -74,16 +82,17 @@ def modes_section(inputs: ReportInputs) -> Section | None:
         how = "the number that the data state" if measured.match == "number" else "the nearest shape"
         note = f"Matched by {how}, at the MAP. Modal assurance criterion: 1 where the two shapes are proportional."
         head = ("Measured mode", "Mode of the model", "Modal assurance criterion")
-        blocks.append(Table("Matched modes", head, matched, note=note))
-        blocks += _figures(measured, shape)
-    return Section("modes", "Modes", tuple(blocks))
+        blocks.append(Table(f"Matched modes{of_setup}", head, matched, note=note))
+        blocks += _figures(measured, shape, f"{number_of_setup}-" if problem.setup else "")
+    return blocks
 
 
 def _compared(
-    posterior: Posterior, measured: ModeMeasurement, prediction: ModePrediction
+    posterior: Posterior, problem: Problem, prediction: ModePrediction
 ) -> tuple[dict[str, _Compared], Array, NDArray[np.intp]]:
     """Each kind of quantity by name; and of each mode its MAC and its partner's place (from 0) at the MAP."""
-    problem, prior = posterior.problem, posterior.problem.prior
+    prior, measured = problem.prior, problem.measurement
+    assert isinstance(measured, ModeMeasurement)
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
     modal, places = prediction.matched(prior.matrix(theta), problem.structural(prior.factors(theta)))
     omega_squared = (2 * np.pi * modal.frequency_hz) ** 2
@@ -105,16 +114,17 @@ def _compared(
     return parts, likeness, places[0]
 
 
-def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
+def _figures(measured: ModeMeasurement, shape: _Compared, setup: str) -> list[Block]:
     """Each mode's components, measured and predicted."""
     assert measured.shapes is not None
     found: list[Block] = []
     for i, n in enumerate(measured.numbers[:_MOST_FIGURES]):
+        name = f"mode-shape-{setup}{n}"
         values = (shape.measured[i], shape.sd[i], shape.best[i], shape.low[i], shape.high[i])
         labels = [foreign(dof) for dof in measured.shapes.dofs]
         caption = f"Shape of mode {n} over its component at {foreign(measured.references[i])}: measured with 95 %, "
         caption += "MAP, and the 95 % interval of the posterior."
         away = np.abs((shape.best[i] - shape.measured[i]) / shape.sd[i])
         alt = f"Components of mode {n}; the largest deviation of the MAP is {number(np.nanmax(away), 2)} sd."
-        found.append(Figure(f"mode-shape-{n}", caption, alt, figures.mode_shape(labels, *values)))
+        found.append(Figure(name, caption, alt, figures.mode_shape(labels, *values)))
     return found
