@@ -7,8 +7,17 @@ from scipy import linalg
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes
 from jointbayes.joint import Joint
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section
-from jointbayes.structure import Structure
+from jointbayes.structure import (
+    BeamFamily,
+    BeamMaterial,
+    BeamRecipe,
+    LossFactor,
+    ModalDamping,
+    Rayleigh,
+    Section,
+    Structure,
+    ViscousMatrix,
+)
 from tests.conftest import CLAMP, rod
 
 STIFF = np.array([[3e6, 2e4], [2e4, 4e3]])
@@ -69,6 +78,60 @@ def test_the_derivative_is_that_of_differences(law):
     signs = [np.sign((one.shapes * here.shapes).sum(axis=2, keepdims=True)) for one in (up, down)]
     difference = (up.shapes * signs[0] - down.shapes * signs[1]) / (2 * step)
     np.testing.assert_allclose(slope.shapes, difference, atol=2e-5 * np.abs(difference).max())
+
+
+def test_damping_ratios_of_a_matrix_of_dampers_are_those_of_the_complex_eigenvalues():
+    stiffness = np.array([[700.0, -700.0, 0.0], [-700.0, 1200.0, -500.0], [0.0, -500.0, 500.0]])
+    dampers = np.array([[0.3, -0.1, 0.0], [-0.1, 0.15, -0.05], [0.0, -0.05, 0.05]])
+    masses = np.diag([2.0, 1.0, 1.5])
+    chain = Structure(stiffness, masses, ViscousMatrix(dampers), ("1:x", "2:x", "3:x"))
+    model = AssembledShapes(chain, Joint(("1:x",)), ("3:x",), 3)
+    zero, one = np.zeros((3, 3)), np.eye(3)
+    held = stiffness + np.diag([900.0, 0.0, 0.0])
+    poles = linalg.eigvals(np.block([[zero, one], [-held, -dampers]]), linalg.block_diag(one, masses))
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(np.abs(poles))]
+    found = model.modes([[[900.0]]])
+    np.testing.assert_allclose(found.damping_ratio[0], -poles.real / np.abs(poles), rtol=1e-4)
+    assert found.shapes.shape == (1, 3, 1)
+    _, slope = model.tangent([[900.0]], [[[1.0]]])
+    up, down = model.modes([[[901.0]], [[899.0]]]).damping_ratio
+    np.testing.assert_allclose(slope.damping_ratio[0], (up - down) / 2, rtol=1e-5)
+
+
+LOSSES = np.array([[40.0, 0.2], [0.2, 0.05]])  # N s/m
+IMAGINARY = np.array([[6e4, 200.0], [200.0, 90.0]])
+
+
+def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
+    structure = rod(damping=LossFactor(0.0))
+    found = AssembledShapes(structure, CLAMP, (), 3).modes(np.hstack([STIFF, LOSSES, IMAGINARY])).damping_ratio[0]
+    n, place = structure.n_dofs, np.ix_(*[structure.index(CLAMP.dofs)] * 2)
+    whole, damping = assembled(structure, STIFF), np.zeros((n, n))
+    damping[place] = LOSSES
+    imaginary = np.zeros((n, n))
+    imaginary[place] = IMAGINARY
+    zero, one = np.zeros((n, n)), np.eye(n)
+    poles = []
+    for losses, stiffness in ((damping, whole), (zero, whole + 1j * imaginary)):
+        first = np.block([[zero, one], [-stiffness, -losses]])
+        roots = linalg.eigvals(first, np.block([[one, zero], [zero, structure.mass]]))
+        roots = roots[roots.imag > 0]
+        poles.append(roots[np.argsort(np.abs(roots))][:3])
+    expected = sum(np.abs(p.real) / np.abs(p) for p in poles)
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_the_derivative_of_joints_with_damping_is_that_of_differences():
+    model = AssembledShapes(rod(damping=LossFactor(0.01)), CLAMP, DOFS, 4)
+    matrix, zero = np.hstack([STIFF, LOSSES, IMAGINARY]), np.zeros((2, 2))
+    directions = np.array([
+        np.hstack([STIFF, zero, IMAGINARY]), np.hstack([zero, LOSSES, zero]), np.hstack([STIFF, LOSSES, zero])
+    ])  # fmt: skip
+    _, slope = model.tangent(matrix, directions)
+    up, down = (model.modes(matrix + sign * 1e-4 * directions) for sign in (1, -1))
+    difference = (up.damping_ratio - down.damping_ratio) / 2e-4
+    np.testing.assert_allclose(slope.damping_ratio, difference, rtol=1e-5, atol=1e-8)
 
 
 def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():

@@ -41,8 +41,9 @@ class AssembledShapes:
     """The lowest modes of the structure with its joint.
 
     Modal damping states the ratios of the assembled structure. Of other laws the ratio is that of the energy that a
-    cycle loses, to first order: ζ = η s/(2λ) of a loss factor and ζ = (α + β s)/(2√λ) of Rayleigh damping, with λ = ω²
-    and s = φᵀKφ the part of it that the structure stores without the joint, which itself has no damping.
+    cycle loses, to first order: ζ = η s/(2λ) of a loss factor and ζ = (α + β s)/(2√λ) of Rayleigh damping and φᵀCφ/(2√λ) of a matrix C, with λ = ω²
+    and s = φᵀKφ the part of it that the structure stores without the joint. A joint with damping of its own, dashpots C
+    and imaginary stiffness H, adds φᵀCφ/(2√λ) + φᵀHφ/(2λ).
 
     Parameters
     ----------
@@ -73,23 +74,32 @@ class AssembledShapes:
         nominal = self._family.nominal
         if not 1 <= count <= nominal.n_dofs:
             raise ModelError(f"modes: found a count of {count}; expected 1 to {nominal.n_dofs}")
-        seen = np.eye(nominal.n_dofs)[:, nominal.index(tuple(dofs))]
-        self._along, rest = split_along(seen, joint.selection(nominal))
-        self._modes, self._count = JoinedModes(self._family, joint, rest, np.zeros(len(dofs), dtype=bool)), count
+        self._count, self._seen = count, len(dofs)
+        self._signs, strokes = _dampers(nominal)
+        motions = np.hstack([np.eye(nominal.n_dofs)[:, nominal.index(tuple(dofs))], strokes])
+        self._along, rest = split_along(motions, joint.selection(nominal))
+        self._modes = JoinedModes(self._family, joint, rest, np.zeros(rest.shape[1], dtype=bool))
 
     def modes(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Modal:
-        """Modes for joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q)."""
-        matrices = as_batch(stiffness)
+        """Modes for joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
+
+        Of a joint with damping K, C and H side by side, (r, 3r) or (batch, r, 3r).
+        """
+        matrices, *lossy = _sides(as_batch(stiffness))
         known = as_factors(factors, len(matrices))
         eigenvalues, rows, springs = self._modes.solve(matrices, known)
         r, c = self._along.shape[0], self._count
         at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, :c])
-        shapes = rows[:, r:, :c] + self._along.T @ at_joint
+        motions = rows[:, r:, :c] + self._along.T @ at_joint
         lam = np.maximum(eigenvalues[:, :c], 0.0)
-        held = np.einsum("bim,bij,bjm->bm", at_joint, matrices, at_joint)
+        held, viscous, hysteretic = (
+            np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in (matrices, *lossy)
+        )
         off = first_factors(self._family.frequency_factors(known), c)
-        ratio = self._ratios(known, lam, lam - held)
-        return Modal(off * np.sqrt(lam) / (2 * np.pi), ratio, shapes.swapaxes(1, 2))
+        safe = np.maximum(lam, np.finfo(float).tiny)
+        viscous = viscous + np.einsum("d,bdm->bm", self._signs, motions[:, self._seen :] ** 2)
+        ratio = self._ratios(known, lam, lam - held) + viscous / (2 * np.sqrt(safe)) + hysteretic / (2 * safe)
+        return Modal(off * np.sqrt(lam) / (2 * np.pi), ratio, motions[:, : self._seen].swapaxes(1, 2))
 
     def _ratios(self, known: Array, lam: Array, stored: Array) -> Array:
         """Damping ratios, shape (n, c), of modes with eigenvalues λ and strain energies of the structure alone."""
@@ -112,25 +122,31 @@ class AssembledShapes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        matrices, known = as_batch(stiffness), as_factors(factors, 1)
-        here = self.modes(matrices, known)
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(matrices, known)
+        known, here = as_factors(factors, 1), self.modes(stiffness, factors)
+        sides, changes = _sides(as_batch(stiffness)), _sides(np.asarray(directions, dtype=float))
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], known)
         r, c = self._along.shape[0], self._count
-        changes = np.asarray(directions, dtype=float)
         at_joint = np.linalg.solve(springs.T, rows[:r])
-        change, _, turn = turned_modes(eigenvalues, at_joint, changes)
-        shapes = (rows[r:] + self._along.T @ at_joint) @ turn[:, :, :c]
+        change, _, turn = turned_modes(eigenvalues, at_joint, changes[0])
+        motions = rows[r:] + self._along.T @ at_joint
+        d_motions = motions @ turn[:, :, :c]
         slope = np.diagonal(change, axis1=1, axis2=2)[:, :c]
-        first = at_joint[:, :c]
-        moved = at_joint @ turn[:, :, :c]
-        held = np.einsum("im,ij,jm->m", first, matrices[0], first)
-        d_held = np.einsum("im,pij,jm->pm", first, changes, first)
-        d_held += 2 * np.einsum("pim,ij,jm->pm", moved, matrices[0], first)
+        first, moved = at_joint[:, :c], at_joint @ turn[:, :, :c]
+        held, viscous, hysteretic = (np.einsum("im,ij,jm->m", first, side[0], first) for side in sides)
+        d_held, d_viscous, d_hysteretic = (
+            np.einsum("im,pij,jm->pm", first, moves, first) + 2 * np.einsum("pim,ij,jm->pm", moved, side[0], first)
+            for side, moves in zip(sides, changes, strict=True)
+        )
+        strokes, d_strokes = motions[self._seen :, :c], d_motions[:, self._seen :]
+        viscous = viscous + self._signs @ strokes**2
+        d_viscous = d_viscous + 2 * np.einsum("d,dm,pdm->pm", self._signs, strokes, d_strokes)
         lam = np.maximum(eigenvalues[:c], np.finfo(float).tiny)
         off = first_factors(self._family.frequency_factors(known), c)
         ratio = self._ratio_slopes(known, lam, lam - held, slope, slope - d_held)
+        ratio = ratio + (d_viscous - viscous * slope / (2 * lam)) / (2 * np.sqrt(lam))
+        ratio = ratio + (d_hysteretic - hysteretic * slope / lam) / (2 * lam)
         frequency = off * slope / (4 * np.pi * np.sqrt(lam))
-        return here, Modal(frequency, ratio, shapes.swapaxes(1, 2))
+        return here, Modal(frequency, ratio, d_motions[:, : self._seen].swapaxes(1, 2))
 
     def _ratio_slopes(self, known: Array, lam: Array, stored: Array, d_lam: Array, d_stored: Array) -> Array:
         """Derivatives of `_ratios`, shape (p, c)."""
@@ -141,3 +157,22 @@ class AssembledShapes:
         share = (d_stored - stored * d_lam / lam) / (2 * lam)
         viscous = (beta * d_stored - (alpha + beta * stored) * d_lam / (2 * lam)) / (2 * np.sqrt(lam))
         return self._family.loss_factors(known)[0] * share + viscous
+
+
+def _dampers(structure: Structure) -> tuple[Array, Array]:
+    """Dampers that a matrix C amounts to: signs (d,) and forms of their strokes (DOFs, d), C = Σ sign form formᵀ."""
+    matrix = structure.damping.matrix
+    if matrix is None:
+        return np.empty(0), np.empty((structure.n_dofs, 0))
+    values, vectors = np.linalg.eigh(matrix)
+    some = np.abs(values) > np.finfo(float).eps * np.abs(values).max(initial=0.0)
+    return np.sign(values[some]), vectors[:, some] * np.sqrt(np.abs(values[some]))
+
+
+def _sides(matrices: Array) -> tuple[Array, Array, Array]:
+    """Stiffness K, dashpots C and imaginary stiffness H of joints, given as K alone or as all three side by side."""
+    size = matrices.shape[-2]
+    if matrices.shape[-1] == size:
+        return matrices, np.zeros_like(matrices), np.zeros_like(matrices)
+    stiffness, viscous, hysteretic = (np.ascontiguousarray(side) for side in np.split(matrices, 3, axis=-1))
+    return stiffness, viscous, hysteretic
