@@ -99,6 +99,8 @@ OF_NUMBERS = {
     "from_decades": (jb.Normal.from_decades, 2),
     "Uniform": (jb.Uniform, 2),
     "of_logarithm": (jb.Uniform.of_logarithm, 2),
+    "OfStiffness of Normal": (lambda mean, sd: jb.OfStiffness(jb.Normal(mean, sd)), 2),
+    "OfStiffness of Uniform": (lambda low, high: jb.OfStiffness(jb.Uniform(low, high)), 2),
     "Nuisance": (lambda nominal: jb.Nuisance("gain", "1", nominal, jb.Normal(0.0, 1.0)), 1),
     "StudentNoise": (jb.StudentNoise, 1),
 }
@@ -112,7 +114,7 @@ def test_numbers_make_something_finite_or_an_error(name, data):
     given_numbers = [data.draw(ANY) for _ in range(count)]
     found = made(function, *given_numbers)
     assert_sound(found)
-    if found is not None and name in ("Normal", "Uniform", "from_decades", "of_logarithm"):
+    if found is not None and hasattr(found, "log_density"):
         with np.errstate(all="ignore"):
             density = found.log_density(np.array([float(found.mean)]))
         assert np.isfinite(density).all()
@@ -157,6 +159,20 @@ def test_any_variance_is_that_of_frfs_or_an_error(variance):
 @given(lines=ANY_ARRAY, sd=ANY_ARRAY)
 def test_any_arrays_are_natural_frequencies_or_an_error(lines, sd):
     assert_sound(made(jb.FrequencyMeasurement, lines, sd))
+
+
+@EASY
+@given(values=ANY_ARRAY, sd=ANY_ARRAY, dofs=LABELS)
+def test_any_arrays_are_modes_or_an_error(values, sd, dofs):
+    shapes = made(jb.ModeShapes, dofs, "9:x", jb.Observed(values, sd))
+    for found in (
+        made(lambda: jb.ModeMeasurement(jb.Observed(values, sd))),
+        made(lambda: jb.ModeMeasurement(jb.Observed([10.0], 0.1), jb.Observed(values, sd))),
+        made(lambda: jb.ModeMeasurement(jb.Observed([10.0], 0.1), shapes=shapes)),
+    ):
+        if found is not None:
+            assert repr(found).isprintable()
+            assert np.isfinite([*found.values, *found.sd, *found.frequency_hz, *found.sd_hz]).all()
 
 
 @EASY

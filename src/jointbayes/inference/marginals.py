@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054
 _OWN_DRAWS = 2**16
+_FEWEST = 1e-9  # probability above zero of a prior on a stiffness: of less no digits are left
 _OWN_QUANTILES = (np.arange(_OWN_DRAWS) + 0.5) / _OWN_DRAWS
 
 
@@ -276,7 +277,7 @@ class OfStiffness:
         object.__setattr__(self, "given", given)
         if isinstance(given, OfStiffness):
             raise ModelError("prior: found OfStiffness of OfStiffness; expected a distribution of k; give it once")
-        if not (self._above > 0 and given.support[1] > 0 and math.isfinite(self.sd) and self.sd > 0):
+        if not (self._above > _FEWEST and given.support[1] > 0 and math.isfinite(self.sd) and self.sd > 0):
             raise ModelError(
                 f"prior of a stiffness: found {given!r}, which leaves none above zero; expected a distribution of k, "
                 "in its unit, with values above 0; correct it, or state a prior on ln k"

@@ -16,6 +16,7 @@ __all__ = ["Match", "Measurement", "ModeMeasurement", "ModeShapes", "ModeValue",
 
 Array = NDArray[np.float64]
 
+_WIDEST = 1e100  # of a value: squares stay finite
 _MORE = 3  # modes above the highest number stated, among which shapes are looked for
 Match = Literal["number", "shape"]
 #: What a value of a mode is, in the order in which they come.
@@ -59,9 +60,9 @@ class Observed:
                 f"{values.shape}, or one for all; correct them"
             ) from None
         seen = ~np.isnan(values)
-        if not np.isfinite(values[seen]).all() or not seen.any():
+        if not (np.abs(values[seen]) < _WIDEST).all() or not seen.any():
             raise MeasurementError(f"{what}: found no finite value, or infinity; expected numbers, NaN where none is")
-        if not (np.isfinite(sd[seen]).all() and (sd[seen] > 0).all()):
+        if not ((sd[seen] > 1 / _WIDEST) & (sd[seen] < _WIDEST)).all():
             raise MeasurementError(f"{what}: found a standard deviation that is not above 0; expected one; correct it")
         return Observed(read_only(values), read_only(np.where(seen, sd, np.nan)))
 
