@@ -101,14 +101,23 @@ def test_a_text_without_extends_is_itself():
 @pytest.mark.parametrize(
     ("files", "words"),
     [
-        ({"case": '\nextends = "case.toml"\n'}, "case.toml:2: extends: found a circle, .*case.toml → .*case.toml; expected"),
+        (
+            {"case": '\nextends = "case.toml"\n'},
+            "case.toml:2: extends: found a circle, .*case.toml → .*case.toml; expected",
+        ),
         (
             {"case": 'extends = "base.toml"\n', "base": 'title = "B"\nextends = "case.toml"\n'},
             "base.toml:2: extends: found a circle, .*case.toml → .*base.toml → .*case.toml; expected",
         ),
-        ({"case": 'extends = "bass.toml"\n', "base": BASE}, 'extends: found "bass.toml", which is no file; .*"base.toml"'),
-        ({"case": 'extends = "../base.toml"\n'}, r"extends: found \"../base.toml\", which leads out of .*--allow-outside"),
-        ({"case": "extends = 3\n"}, 'extends: found int; expected the name of a case file, a text; write for example'),
+        (
+            {"case": 'extends = "bass.toml"\n', "base": BASE},
+            'extends: found "bass.toml", which is no file; .*"base.toml"',
+        ),
+        (
+            {"case": 'extends = "../base.toml"\n'},
+            r"extends: found \"../base.toml\", which leads out of .*--allow-outside",
+        ),
+        ({"case": "extends = 3\n"}, "extends: found int; expected the name of a case file, a text; write for example"),
         ({"case": 'remove = ["data"]\n[data]\n'}, "remove: found it in a file that builds on none"),
         (
             {"case": 'extends = "base.toml"\nremove = ["prior.k1"]\n', "base": BASE},
@@ -140,7 +149,9 @@ def test_a_text_alone_builds_on_no_file():
 
 def test_a_shipped_case_shortened_by_its_base_is_the_same_problem(tmp_path, configs):
     whole = (configs / "clamped_beam.toml").read_text()
-    case = write(tmp_path, base=whole, case='extends = "base.toml"\ntitle = "Shorter"\n[structure]\nlength_mm = 390.0\n')
+    case = write(
+        tmp_path, base=whole, case='extends = "base.toml"\ntitle = "Shorter"\n[structure]\nlength_mm = 390.0\n'
+    )
     changed = jb.load_case(case)
     assert changed.title == "Shorter"
     assert changed.spec.structure.length_mm == 390.0

@@ -29,7 +29,7 @@ sd = [0.02, 0.03]
 """
 WHOLE = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 BEAM = WHOLE[: WHOLE.index("[data]")]
-BASE = f'{BEAM}{MODES}\n[sampling]\nwalkers = 16\n'
+BASE = f"{BEAM}{MODES}\n[sampling]\nwalkers = 16\n"
 
 
 def changed(*changes: tuple[str, str]) -> str:
@@ -56,7 +56,10 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
     text = changed(
         ("frequencies_hz = [[118.0, 750.0], [122.0, nan]]", f"eigenvalues = {eigenvalue}"),
         ("sd_hz = 0.5\n", ""),
-        ("components = [[0.14, 0.62], [-0.61, nan]]", "components = [[[0.1, 0.6], [-0.6, nan]], [[nan, 0.7], [-0.5, nan]]]"),
+        (
+            "components = [[0.14, 0.62], [-0.61, nan]]",
+            "components = [[[0.1, 0.6], [-0.6, nan]], [[nan, 0.7], [-0.5, nan]]]",
+        ),
         ('reference = "11:y"', 'reference = ["11:y", "10:y"]'),
         ("numbers = [1, 2]", 'match = "shape"'),
     )
@@ -88,7 +91,10 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
         (("sd = [0.02, 0.03]", "sd = 0.0"), "data.shapes.sd: found 0"),
         (("sd = [0.02, 0.03]", 'sd = "small"'), "data.shapes.sd: found the text"),
         (("[data.shapes]", 'match = "mac"\n[data.shapes]'), "data.match: found"),
-        (("[sampling]", "[uncertain.gain]\nsd_percent = 1.0\n[sampling]"), "uncertain.gain: natural frequencies do not"),
+        (
+            ("[sampling]", "[uncertain.gain]\nsd_percent = 1.0\n[sampling]"),
+            "uncertain.gain: natural frequencies do not",
+        ),
     ],
 )
 def test_impossible_modes_are_refused_in_one_line_with_their_key(change, words):
@@ -107,8 +113,8 @@ def test_damping_ratios_make_uncertain_damping_visible():
 
 def test_priors_on_the_stiffness_itself():
     text = changed(
-        ('[prior.k11]                  # N/m\ndistribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" '
-         '(guess, decades)\nlow = 1.0e6', '[prior.k11]\ndistribution = "uniform"\nlow = 0.0'),
+        ('# N/m\ndistribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\nlow = 1.0e6',
+         '\ndistribution = "uniform"\nlow = 0.0'),
         ('[prior.k22]                  # N m/rad\ndistribution = "log_uniform"\nlow = 1.0e3\nhigh = 1.0e8',
          '[prior.k22]\ndistribution = "normal"\nmean = 1.5e6\nsd = 2.0e5'),
     )  # fmt: skip

@@ -143,7 +143,9 @@ def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
     own = AssembledShapes(structure, CLAMP, DOFS, 3).modes(STIFF)
     np.testing.assert_allclose(found.frequency_hz, own.frequency_hz, rtol=1e-6)
     np.testing.assert_allclose(found.damping_ratio, own.damping_ratio, rtol=1e-5)
-    np.testing.assert_allclose(found.shapes[..., 3] / found.shapes[..., 1], own.shapes[..., 3] / own.shapes[..., 1], rtol=1e-5)
+    np.testing.assert_allclose(
+        found.shapes[..., 3] / found.shapes[..., 1], own.shapes[..., 3] / own.shapes[..., 1], rtol=1e-5
+    )
 
 
 def test_more_modes_than_dofs_and_dofs_that_do_not_exist_are_refused():

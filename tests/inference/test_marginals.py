@@ -25,7 +25,9 @@ def test_the_density_of_ln_k_is_that_of_k_times_k(prior, of_k):
     k = of_k.ppf([0.001, 0.3, 0.9999])
     np.testing.assert_allclose(np.exp(prior.log_density(np.log(k))), of_k.pdf(k) * k, rtol=1e-9)
     low, high = prior.ppf(np.array([1e-9, 1 - 1e-9]))
-    assert integrate.quad(lambda t: math.exp(prior.log_density(np.array(t))), low, high)[0] == pytest.approx(1, abs=1e-6)
+    assert integrate.quad(lambda t: math.exp(prior.log_density(np.array(t))), low, high)[0] == pytest.approx(
+        1, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize(("prior", "of_k"), PRIORS)
@@ -84,7 +86,9 @@ def test_the_prior_of_a_joint_integrates_to_one_and_its_draws_follow_it():
 
 
 def test_widened_by_a_decade_it_is_still_one_on_the_stiffness():
-    prior = JointPrior(LogStiffness(), (OfStiffness(Uniform(0.0, 1e9)), Normal(10.0, 1.0), OfStiffness(Normal(1e6, 1e5))))
+    prior = JointPrior(
+        LogStiffness(), (OfStiffness(Uniform(0.0, 1e9)), Normal(10.0, 1.0), OfStiffness(Normal(1e6, 1e5)))
+    )
     first, _, last = widened_prior(prior).marginals
     assert first == OfStiffness(Uniform(0.0, 1e10))
     assert isinstance(last, Normal)

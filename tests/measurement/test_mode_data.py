@@ -52,14 +52,23 @@ def test_which_modes_are_the_lowest_is_known():
         (lambda: ModeMeasurement(Observed(np.array([[1.0, NAN]]), 0.1)), "a mode without any"),
         (lambda: ModeMeasurement(Observed(np.array([1.0]), 0.0)), "a standard deviation that is not above 0"),
         (lambda: ModeMeasurement(Observed(np.array([1.0]), np.ones(3))), "one for each value, shape"),
-        (lambda: ModeMeasurement(FREQUENCY, Observed(np.array([0.1]), 0.1)), r"damping ratios: found values of shape \(1,\)"),
+        (
+            lambda: ModeMeasurement(FREQUENCY, Observed(np.array([0.1]), 0.1)),
+            r"damping ratios: found values of shape \(1,\)",
+        ),
         (lambda: ModeMeasurement(FREQUENCY, Observed(np.array([1.0, 2.0]), 0.1)), "one outside 0 to 1"),
         (lambda: ModeMeasurement(FREQUENCY, numbers=(1, 1)), "a different one"),
         (lambda: ModeMeasurement(FREQUENCY, match="shape"), 'match = "shape" without shapes'),
-        (lambda: ModeMeasurement(FREQUENCY, shapes=ModeShapes(("2:x", "1:x"), "2:x", SHAPES.components)), "reference DOF"),
-        (lambda: ModeMeasurement(FREQUENCY, shapes=ModeShapes(("1:x",), ("2:x",), SHAPES.components)), "1 reference DOFs"),
+        (
+            lambda: ModeMeasurement(FREQUENCY, shapes=ModeShapes(("2:x", "1:x"), "2:x", SHAPES.components)),
+            "reference DOF",
+        ),
+        (
+            lambda: ModeMeasurement(FREQUENCY, shapes=ModeShapes(("1:x",), ("2:x",), SHAPES.components)),
+            "1 reference DOFs",
+        ),
     ],
-)  # fmt: skip
+)
 def test_impossible_modes_are_refused_in_one_line(made, words):
     with pytest.raises(MeasurementError, match=words) as refused:
         made()

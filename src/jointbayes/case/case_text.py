@@ -131,7 +131,9 @@ def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[st
     while (base := current.data.get(_EXTENDS)) is not None:
         if not isinstance(base, str) or not base:
             expected = "the name of a case file, a text"
-            raise _fault(current, f"found {type(base).__name__}", expected, f'write for example {_EXTENDS} = "base.toml"')
+            raise _fault(
+                current, f"found {type(base).__name__}", expected, f'write for example {_EXTENDS} = "base.toml"'
+            )
         here = here.parent / base
         if not allow_outside and not _inside(here, home):
             remedy = "move the file there, or allow it: --allow-outside, in Python allow_outside=True"
@@ -140,9 +142,13 @@ def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[st
         name = os.path.join(os.path.dirname(current.name), base)  # as the user would write it
         if _real(here) in read:
             circle = " → ".join(printable(one.name) for one in (*read[read.index(_real(here)) :], here))
-            raise _fault(current, f"found a circle, {circle}", "files that end at one that extends none", "remove one extends")
+            raise _fault(
+                current, f"found a circle, {circle}", "files that end at one that extends none", "remove one extends"
+            )
         if len(chain) == _MOST_FILES:
-            raise _fault(current, f"found more than {_MOST_FILES} files that build on each other", "fewer", "merge some")
+            raise _fault(
+                current, f"found more than {_MOST_FILES} files that build on each other", "fewer", "merge some"
+            )
         read.append(_real(here))
         text = read_text(here) if here.exists() else None
         if text is None:
@@ -223,7 +229,11 @@ def _removed(over: CaseText) -> list[tuple[str, ...]]:
     given = over.data.get(_REMOVE, [])
     paths = [key_parts(one) if isinstance(one, str) else () for one in given] if isinstance(given, list) else [()]
     if not all(paths):
-        words = ("found what is no key", "expected a list of keys of the base", 'write for example remove = ["prior.k12"]')
+        words = (
+            "found what is no key",
+            "expected a list of keys of the base",
+            'write for example remove = ["prior.k12"]',
+        )
         raise CaseError(over.fault((_REMOVE, paths.index(())), _REMOVE, *words))
     return paths
 

@@ -41,9 +41,9 @@ class AssembledShapes:
     """The lowest modes of the structure with its joint.
 
     Modal damping states the ratios of the assembled structure. Of other laws the ratio is that of the energy that a
-    cycle loses, to first order: ζ = η s/(2λ) of a loss factor and ζ = (α + β s)/(2√λ) of Rayleigh damping and φᵀCφ/(2√λ) of a matrix C, with λ = ω²
-    and s = φᵀKφ the part of it that the structure stores without the joint. A joint with damping of its own, dashpots C
-    and imaginary stiffness H, adds φᵀCφ/(2√λ) + φᵀHφ/(2λ).
+    cycle loses, to first order: ζ = η s/(2λ) of a loss factor, ζ = (α + β s)/(2√λ) of Rayleigh damping and φᵀCφ/(2√λ)
+    of a matrix C, with λ = ω² and s = φᵀKφ the part of it that the structure stores without the joint. A joint with
+    damping of its own, dashpots C and imaginary stiffness H, adds φᵀCφ/(2√λ) + φᵀHφ/(2λ).
 
     Parameters
     ----------

@@ -101,7 +101,10 @@ class ModePrediction:
         n, p = len(self._numbers), len(self._shown)
         first = {"frequency": 0, "eigenvalue": 0, "damping": n, "shape": 2 * n}
         self._place = np.array(
-            [first[v.quantity] + (v.mode * p + v.dof if v.quantity == "shape" else v.mode) for v in measurement.observed],
+            [
+                first[v.quantity] + (v.mode * p + v.dof if v.quantity == "shape" else v.mode)
+                for v in measurement.observed
+            ],
             dtype=np.intp,
         )
 

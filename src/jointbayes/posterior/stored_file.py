@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, Measurement, ModeMeasurement, ModeShapes, Observed
+from jointbayes.measurement import (
+    FrequencyMeasurement,
+    FrfMeasurement,
+    Measurement,
+    ModeMeasurement,
+    ModeShapes,
+    Observed,
+)
 from jointbayes.measurement.formats.arrays.read import read_isolated
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, provenance_from

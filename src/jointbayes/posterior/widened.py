@@ -69,9 +69,9 @@ class WidenedPosterior:
 def widened_prior(prior: JointPrior) -> JointPrior:
     """The prior with each marginal of the joint a decade wider on each side.
 
-    Bounds of a logarithm, or of a stiffness itself, move by ln 10; a normal's standard deviation grows so that its 95 % range grows by a decade on
-    each side. A bounded coordinate such as ρ becomes uniform over all that is possible; one that is neither reaches ten
-    times as far from its middle.
+    Bounds of a logarithm, or of a stiffness itself, move by a decade; a normal's standard deviation grows so that its
+    95 % range grows by a decade on each side. A bounded coordinate such as ρ becomes uniform over all that is possible;
+    one that is neither reaches ten times as far from its middle.
     """
     pairs = zip(prior.parametrisation.axes, prior.marginals, strict=True)
     return dataclasses.replace(prior, marginals=tuple(_wider(axis, marginal) for axis, marginal in pairs))

@@ -85,7 +85,9 @@ class MatrixRecipe:
         with np.errstate(all="ignore"):  # numbers at the ends of double precision
             scaled = matrix / np.outer(scale, scale)
         if not np.isfinite(scaled).all():
-            raise ModelError(f"structure: found a {name} matrix whose entries are too far apart; expected one machine's")
+            raise ModelError(
+                f"structure: found a {name} matrix whose entries are too far apart; expected one machine's"
+            )
         lowest = float(np.linalg.eigvalsh(scaled).min())
         if lowest < -_NOT_NEGATIVE or (definite and lowest <= _NOT_NEGATIVE / 1e3):
             kind = "positive definite" if definite else "positive semidefinite"

@@ -66,7 +66,9 @@ TABLE = (
     _of("alpha_per_s", 1e-12, 1e9),
     _of("beta_s", 1e-20, 1e3),
     _of(
-        " ".join([*(quantity.name for quantity in COUPLED), "stiffness", "low", "high", "median", "guess", "mean", "sd"]), 1e-12, 1e15
+        " ".join([*(quantity.name for quantity in COUPLED), "stiffness", "low high median guess mean sd"]),
+        1e-12,
+        1e15,
     ),
     _of("sd_log decades", 1e-6, 100.0),
     _of("sd_percent", 1e-6, 100.0),

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Label, Labels, Spec, as_list, at_most, key_field, not_negative, repeated
+from jointbayes.case.schema.fields import Label, Labels, Spec, as_list, at_most, key_field, repeated
 from jointbayes.case.schema.limits import MOST_LABELS
 
 __all__ = ["ModeShapesSpec", "ModesSpec"]
@@ -32,7 +32,9 @@ _Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), at_mos
 _Rows = Annotated[tuple[_Row, ...], Strict(False), Field(min_length=1), _repeated(2), at_most(_MOST_REPETITIONS)]
 _Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), at_most(MOST_LABELS)]
 _Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), at_most(_MOST_MODES)]
-_AllShapes = Annotated[tuple[_Shapes, ...], Strict(False), Field(min_length=1), _repeated(3), at_most(_MOST_REPETITIONS)]
+_AllShapes = Annotated[
+    tuple[_Shapes, ...], Strict(False), Field(min_length=1), _repeated(3), at_most(_MOST_REPETITIONS)
+]
 _EachMode = Annotated[
     tuple[Annotated[float, Field(ge=0)], ...],
     Strict(False),
@@ -45,7 +47,8 @@ _Numbers = Annotated[
 ]
 
 _KIND = key_field(
-    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"', "modes"
+    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
+    "modes",
 )
 _EACH = "a number of at least 0, or a list of such numbers, one for each mode"
 _FREQUENCIES = key_field(
@@ -54,7 +57,8 @@ _FREQUENCIES = key_field(
     [12.1, 31.4],
 )
 _EIGENVALUES = key_field(
-    "the eigenvalues (2 pi f)^2 in rad2/s2 in place of the frequencies, a list for each repetition of the test", [5780.0]
+    "the eigenvalues (2 pi f)^2 in rad2/s2 in place of the frequencies, a list for each repetition of the test",
+    [5780.0],
 )
 _RATIOS = key_field(
     "the damping ratios, from 0 to below 1, a list for each repetition of the test as the frequencies", [0.01, 0.012]
@@ -77,7 +81,12 @@ class ModeShapesSpec(Spec):
 
     dofs: Annotated[Labels, Field(min_length=1), _DOFS]
     reference: Annotated[
-        tuple[Label, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), at_most(_MOST_MODES), _REFERENCE
+        tuple[Label, ...],
+        Strict(False),
+        Field(min_length=1),
+        BeforeValidator(as_list),
+        at_most(_MOST_MODES),
+        _REFERENCE,
     ]
     components: Annotated[_AllShapes, _COMPONENTS]
     sd: Annotated[_EachMode, key_field(f"the standard deviation of a component, {_EACH}", 0.02)]
@@ -92,7 +101,9 @@ class ModeShapesSpec(Spec):
         n = len(self.components[0])
         for key, given in (("reference", self.reference), ("sd", self.sd)):
             if len(given) not in (1, n):
-                yield Finding((key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list")
+                yield Finding(
+                    (key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list"
+                )
         for i, shapes in enumerate(self.components):
             for j, shape in enumerate(shapes):
                 if len(shape) != len(self.dofs):
@@ -120,7 +131,9 @@ class ModesSpec(Spec):
     damping_sd: Annotated[_EachMode, key_field(f"the standard deviation of a damping ratio, {_EACH}", 0.001)] = (0.0,)
     numbers: Annotated[_Numbers | None, _NUMBERS] = None
     match: Annotated[Literal["number", "shape"], _MATCH] = "number"
-    shapes: Annotated[ModeShapesSpec | None, Field(description="the mode shapes: dofs, reference, components, sd")] = None
+    shapes: Annotated[ModeShapesSpec | None, Field(description="the mode shapes: dofs, reference, components, sd")] = (
+        None
+    )
 
     @property
     def frequencies(self) -> tuple[tuple[float, ...], ...]:
@@ -160,7 +173,9 @@ class ModesSpec(Spec):
             yield Finding((key,), "found one that is not above 0", "", "correct it, or write nan where none was found")
             return
         if key == "eigenvalues" and max(self.sd_hz) > 0:
-            yield Finding(("sd_hz",), "found it with eigenvalues", "sd_relative, of the eigenvalues", "state sd_relative")
+            yield Finding(
+                ("sd_hz",), "found it with eigenvalues", "sd_relative, of the eigenvalues", "state sd_relative"
+            )
         n = len(rows[0])
         yield from self._sd_findings("sd_relative", "sd_hz", n)
         if self.damping_ratios is not None:
@@ -186,7 +201,9 @@ class ModesSpec(Spec):
         for key in (relative, absolute):
             given = getattr(self, key)
             if len(given) not in (1, n):
-                yield Finding((key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list")
+                yield Finding(
+                    (key,), f"found {len(given)} for {n} modes", "one, or one for each mode", "correct the list"
+                )
                 return
         if min(getattr(self, relative)) + min(getattr(self, absolute)) == 0:
             found, expected = f"{relative} and {absolute} are both 0", "at least one above 0, for each mode"
@@ -195,14 +212,18 @@ class ModesSpec(Spec):
     def _number_findings(self, n: int) -> Iterator[Finding]:
         """Yield numbers of modes, and shapes, that are not one for each mode."""
         if self.numbers is not None and len(self.numbers) != n:
-            yield Finding(("numbers",), f"found {len(self.numbers)} for {n} modes", "one for each mode", "correct the list")
+            yield Finding(
+                ("numbers",), f"found {len(self.numbers)} for {n} modes", "one for each mode", "correct the list"
+            )
         for i, number in repeated(map(str, self.numbers or ())):
             yield Finding(("numbers", i), f"found {number} twice", "each number once", "correct the list")
         if self.match == "shape" and self.shapes is None:
             yield Finding(("match",), 'found "shape" without shapes', '"number", or [data.shapes]', "add [data.shapes]")
         if self.shapes is not None and len(self.shapes.components[0]) != n:
             found = f"found {len(self.shapes.components[0])} shapes for {n} modes"
-            yield Finding(("shapes", "components"), found, "one for each mode, nan where none was found", "correct the list")
+            yield Finding(
+                ("shapes", "components"), found, "one for each mode, nan where none was found", "correct the list"
+            )
 
 
 def _flat(values: object) -> Iterator[float]:

@@ -31,7 +31,9 @@ __all__ = [
     "UniformStiffnessPriorSpec",
 ]
 
-_DISTRIBUTION = key_field('the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform")
+_DISTRIBUTION = key_field(
+    'the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform"
+)
 #: Every coordinate that a joint may have, by name.
 _COUPLED = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
 _SPRINGS = {quantity.name: Coordinate.logarithm_of(quantity) for quantity in spring_stiffnesses(DIRECTIONS)}

@@ -65,7 +65,9 @@ def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> lis
     repetitions = len(measured.frequency.values)
     note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
     note = (note if repetitions > 1 else "") + "Frequencies are undamped ones."
-    blocks: list[Block] = [Table(f"Modes{of_setup}, measured and predicted", ("Quantity", *head), tuple(rows), note=note)]
+    blocks: list[Block] = [
+        Table(f"Modes{of_setup}, measured and predicted", ("Quantity", *head), tuple(rows), note=note)
+    ]
     if "shape" in parts and measured.shapes is not None:
         shape, dofs = parts["shape"], measured.shapes.dofs
         each = [
@@ -74,7 +76,9 @@ def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> lis
             for j, dof in enumerate(dofs)
         ]
         more = f"The first {_MOST_ROWS} of {len(each)}." if len(each) > _MOST_ROWS else ""
-        blocks.append(Table(f"Components of mode shapes{of_setup}", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more))
+        blocks.append(
+            Table(f"Components of mode shapes{of_setup}", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more)
+        )
         matched = tuple(
             (str(n), str(place + 1), number(one, 4))
             for n, place, one in zip(measured.numbers, places, likeness, strict=True)

@@ -14,7 +14,7 @@ from jointbayes.case.case_text import read_case_text
 from jointbayes.case.files import require_inside
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.toml_text import read_text, similar
+from jointbayes.case.toml_text import similar
 from jointbayes.errors import CaseError, path_fault
 from jointbayes.studies.campaign.overrides import read_base
 
