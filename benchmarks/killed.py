@@ -27,6 +27,7 @@ import numpy as np
 
 import jointbayes.workflow  # noqa: F401  (children are forked with all of it loaded)
 from benchmarks.record import environment
+from jointbayes.case.case_text import read_case_text
 
 __all__ = ["main", "trials"]
 
@@ -141,7 +142,7 @@ def trials(
     """
     rng = np.random.default_rng([seed, count])
     found: Counter[str] = Counter(runs=count)
-    text = CASE.read_text(encoding="utf-8")
+    text = read_case_text(CASE).text
     for old, new in SMALLER:
         assert old in text
         text = text.replace(old, new)

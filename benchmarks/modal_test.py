@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from jointbayes.case.case import case_from_text
+from jointbayes.case.case_text import read_case_text
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_frf
 
@@ -53,7 +54,7 @@ def modal_test_text(test: Test | None = None) -> str:
     """Text of the case with synthetic data."""
     test = test or Test()
     tip = max(test.nodes)
-    text = _CASE.read_text(encoding="utf-8")
+    text = read_case_text(_CASE).text
     outputs = ", ".join(f'"{node}:y"' for node in test.nodes)
     low, high = _BAND_HZ
     for pattern, new in (

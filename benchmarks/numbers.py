@@ -18,6 +18,7 @@ from typing import Any
 
 from benchmarks import quoted, readme_figure
 from benchmarks.record import environment
+from jointbayes.case.case_text import read_case_text
 
 __all__ = ["COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped"]
 
@@ -51,8 +52,8 @@ def _claimed(line: str) -> list[tuple[str, str]]:
 
 
 def fingerprint(path: Path) -> str:
-    """Of what a case file says, comments and layout aside."""
-    content = json.dumps(tomllib.loads(path.read_text(encoding="utf-8")), sort_keys=True)
+    """Of what a case file says, with the files it builds on, comments and layout aside."""
+    content = json.dumps(read_case_text(path).data, sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
@@ -74,7 +75,7 @@ def command(folder: Path, *arguments: str) -> tuple[int, list[str]]:
 
 def run_case(name: str, path: Path) -> dict[str, Any]:
     """What a run of a case found, and its check where the comments promise one."""
-    spec = tomllib.loads(path.read_text(encoding="utf-8"))
+    spec = read_case_text(path).data
     with tempfile.TemporaryDirectory() as folder:
         status, printed = command(Path(folder), "run", str(path))
         summary = json.loads((Path(folder) / "reports" / name / "summary.json").read_text(encoding="utf-8"))
