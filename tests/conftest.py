@@ -104,7 +104,7 @@ def edited(text: str, *changes: tuple[str, str]) -> str:
 
 def on_paper_elements(name: str) -> Case:
     """A shipped case on ten of the paper's elements, with which figures known from elsewhere were computed."""
-    text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
+    text = shipped_text(name)
     return case_from_text(name, edited(text, ("elements = 10", 'elements = 10\nelement = "paper"')))
 
 
