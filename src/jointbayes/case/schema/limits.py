@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -40,8 +41,8 @@ class Limits:
     most: float
 
     def hold(self, value: float) -> bool:
-        """Whether a value is zero or within the limits, whatever its sign."""
-        return value == 0 or self.least <= abs(value) <= self.most
+        """Whether a value is zero or within the limits, whatever its sign; so is NaN, where a key allows it."""
+        return value == 0 or self.least <= abs(value) <= self.most or math.isnan(value)
 
 
 def _of(keys: str, least: float, most: float) -> Limits:
