@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import jointbayes as jb
-from jointbayes.case.case_text import read_case_text
 from benchmarks.page import table
 from benchmarks.record import environment, kept_lines
+from jointbayes.case.case_text import read_case_text
 from jointbayes.frf import FrfSet, Ports, ReceptanceModel
 from jointbayes.inference import Problem
 from jointbayes.joint import LogStiffness

@@ -77,9 +77,11 @@ def _documented_keys() -> dict[tuple[str, str], str]:
 
 
 def _said_elsewhere(table: str, key: str) -> bool:
-    """Whether a key is one of many alike: of one of several joints, or of a prior of a joint of another kind."""
+    """Whether a key is one of many alike: of several joints, of the files of a body, of a prior of another kind."""
     if table.startswith("joints"):
         return (table, key) != ("joints", "shared")
+    if table.startswith("bodies"):
+        return (table, key) not in {("bodies", "kind"), ("bodies", "propagate")}
     coupled = {axis.name for axes in COORDINATES.values() for axis in axes}
     return table.startswith("prior.") and table.removeprefix("prior.") not in coupled
 

@@ -123,7 +123,7 @@ def test_numbers_make_something_finite_or_an_error(name, data):
 
 @EASY
 @given(stiffness=ANY_ARRAY, mass=ANY_ARRAY, dofs=LABELS)
-def test_any_matrices_are_a_structure_or_an_error(stiffness, mass, dofs):
+def test_any_assembled_matrices_are_a_structure_or_an_error(stiffness, mass, dofs):
     assert_sound(made(jb.Structure, stiffness, mass, DAMPING, dofs))
 
 

@@ -39,7 +39,8 @@ def test_tables_merge_key_by_key_and_lists_replace(tmp_path):
     case = write(
         tmp_path,
         base=BASE,
-        case='extends = "base.toml"\n[structure]\ndamping.ratio = [0.03]\n[data]\noutputs = []\n[prior.k11]\nhigh = 2.0\n',
+        case='extends = "base.toml"\n[structure]\ndamping.ratio = [0.03]\n[data]\noutputs = []\n'
+        "[prior.k11]\nhigh = 2.0\n",
     )
     text = read_case_text(case)
     expected = tomllib.loads(BASE)
@@ -143,7 +144,7 @@ def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):
 
 
 def test_a_text_alone_builds_on_no_file():
-    with pytest.raises(CaseError, match="x.toml:1: extends: found a text that is no file"):
+    with pytest.raises(CaseError, match=r"x\.toml:1: extends: found a text that is no file"):
         parse_case('extends = "base.toml"\n', "x.toml")
 
 

@@ -290,7 +290,7 @@ def test_without_the_condition_on_the_noise_a_ripple_is_taken_for_a_mode_and_the
 
 def test_points_of_which_none_is_possible_have_no_density(cheap_case):
     posterior = cheap_case.problem.log_posterior
-    lines, pairs = posterior.likelihood.standardised(joint_matrix([[5e9, 3e7, 1.3e6]])).shape[1:]
+    lines, pairs = posterior.likelihood.standardised(pair_matrix([[5e9, 3e7, 1.3e6]])).shape[1:]
     squares = PosteriorSquares(posterior, np.ones((lines, pairs)))
     assert np.isneginf(squares.value(np.full((3, 3), 1e3))).all()
     assert squares.residuals(np.empty((0, 3))).shape[0] == 0

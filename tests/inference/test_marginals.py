@@ -60,7 +60,7 @@ def test_a_coordinate_that_is_no_logarithm_has_no_prior_on_a_stiffness(parametri
     with pytest.raises(ModelError, match=f"prior of {refused}: .* not the logarithm of a stiffness") as error:
         JointPrior(parametrisation, marginals)
     assert "\n" not in str(error.value)
-    with pytest.raises(ModelError, match="density: .* expected a prior on"):
+    with pytest.raises(ModelError, match=r"density: .* expected a prior on"):
         Nuisance("density", "kg/m³", 7800.0, OfStiffness(Uniform(1.0, 2.0)))
 
 

@@ -98,7 +98,7 @@ def recipe_of(spec: StructureSpec, data: DataSpec, measurement: Measurement | No
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
     loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else data.dofs if isinstance(data, ModesSpec) else ()
     if measurement is not None and measurement.provenance is not None:
-        loaded = measurement.provenance.loaded
+        loaded = tuple(label for label in measurement.provenance.loaded if spec.absent(label) is None)
     return structure_recipe(spec, loaded)
 
 

@@ -33,11 +33,12 @@ from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.toml_text import fault_start
+from jointbayes.case.toml_text import KeyPath, fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError
+from jointbayes.frf import AnyStructure, Substructures
 from jointbayes.inference import Problem
 from jointbayes.joint import as_joints
-from jointbayes.measurement import Measurement, ModalMeasurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.sampling import SamplerSettings
 
 __all__ = ["Case", "case_around", "case_from_text", "load_case"]
@@ -126,7 +127,7 @@ class Case:
             return None
         recipe = recipe_of(self.spec.structure, self.spec.data, self.problem.measurement)
         prior = with_workshop_uncertainty(self.problem.prior, self.spec, recipe, self.problem.measurement)
-        return replace(self.problem, prior=prior, structure=family_of(recipe, prior))
+        return replace(self.problem.with_structures(family_of(recipe, prior)), prior=prior)
 
     @cached_property
     def sampler(self) -> SamplerSettings:
@@ -203,12 +204,10 @@ def _build(
     measurement: Measurement | None,
     allow_outside: bool,
 ) -> Case:
-    spec = with_matrices(
-        spec,
-        directory,
-        allow_outside,
-        lambda path: f"{fault_start(where, line_of(key_lines(text), path))} {'.'.join(path)}:",
-    )
+    def place(path: KeyPath) -> str:
+        return fault_start(*source.place(path))
+
+    spec = with_matrices(spec, directory, allow_outside, lambda path: f"{place(path)} {'.'.join(path)}:")
     stated = spec
     with _told_of(source, spec) as tell:
         joints = "joints" if spec.joints else "joint"
@@ -219,11 +218,7 @@ def _build(
 
             tell("data")
             if measurement is None and not allow_outside:
-                require_inside(
-                    directory,
-                    spec.data.file,
-                    lambda number: fault_start(*source.place(("data", "file", number))),
-                )
+                require_inside(directory, spec.data.file, lambda number: place(("data", "file", number)))
             measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
             spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
             tell("structure")
@@ -240,9 +235,18 @@ def _build(
         tell("prior")
         prior = prior_of(spec, recipe, measurement, of_noise)
         prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
+        family = family_of(recipe, prior)
+        structure: AnyStructure = family
+        if spec.bodies:
+            from jointbayes.case.bodies import measured_bodies
+
+            tell("bodies")
+            named = (*joint.labels, *_ports(measurement))
+            bodies = measured_bodies(spec, named, directory, allow_outside, place)
+            structure = Substructures(family, bodies, next(iter(spec.bodies.values())).propagate)
         tell("structure")
         problem = Problem(
-            family_of(recipe, prior),
+            structure,
             joint,
             measurement,
             prior,
@@ -254,6 +258,11 @@ def _build(
         require_lowest(stated, recipe, joint, measurement)
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
     return Case(name, source, spec, problem, problem)
+
+
+def _ports(measurement: Measurement) -> tuple[str, ...]:
+    """DOFs of the data."""
+    return measurement.frf.outputs + measurement.frf.inputs if isinstance(measurement, FrfMeasurement) else ()
 
 
 @contextmanager

@@ -227,6 +227,7 @@ def _in_order(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any
 
 def _removed(over: CaseText) -> list[tuple[str, ...]]:
     given = over.data.get(_REMOVE, [])
+    paths: list[tuple[str, ...]]
     paths = [key_parts(one) if isinstance(one, str) else () for one in given] if isinstance(given, list) else [()]
     if not all(paths):
         words = (

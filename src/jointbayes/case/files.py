@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from jointbayes.case.build import joints_of, rigid_frequencies_hz
+from jointbayes.case.schema.bodies import MeasuredBodySpec
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.damping import ModalDampingSpec
 from jointbayes.case.schema.measured import (
@@ -31,7 +33,14 @@ from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.measurement.variance import RelativeNoise
 from jointbayes.structure import StructureRecipe
 
-__all__ = ["plan_of", "require_inside", "require_lowest", "with_estimated_variance", "with_measured_damping"]
+__all__ = [
+    "plan_of",
+    "plan_of_files",
+    "require_inside",
+    "require_lowest",
+    "with_estimated_variance",
+    "with_measured_damping",
+]
 
 _MM, _G = 1e-3, 1e-3
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
@@ -42,9 +51,23 @@ _DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from t
 def plan_of(spec: CaseSpec) -> MeasurementPlan:
     """What a case with data of kind ``"measured_frf"`` or ``"measured_frequencies"`` asks for of its files."""
     data = spec.data
-    assert isinstance(data, MeasuredSpec)
+    assert isinstance(data, MeasuredFrfSpec | MeasuredFrequenciesSpec)
     frf = data if isinstance(data, MeasuredFrfSpec) else None
     frequencies = data if isinstance(data, MeasuredFrequenciesSpec) else None
+    return replace(
+        plan_of_files(data),
+        outputs=frf.outputs if frf else (),
+        inputs=frf.inputs if frf else (),
+        rotations=tuple(_rotation(label, one, spec.structure) for label, one in frf.rotations.items()) if frf else (),
+        joint_dofs=as_joints(joints_of(spec)).labels,
+        frequencies=(
+            FrequencyPlan(frequencies.modes, frequencies.sd_relative, frequencies.sd_hz) if frequencies else None
+        ),
+    )
+
+
+def plan_of_files(data: MeasuredFrfSpec | MeasuredFrequenciesSpec | MeasuredBodySpec) -> MeasurementPlan:
+    """What all tables of measurement files ask for of these."""
     return MeasurementPlan(
         {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()},
         _variance(data.variance) if data.variance else None,
@@ -54,11 +77,6 @@ def plan_of(spec: CaseSpec) -> MeasurementPlan:
         data.thin,
         data.accelerometers == "roving",
         _signals(data) if data.records else None,
-        frf.outputs if frf else (),
-        frf.inputs if frf else (),
-        tuple(_rotation(label, rotation, spec.structure) for label, rotation in frf.rotations.items()) if frf else (),
-        as_joints(joints_of(spec)).labels,
-        FrequencyPlan(frequencies.modes, frequencies.sd_relative, frequencies.sd_hz) if frequencies else None,
     )
 
 

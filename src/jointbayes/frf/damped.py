@@ -61,7 +61,7 @@ def add_joint(free: ComplexArray, along: Array, dynamic: ComplexArray) -> tuple[
     """
     r = dynamic.shape[-1]
     at_joint = free[..., :r, :r] @ along + free[..., :r, r:]
-    motion: ComplexArray = np.linalg.solve(np.eye(r) + free[..., :r, :r] @ dynamic, at_joint)
+    motion = np.asarray(np.linalg.solve(np.eye(r) + free[..., :r, :r] @ dynamic, at_joint), dtype=np.complex128)
     rest = free[..., r:, :r] @ along + free[..., r:, r:] - free[..., r:, :r] @ (dynamic @ motion)
     return np.swapaxes(along, -1, -2) @ motion + rest, motion
 

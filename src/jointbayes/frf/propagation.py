@@ -55,12 +55,12 @@ class NoisePropagation:
 
     def roots(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """R of which `covariance` is R Rᴴ, shape (batch, lines, pairs, measured receptances of all bodies)."""
-        matrices, model = np.ascontiguousarray(as_batch(stiffness)), self._model
-        free = self._free(matrices, factors)
+        dynamic, model = self._dynamic(stiffness), self._model
+        free = self._free(len(dynamic), factors)
         pairs = model.n_out * (model.along.shape[1] - model.n_out)
-        out = np.empty((len(matrices), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
+        out = np.empty((len(dynamic), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
         with np.errstate(all="ignore"):  # a joint at which nothing is finite: its residuals are not either
-            error_roots(matrices, free, model.along, self._motions, self._entries, self._root, model.n_out, out)
+            error_roots(dynamic, free, model.along, self._motions, self._entries, self._root, model.n_out, out)
         return out
 
     def relative_sd(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
@@ -68,21 +68,22 @@ class NoisePropagation:
 
         The first order is not enough where it is no small number: near a resonance of the assembled structure.
         """
-        matrices = as_batch(stiffness)
-        free = self._free(matrices, factors)
-        k, r = matrices[:, None], matrices.shape[-1]
-        held = np.linalg.solve(
-            np.eye(r) + k @ free[..., :r, :r], np.broadcast_to(k, (len(matrices), free.shape[1], r, r))
-        )
+        k = self._dynamic(stiffness)
+        free, r = self._free(len(k), factors), k.shape[-1]
+        held = np.linalg.solve(np.eye(r) + k @ free[..., :r, :r], np.broadcast_to(k, (len(k), free.shape[1], r, r)))
         # d ln det(1 + A_jj K) = tr(K (1 + A_jj K)⁻¹ dA_jj)
         a, b = self._entries
         weight = (self._motions[:, :r] @ held @ self._motions[:, :r].T)[..., a, b] * np.where(a == b, 1.0, 2.0)
         variance = (np.abs((weight[..., None, :] @ self._root)[..., 0, :]) ** 2).sum(axis=-1)
-        return np.sqrt(variance)
+        return np.asarray(np.sqrt(variance))
 
-    def _free(self, matrices: Array, factors: ArrayLike | None) -> ComplexArray:
+    def _dynamic(self, stiffness: ArrayLike) -> ComplexArray:
+        """Dynamic stiffness of the joint, shape (batch, 1 or lines, r, r)."""
+        return np.ascontiguousarray(as_batch(stiffness)[:, None].astype(complex))
+
+    def _free(self, batch: int, factors: ArrayLike | None) -> ComplexArray:
         """Receptance without the joint, shape (batch, lines, k, k); (1, …) where it is the same for all."""
-        known = as_factors(factors, len(matrices))
+        known = as_factors(factors, batch)
         if known.shape[1] == 0:
             return self._model.free(np.empty(0))[None]
         return np.stack([self._model.free(row) for row in known])

@@ -44,7 +44,7 @@ class SmoothedSquares:
     def __init__(self, problem: Problem, width: float) -> None:
         self.prior: JointPrior = problem.prior
         self.columns = np.arange(len(problem.names) - problem.log_posterior.likelihood.hyper_count)
-        self._parts = [(part, *_smoothing(part.measurement, width)) for part in _with_frfs(problem)]
+        self._parts = [(part, *_smoothing(measured, width)) for part, measured in _with_frfs(problem)]
 
     def residuals(self, theta: Array) -> Array:
         """Residuals, shape (n, m), of points inside the support, shape (n, d)."""
@@ -69,8 +69,8 @@ class SmoothedSquares:
         return out
 
 
-def _with_frfs(problem: Problem) -> list[Problem]:
-    return [part for part in problem.parts if isinstance(part.measurement, FrfMeasurement)]
+def _with_frfs(problem: Problem) -> list[tuple[Problem, FrfMeasurement]]:
+    return [(part, part.measurement) for part in problem.parts if isinstance(part.measurement, FrfMeasurement)]
 
 
 def _smoothing(measurement: FrfMeasurement, width: float) -> tuple[Array, NDArray[np.complex128], Array]:

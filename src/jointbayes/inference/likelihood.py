@@ -276,8 +276,8 @@ def likelihood_of(
     Raises
     ------
     ModelError
-        If a measured DOF does not exist in the structure, there are more modes than DOFs, or the data are modes and a body
-        is measured.
+        If a measured DOF does not exist in the structure, there are more modes than DOFs, or the data are modes and a
+        body is measured.
     """
     whole = substructures(structure)
     family = whole.family

@@ -18,9 +18,9 @@ from jointbayes.frf import FrfSet
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.measurement.channels import ChannelMap, map_records
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
-from jointbayes.measurement.mode_data import Measurement
 from jointbayes.measurement.formats import in_band, iter_records, join_frfs
 from jointbayes.measurement.modal.fit import fit_modes, identify_modes
+from jointbayes.measurement.mode_data import Measurement
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
 from jointbayes.measurement.provenance import MeasuredFile, MeasuredMode, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord

@@ -151,7 +151,7 @@ class ModeMeasurement(ModalMeasurement):
     frequency: Observed
     damping: Observed | None = None
     shapes: ModeShapes | None = None
-    numbers: tuple[int, ...] = ()  # type: ignore[assignment]
+    numbers: tuple[int, ...] = ()
     match: Match = "number"
     eigenvalues: bool = False
     provenance: Provenance | None = None
@@ -272,7 +272,8 @@ class ModeMeasurement(ModalMeasurement):
 
     def with_values(self, values: Array) -> "ModeMeasurement":
         """The same with other values, in the order of `observed`, shape (m,)."""
-        parts, start = [], 0
+        parts: list[Observed | None] = []
+        start = 0
         for _, part in self._parts:
             if part is None:
                 parts.append(None)

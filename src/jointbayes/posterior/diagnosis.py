@@ -177,7 +177,7 @@ def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Di
     """Diagnose the misfit of a problem at θ, shape (d,), with all that was fitted: gain, masses, every nuisance."""
     prior, measurement = problem.prior, problem.measurement
     point = np.asarray(theta, dtype=float)[None]
-    stiffness, factors = prior.stiffness(point), prior.factors(point)
+    factors = prior.factors(point)
     if isinstance(measurement, ModalMeasurement):
         modes = modal_model(problem.structures, problem.joints, measurement)
         predicted = modes.modal_frequencies(prior.matrix(point), problem.structural(factors))[0]

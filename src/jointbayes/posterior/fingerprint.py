@@ -54,6 +54,10 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
     if (joint_frf := getattr(problem.measurement, "joint_frf", None)) is not None:
         values = np.ascontiguousarray(joint_frf.values)
         parts["data at the joint"] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    for body in problem.measured_bodies:
+        arrays = (body.frequency_hz, body.receptance, body.covariance)
+        digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
+        parts[f"measured body {body.name}"] = digest.hexdigest()[:16]
     parts |= {
         f"sampling.{one.name}": str(getattr(settings, one.name))
         for one in fields(settings)

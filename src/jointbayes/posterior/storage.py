@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import FrfMeasurement, Measurement, ModeMeasurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModeMeasurement, Observed
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
@@ -113,12 +113,13 @@ def _modes_dataset(measured: ModeMeasurement) -> xr.Dataset:
     """Values of modes and their standard deviations by repetition; NaN where nothing was observed."""
     unit = "rad2 s-2" if measured.eigenvalues else "Hz"
     by_mode = ("repetition", "mode")
+    named: list[tuple[str, Observed | None, tuple[str, ...], str]]
     named = [("mode_frequency", measured.frequency, by_mode, unit), ("damping_ratio", measured.damping, by_mode, "1")]
     coords: dict[str, Any] = {"mode": list(measured.numbers)}
     if measured.shapes is not None:
         named.append(("mode_shape", measured.shapes.components, (*by_mode, "shape_dof"), "1"))
         coords |= {"shape_dof": list(measured.shapes.dofs), "reference_dof": ("mode", list(measured.references))}
-    variables = {}
+    variables: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {}
     for name, part, dims, units in named:
         if part is not None:
             # each quantity may have been observed in another number of repetitions

@@ -16,6 +16,7 @@ from pydantic import Field, Strict
 
 from jointbayes.case.case_text import CaseText, case_text
 from jointbayes.case.errors import Finding, fault_lines
+from jointbayes.case.schema.bodies import MeasuredBodySpec, bodies_findings, labels_of_bodies
 from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
 from jointbayes.case.schema.fields import Spec, key_field
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
@@ -65,6 +66,10 @@ class CaseSpec(Spec):
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
     joints: Annotated[
         dict[str, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    bodies: Annotated[
+        dict[str, MeasuredBodySpec],
+        Field(description="bodies given by their measured FRFs, a table for each by its name, as [bodies.spindle]"),
     ] = {}  # noqa: RUF012 (pydantic copies it)
     prior: Annotated[
         PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
@@ -130,7 +135,9 @@ class CaseSpec(Spec):
             yield Finding(("joint",), missing=True)
             return
         yield from joints_findings(self.joint, self.joints, self.prior)
-        yield from dof_findings(self.structure, self.all_joints, self.data, self.plan)
+        elsewhere = labels_of_bodies(self.bodies)
+        yield from dof_findings(self.structure, self.all_joints, self.data, self.plan, elsewhere)
+        yield from bodies_findings(self.bodies, self.structure, self.data, self.uncertain)
         if self.prior is not None and self.joint is not None:
             yield from prior_findings(self.joint, self.prior)
         lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping

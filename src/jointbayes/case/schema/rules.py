@@ -39,9 +39,16 @@ _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
 def dof_findings(
-    structure: StructureSpec, joints: Mapping[str, JointSpec], data: DataSpec, plan: PlanSpec
+    structure: StructureSpec,
+    joints: Mapping[str, JointSpec],
+    data: DataSpec,
+    plan: PlanSpec,
+    elsewhere: frozenset[str] = frozenset(),
 ) -> Iterator[Finding]:
-    """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for."""
+    """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for.
+
+    DOFs `elsewhere` are those of measured bodies.
+    """
     labelled: dict[tuple[str, ...], tuple[str, ...]] = {}
     for name, joint in joints.items():
         place = ("joints", name) if name else ("joint",)
@@ -60,14 +67,16 @@ def dof_findings(
         labelled |= {("data", "shapes", "dofs"): shapes.dofs, ("data", "shapes", "reference"): shapes.reference}
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
-        yield from _immovable_dofs(structure, labels, loc)
+        yield from _immovable_dofs(structure, labels, loc, elsewhere)
     if isinstance(data, MeasuredSpec):
-        yield from _channel_findings(structure, data)
+        yield from _channel_findings(structure, data, elsewhere)
 
 
-def _immovable_dofs(structure: StructureSpec, labels: Sequence[str], loc: tuple[str, ...]) -> Iterator[Finding]:
-    """Yield DOFs that the structure does not have or that cannot move."""
-    yield from absent_dofs(structure, labels, loc)
+def _immovable_dofs(
+    structure: StructureSpec, labels: Sequence[str], loc: tuple[str, ...], elsewhere: frozenset[str] = frozenset()
+) -> Iterator[Finding]:
+    """Yield DOFs that neither the structure nor a measured body has, or that cannot move."""
+    yield from (one for one in absent_dofs(structure, labels, loc) if labels[int(one.loc[-1])] not in elsewhere)
     held = frozenset(structure.supports)
     for i, label in enumerate(labels):
         if label in held:
@@ -75,11 +84,11 @@ def _immovable_dofs(structure: StructureSpec, labels: Sequence[str], loc: tuple[
             yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
 
 
-def _channel_findings(structure: StructureSpec, data: MeasuredSpec) -> Iterator[Finding]:
+def _channel_findings(structure: StructureSpec, data: MeasuredSpec, elsewhere: frozenset[str]) -> Iterator[Finding]:
     """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
     labels = {name: channel.label for name, channel in data.channels.items()}
     names = list(labels)
-    for finding in _immovable_dofs(structure, list(labels.values()), ("data", "channels")):
+    for finding in _immovable_dofs(structure, list(labels.values()), ("data", "channels"), elsewhere):
         yield replace(finding, loc=("data", "channels", names[int(finding.loc[-1])]))
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)

@@ -46,7 +46,7 @@ def _solve(m: ComplexArray, x: ComplexArray) -> None:
 
 @compiled
 def error_roots(
-    k: Array,
+    k: ComplexArray,
     free: ComplexArray,
     along: Array,
     motions: Array,
@@ -57,27 +57,28 @@ def error_roots(
 ) -> None:
     """Roots R of E[δH δHᴴ] = R Rᴴ into `out` (n, lines, pairs, E), see `jointbayes.frf.propagation`.
 
-    Of joint matrices (n, r, r), the free receptance (1 or n, lines, r + q, r + q) between the joint's motions and the
-    rest of the q ports, their parts along the joint (r, q), motions of the bodies' DOFs (DOFs, r + q), rows and columns
-    (2, E) of the measured receptances among these DOFs, and the roots of their covariance (lines, E, E).
+    Of joint matrices (n, 1 or lines, r, r), the free receptance (1 or n, lines, r + q, r + q) between the joint's
+    motions and the rest of the q ports, their parts along the joint (r, q), motions of the bodies' DOFs (DOFs, r + q),
+    rows and columns (2, E) of the measured receptances among these DOFs, and the roots of their covariance
+    (lines, E, E).
     """
-    n, r = k.shape[0], k.shape[1]
+    n, r = k.shape[0], k.shape[2]
     lines, q, dofs, count = free.shape[1], along.shape[1], motions.shape[0], entries.shape[1]
     m, x = np.empty((r, r), dtype=np.complex128), np.empty((r, q), dtype=np.complex128)
     force, slope = np.empty((dofs, q), dtype=np.complex128), np.empty(count, dtype=np.complex128)
     for i in range(n):
         for line in range(lines):
-            a = free[min(i, free.shape[0] - 1), line]
+            a, b = free[min(i, free.shape[0] - 1), line], k[i, min(line, k.shape[1] - 1)]
             for row in range(r):
                 for c in range(r):
                     total = complex(1.0 if row == c else 0.0, 0.0)
                     for s in range(r):
-                        total += k[i, row, s] * a[s, c]
+                        total += b[row, s] * a[s, c]
                     m[row, c] = total
                 for c in range(q):
                     total = complex(along[row, c], 0.0)
                     for s in range(r):
-                        total -= k[i, row, s] * a[s, r + c]
+                        total -= b[row, s] * a[s, r + c]
                     x[row, c] = total
             # motion of the joint under a unit force at each port, with the part that is the port's own
             _solve(m, x)

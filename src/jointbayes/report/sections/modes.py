@@ -85,8 +85,8 @@ def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> lis
         )
         how = "the number that the data state" if measured.match == "number" else "the nearest shape"
         note = f"Matched by {how}, at the MAP. Modal assurance criterion: 1 where the two shapes are proportional."
-        head = ("Measured mode", "Mode of the model", "Modal assurance criterion")
-        blocks.append(Table(f"Matched modes{of_setup}", head, matched, note=note))
+        of_match = ("Measured mode", "Mode of the model", "Modal assurance criterion")
+        blocks.append(Table(f"Matched modes{of_setup}", of_match, matched, note=note))
         blocks += _figures(measured, shape, f"{number_of_setup}-" if problem.setup else "")
     return blocks
 

@@ -36,7 +36,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
     Raises
     ------
     ModelError
-        If the likelihood has a term that is a function of one's own.
+        If the likelihood has a term that is a function of one's own, or a body is given by its FRFs.
     MeasurementError
         If the two measure other things: lines, outputs, inputs, quantity or number of natural frequencies.
     """
@@ -45,6 +45,11 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
             raise ModelError(
                 f"calibrate: {problem.name} has a further term of the log likelihood, from which no data can be drawn; "
                 "expected a problem without; state what it says as a prior instead"
+            )
+        if problem.measured_bodies:
+            raise ModelError(
+                f"calibrate: {problem.name} has the measured body {problem.measured_bodies[0].name}, whose true FRFs "
+                "nobody knows; expected a structure that is modelled throughout; calibrate with a model of it"
             )
     if source is analysis:
         return

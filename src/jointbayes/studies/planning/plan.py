@@ -285,6 +285,11 @@ def plan(
         If the prior thinks the assumed joint impossible.
     """
     tell = progress or (lambda line: None)
+    if case.problem.measured_bodies:
+        raise CaseError(
+            f"{case.name}: found the measured body {case.problem.measured_bodies[0].name}; expected a structure that "
+            "is modelled throughout, since FRFs of a body say nothing of other lines and DOFs; plan with a model of it"
+        )
     candidates = {c.name: c for c in candidates_of(case)}
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")

@@ -1,0 +1,134 @@
+"""Measured bodies of a case file: read through channels, rotations and offsets, and what is refused in one line."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jointbayes.case.case import Case, load_case
+from jointbayes.errors import CaseError
+from jointbayes.frf import FrfSet, Substructures
+from jointbayes.inference import LogPosterior
+from jointbayes.measurement.formats import write_frf
+from tests.conftest import edited
+from tests.frf.test_measured_body import LINES, frfs_of, spindle
+
+TEXT = """title = "A tool in a spindle"
+
+[structure]
+length_mm = 180
+elements = 6
+youngs_modulus_gpa = 210
+density_kg_m3 = 7800
+section = { shape = "circle", diameter_mm = 20 }
+damping = { law = "loss_factor", loss_factor = 0.02 }
+
+[bodies.spindle]
+kind = "measured"
+file = "spindle.uff"
+variance = { source = "relative", relative = 0.01, floor = 0 }
+
+[bodies.spindle.channels]
+"5:Y+" = "nose:y"
+"4:Y+" = "-back:y"
+
+[bodies.spindle.rotations."nose:rz"]
+stations = ["back:y", "nose:y"]
+spacing_mm = 62.5
+
+[joint]
+dofs = ["1:y", "1:rz"]
+against = ["nose:y", "nose:rz"]
+
+[prior]
+k11 = { distribution = "log_uniform", low = 1e6, high = 1e10 }
+k12 = { distribution = "log_uniform", low = 1e4, high = 1e8 }
+k22 = { distribution = "log_uniform", low = 1e3, high = 1e7 }
+
+[data]
+kind = "measured_frf"
+file = "tip.uff"
+channels = { "7:Y+" = "7:y" }
+variance = { source = "relative", relative = 0.02, floor = 0 }
+"""
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("spindle")
+    body = frfs_of(spindle(), ("s5:y", "s4:y"), "accelerance")
+    turned = body.values * np.array([[1.0, -1.0], [-1.0, 1.0]])  # the sensor at the back points down
+    labels = ("5:y", "4:y")
+    write_frf(folder / "spindle.uff", FrfSet(LINES, turned, labels, labels, "accelerance"))
+    tip = FrfSet(LINES, np.ones((len(LINES), 1, 1)) * (1e-3 + 1e-4j), ("7:y",), ("7:y",), "accelerance")
+    write_frf(folder / "tip.uff", tip)
+    return folder
+
+
+def case_of(directory: Path, *changes: tuple[str, str]) -> Case:
+    path = directory / "case.toml"
+    path.write_text(edited(TEXT, *changes), encoding="utf-8")
+    return load_case(path)
+
+
+def test_a_body_is_read_through_its_channels_and_rotations(directory):
+    case = case_of(directory)
+    assert isinstance(case.problem.structure, Substructures)
+    assert isinstance(case.problem.log_posterior, LogPosterior)
+    (body,) = case.problem.measured_bodies
+    assert (body.name, body.dofs) == ("spindle", ("nose:y", "nose:rz"))
+    exact = frfs_of(spindle(), ("s4:y", "s5:y")).values
+    turn = np.array([[0.0, 1.0], [-1 / 0.0625, 1 / 0.0625]])
+    want = turn @ exact @ turn.T
+    size = np.sqrt(np.abs(want[:, [0, 1], [0, 1]]))
+    assert (np.abs(body.receptance - want) / (size[:, :, None] * size[:, None, :])).max() < 1e-5
+    assert case.problem.structure.propagate
+    assert case.problem.joint_frf is None
+
+
+def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_body(directory):
+    case = case_of(directory, ('file = "spindle.uff"', 'file = "spindle.uff"\npropagate = false'))
+    assert case.problem.ignores_noise_of_bodies
+    assert case.workshop_problem is not None
+    assert case.workshop_problem.measured_bodies == case.problem.measured_bodies
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"nose:rz"]\n\n[prior', '"nose:rx"]\n\n[prior', r'against\[?.*"nose:rx": there is no'),
+        ("spacing_mm = 62.5\n", "", r"bodies.spindle.rotations.nose:rz.spacing_mm"),
+        ('"nose:y"\n"4', '"3:y"\n"4', r'found "3:y", which is a DOF of \[structure\] as well'),
+        ('stations = ["back:y", "nose:y"]', 'stations = ["front:y", "nose:y"]', "no channel of the body stands for"),
+        ('kind = "measured_frf"\nfile = "tip.uff"', 'kind = "measured_frequencies"\nfile = "tip.uff"', "has no modes"),
+        ('file = "spindle.uff"', 'file = "spindel.uff"', r"bodies.spindle.file: spindel.uff: found no such file"),
+        (
+            'file = "spindle.uff"',
+            'file = "../spindle.uff"',
+            r"bodies.spindle.file: found .* leads out of the directory",
+        ),
+        ('"5:Y+" = "nose:y"', '"6:Y+" = "nose:y"', r'found no channel "6:Y\+" of \[bodies.spindle.channels\]'),
+        ('file = "spindle.uff"', 'file = "spindle.uff"\nthin = 2', "nothing is interpolated"),
+        ('law = "loss_factor", loss_factor = 0.02', 'law = "modal", ratio = "measured"', "by itself"),
+    ],
+)
+def test_what_is_wrong_with_a_body_is_said_by_file_line_and_key(directory, old, new, words):
+    with pytest.raises(CaseError, match=words) as caught:
+        case_of(directory, (old, new))
+    assert "case.toml:" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_sensor_off_the_joint_is_stated_by_the_joints_offset(directory):
+    moved = case_of(
+        directory,
+        ('against = ["nose:y", "nose:rz"]', 'against = ["nose:y", "nose:rz"]\noffset_against_mm = [20, 0, 0]'),
+    )
+    here = case_of(directory)
+    theta = here.problem.prior.mean[None]
+    assert moved.problem.log_posterior(theta) != here.problem.log_posterior(theta)
+    (body,) = here.problem.measured_bodies
+    link = body.seen_at({"nose:y": {"nose:y": 1.0, "nose:rz": 0.02}, "nose:rz": {"nose:rz": 1.0}})
+    by_hand = replace(here.problem, structure=Substructures(here.problem.structures, (link,)))
+    assert moved.problem.log_posterior(theta) == pytest.approx(by_hand.log_posterior(theta), rel=1e-9)
