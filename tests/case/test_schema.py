@@ -67,7 +67,8 @@ hypotheses = ["springs", "full"]
 """,
     )
     .replace(
-        "max_measurements = 1 ", "averages_factor = 8.0\nf_max_hz = 5000.0\nadded_mass_g = 50.0\nmax_measurements = 2 "
+        "max_measurements = 1\n",
+        "averages_factor = 8.0\nf_max_hz = 5000.0\nadded_mass_g = 50.0\nmax_measurements = 2\n",
     )
 )
 ONE_LINE = re.compile(r"case\.toml:[1-9]\d*: [^\n]+?: [^\n]+; expected [^\n]+; [^\n]+")

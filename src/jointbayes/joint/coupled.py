@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _ADJUGATE_SIGNS = np.array([1.0, -1.0, 1.0])
 _ANY_JOINT = np.array([1.0, -0.5, 1.0])  # compliance and stiffness that stand where there is no joint
 _SMALLEST_STIFFNESS = math.exp(-20.0)
+_ROUNDING = 1 + 1e-12  # of a coupling that is stated as √(k11 k22)
 _LARGEST_COUPLING = 0.9  # of √(k11 k22), in a start
 
 
@@ -49,7 +50,8 @@ class CoupledPair(Parametrisation):
     def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
         """Whether joints (k11, k12, k22), shape (..., 3), are positive semidefinite, shape (...)."""
         k11, k12, k22 = np.moveaxis(np.asarray(stiffness, dtype=float), -1, 0)
-        return np.asarray((k11 >= 0) & (k22 >= 0) & (k12**2 <= k11 * k22))
+        bound = np.sqrt(np.maximum(k11, 0.0)) * np.sqrt(np.maximum(k22, 0.0)) * _ROUNDING
+        return np.asarray((k11 >= 0) & (k22 >= 0) & (np.abs(k12) <= bound))
 
     def _semidefinite(self, given: Array) -> str:
         k11, _, k22 = given.tolist()

@@ -201,9 +201,14 @@ class Parametrisation(ABC):
         return np.concatenate(parts, axis=-1)
 
     def from_matrix(self, matrix: ArrayLike) -> Array:
-        """Quantities, shape (..., q), of K^J, shape (..., R, R): at the first of their places."""
+        """Quantities, shape (..., q), of K^J, or of K, C and H side by side, see `matrix`: at their first places."""
+        whole = np.asarray(matrix, dtype=float)
         rows, columns = np.array([q.places[0] for q in self.quantities], dtype=int).reshape(-1, 2).T
-        return np.asarray(matrix, dtype=float)[..., rows, columns]
+        side = {"stiffness": 0, "viscous": self.size, "loss factor": 2 * self.size}
+        entries = whole[..., rows, columns + np.array([side[q.role] for q in self.quantities], dtype=int)]
+        loss = [i for i, q in enumerate(self.quantities) if q.role == "loss factor"]
+        entries[..., loss] /= whole[..., rows[loss], columns[loss]]
+        return entries
 
     def by_quantity(self, slope: Array) -> Array:
         """Derivative by each quantity, shape (n, q), of what has the derivative S by K^J, shape (n, R, R)."""
