@@ -10,6 +10,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference.cone import NO_JOINT, cut_quantiles, log_probability_inside
 from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, as_marginal
 from jointbayes.joint import Parametrisation
+from jointbayes.structure import is_additive
 
 __all__ = ["JointPrior", "Nuisance"]
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 class Nuisance:
     """A quantity besides the joint that is not exactly known; its coordinate is ln(value/nominal).
 
+    That of an offset, ``length_offset``, is value/nominal itself: the offset in m, of either sign.
+
     Parameters
     ----------
     name
@@ -27,7 +30,7 @@ class Nuisance:
     unit
         Unit of the value.
     nominal
-        Value at coordinate 0, above zero.
+        Value at coordinate 0, above zero; of an offset what a metre is in the unit: 1000 for mm.
     prior
         Prior on the coordinate: `Normal`, `Uniform`, or a distribution of one's own as for `JointPrior`.
 
@@ -54,6 +57,26 @@ class Nuisance:
                 f"{self.name}: found a nominal value of {self.nominal:g}; expected a number above 0 for a quantity "
                 "that is uncertain by a factor; correct it, or leave the quantity certain"
             )
+
+    @property
+    def additive(self) -> bool:
+        """Whether it is an offset, whose coordinate is no logarithm."""
+        return is_additive(self.name)
+
+    @property
+    def label(self) -> str:
+        """How its coordinate is written: ``"ln length"``, ``"length_offset"``."""
+        return self.name if self.additive else f"ln {self.name}"
+
+    def value(self, coordinate: ArrayLike) -> Array:
+        """Value in its unit, of the shape of the coordinates."""
+        x = np.asarray(coordinate, dtype=float)
+        return self.nominal * (x if self.additive else np.exp(x))
+
+    def coordinate(self, value: ArrayLike) -> Array:
+        """Coordinate of a value in its unit."""
+        relative = np.asarray(value, dtype=float) / self.nominal
+        return relative if self.additive else np.log(relative)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -113,7 +136,7 @@ class JointPrior:
     @property
     def labels(self) -> tuple[str, ...]:
         """How the d coordinates are written: ``"ln k11"``, ``"ρ"``, ``"ln length"``."""
-        return tuple(axis.label for axis in self.parametrisation.axes) + tuple(f"ln {n.name}" for n in self.nuisances)
+        return tuple(axis.label for axis in self.parametrisation.axes) + tuple(n.label for n in self.nuisances)
 
     @property
     def all_marginals(self) -> tuple[Marginal, ...]:
@@ -169,12 +192,16 @@ class JointPrior:
         return self.parametrisation.matrix(self.stiffness(theta))
 
     def factors(self, theta: ArrayLike) -> Array:
-        """Value over nominal value of each nuisance, shape (..., q), of θ, shape (..., d)."""
+        """Value over nominal value of each nuisance, shape (..., q), of θ, shape (..., d); e^offset of an offset."""
         return np.exp(np.asarray(theta, dtype=float)[..., len(self.marginals) :])
 
     def nuisance_values(self, theta: ArrayLike) -> Array:
         """Value of each nuisance in its unit, shape (..., q), of θ, shape (..., d)."""
-        return self.factors(theta) * np.array([n.nominal for n in self.nuisances])
+        values = self.factors(theta) * np.array([n.nominal for n in self.nuisances])
+        for i, nuisance in enumerate(self.nuisances):
+            if nuisance.additive:
+                values[..., i] = nuisance.value(np.asarray(theta, dtype=float)[..., len(self.marginals) + i])
+        return values
 
     def feasible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether K^J is positive definite and every nuisance within its range, shape (...)."""

@@ -135,7 +135,7 @@ def _coordinates(
     with np.errstate(all="ignore"):
         if not prior.parametrisation.describes(stiffness).all():
             raise ModelError(f"{where}: found {what} that are no joint; expected joints of its problem; {REMEDY}")
-        rest = [np.log(values(n.name).ravel() / n.nominal)[:, None] for n in prior.nuisances]
+        rest = [n.coordinate(values(n.name).ravel())[:, None] for n in prior.nuisances]
         theta = np.concatenate([prior.parametrisation.coordinates(stiffness), *rest], axis=1)
         inside = (theta >= low) & (theta <= high)
     if not inside.all():

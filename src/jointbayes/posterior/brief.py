@@ -56,7 +56,7 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
     for index, nuisance in enumerate(prior.nuisances):
         values = posterior.values(nuisance.name)
         low, median, high = np.quantile(values, [0.025, 0.5, 0.975]).tolist()
-        sd, prior_sd = (float(np.log(v).std()) for v in (values, posterior.prior_values(nuisance.name)))
+        sd, prior_sd = (float(nuisance.coordinate(v).std()) for v in (values, posterior.prior_values(nuisance.name)))
         row |= _of_quantity(
             nuisance.name,
             {

@@ -150,7 +150,7 @@ class PosteriorDraws:
     def theta(self) -> Array:
         """All draws of θ, shape (n, d), chain after chain."""
         prior = self.problem.prior
-        rest = [np.log(self.values(n.name).ravel() / n.nominal) for n in prior.nuisances]
+        rest = [n.coordinate(self.values(n.name).ravel()) for n in prior.nuisances]
         joint = prior.parametrisation.coordinates(self.stiffness)
         return np.concatenate([joint, *(column[:, None] for column in rest)], axis=1)
 

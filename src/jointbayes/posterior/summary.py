@@ -295,11 +295,11 @@ def _nuisance(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
     prior = posterior.problem.prior
     nuisance = prior.nuisances[index]
     values, before = posterior.values(nuisance.name), posterior.prior_values(nuisance.name)
-    ess_bulk, ess_tail = effective_sizes(np.log(values))
-    sd, prior_sd = float(np.log(values).std()), float(np.log(before).std())
+    ess_bulk, ess_tail = effective_sizes(nuisance.coordinate(values))
+    sd, prior_sd = (float(nuisance.coordinate(v).std()) for v in (values, before))
     return NuisanceSummary(
         unit=nuisance.unit,
-        nominal=nuisance.nominal,
+        nominal=float(nuisance.value(0.0)),
         map=float(prior.nuisance_values(posterior.estimate.theta)[index]),
         median=float(np.median(values)),
         sd_log=sd,

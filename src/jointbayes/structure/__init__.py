@@ -12,7 +12,13 @@ from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe, chai
 from jointbayes.structure.matrices import Modes, Structure, mode_shift
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.section import Section
-from jointbayes.structure.uncertain_quantities import STRUCTURE_QUANTITIES, BeamRecipe, ElementKind, is_mode_frequency
+from jointbayes.structure.uncertain_quantities import (
+    STRUCTURE_QUANTITIES,
+    BeamRecipe,
+    ElementKind,
+    is_additive,
+    is_mode_frequency,
+)
 
 __all__ = [
     # structures
@@ -47,6 +53,7 @@ __all__ = [
     "StructureRecipe",
     "as_family",
     "family_of_recipe",
+    "is_additive",
     "is_mode_frequency",
     # damping
     "DampingLaw",

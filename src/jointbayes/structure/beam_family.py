@@ -5,6 +5,7 @@ slenderness, shear coefficient, and the accelerometer's mass beside the beam's. 
 interpolated, see `jointbayes.structure.shape_modes`.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.errors import ModelError
 from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.mesh import BeamMesh
@@ -23,6 +25,8 @@ from jointbayes.structure.uncertain_quantities import BeamRecipe
 __all__ = ["BeamFamily"]
 
 Array = NDArray[np.float64]
+
+_OFFSET, _SHORTEST = "length_offset", 0.1  # what is added to the length; of which so much must be left
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,9 +58,35 @@ class BeamFamily(UncertainFamily):
         """The beam by its length."""
         return f"{1e3 * self.recipe.length:g} mm"
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, _ = self.ranges.get(_OFFSET, (0.0, 0.0))
+        if math.exp(self.ranges.get("length", (0.0, 0.0))[0]) + low / self.recipe.length < _SHORTEST:
+            raise ModelError(
+                f"uncertain structure: found a length_offset of {1e3 * low:.4g} mm within six standard deviations, for "
+                f"a length of {1e3 * self.recipe.length:.4g} mm; expected one that leaves a beam; lower it"
+            )
+
+    @cached_property
+    def of_factors(self) -> Mapping[str, tuple[float, float]]:
+        """Ranges of the logarithm of each factor; that of the length with its offset."""
+        if _OFFSET not in self.ranges:
+            return self.ranges
+        others = {name: ends for name, ends in self.ranges.items() if name != _OFFSET}
+        factors, added = np.exp(others.get("length", (0.0, 0.0))), np.array(self.ranges[_OFFSET]) / self.recipe.length
+        low, high = np.log(factors + added).tolist()
+        return {**others, "length": (low, high)}
+
+    def factor(self, factors: Array, name: str) -> Array:
+        """Factor on one quantity, shape (n,), on the length with what its offset makes of it."""
+        found = super().factor(factors, name)
+        if name == "length" and _OFFSET in self.names and factors.shape[1]:
+            found = found + np.log(super().factor(factors, _OFFSET)) / self.recipe.length
+        return found
+
     @cached_property
     def _axes(self) -> "_ShapeAxes":
-        return _ShapeAxes(self.recipe, self.ranges)
+        return _ShapeAxes(self.recipe, self.of_factors)
 
     @property
     def discretisation(self) -> Discretisation:

@@ -132,6 +132,11 @@ class UncertainFamily:
         """The q quantities."""
         return tuple(self.ranges)
 
+    @property
+    def of_factors(self) -> Mapping[str, tuple[float, float]]:
+        """Ranges of the logarithm of each factor, what is added to a quantity among them."""
+        return self.ranges
+
     @cached_property
     def reach_of_modes_hz(self) -> float | None:
         """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
@@ -140,7 +145,7 @@ class UncertainFamily:
     @property
     def _widest(self) -> float:
         power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
-        sizes = {name: max(map(abs, ends)) for name, ends in self.ranges.items()}
+        sizes = {name: max(map(abs, ends)) for name, ends in self.of_factors.items()}
         modes = max((size for name, size in sizes.items() if is_mode_frequency(name)), default=0.0)
         return float(np.exp(modes + sum(p * self._size(sizes, name) for name, p in power.items())))
 

@@ -1,5 +1,6 @@
 """A beam as a recipe: everything its matrices are made from, each quantity open to a factor."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -17,7 +18,14 @@ from jointbayes.structure.matrices import Structure
 from jointbayes.structure.mesh import BeamMesh, BeamShape, mesh_through, meshed_beam
 from jointbayes.structure.section import Section
 
-__all__ = ["STRUCTURE_QUANTITIES", "BeamRecipe", "ElementKind", "is_damping_ratio", "is_mode_frequency"]
+__all__ = [
+    "STRUCTURE_QUANTITIES",
+    "BeamRecipe",
+    "ElementKind",
+    "is_additive",
+    "is_damping_ratio",
+    "is_mode_frequency",
+]
 
 #: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
 ElementKind = Literal["converged", "paper"]
@@ -32,12 +40,21 @@ STRUCTURE_QUANTITIES = (
     "youngs_modulus",
     "density",
     "length",
+    "length_offset",
     "section_size",
     "shear_coefficient",
     "accelerometer_mass",
     "damping_ratio",
     "loss_factor",
 )
+
+
+def is_additive(name: str) -> bool:
+    """Whether a quantity is no factor but a length that is added: an offset in m, whose factor is e to that power.
+
+    So the offset's own value is the coordinate, and may be of either sign.
+    """
+    return name.rpartition(".")[2] == "length_offset"
 
 
 def is_damping_ratio(name: str) -> bool:
@@ -198,7 +215,8 @@ class BeamRecipe:
         Parameters
         ----------
         factors
-            By name, see `STRUCTURE_QUANTITIES`. ``section_size`` multiplies every dimension of the section,
+            By name, see `STRUCTURE_QUANTITIES`. ``length_offset`` is no factor on a value: its logarithm, in m, is
+            added to the length. ``section_size`` multiplies every dimension of the section,
             ``damping_ratio`` every ratio, ``damping_ratio_2`` that of the second mode. Errors of natural frequencies,
             ``mode_frequency_1`` and so on, are those of the assembled structure, and change nothing here.
         mesh
@@ -220,7 +238,8 @@ class BeamRecipe:
         shear = given.get("shear_coefficient", 1.0)
         section = self.section.scaled(given.get("section_size", 1.0), shear)
         kappa = None if self.shear_coefficient is None else self.shear_coefficient * shear
-        length, damping = self.length * given.get("length", 1.0), self.damping.scaled(given)
+        length = self.length * given.get("length", 1.0) + math.log(given.get("length_offset", 1.0))
+        damping = self.damping.scaled(given)
         mesh = mesh or self.mesh()
         if mesh is None:
             free = beam(

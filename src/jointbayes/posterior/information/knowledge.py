@@ -166,6 +166,11 @@ def assumed_words(freed: Problem) -> tuple[str, ...]:
 
 def _prior_words(nuisance: Nuisance) -> str:
     name = listed((nuisance.name,))
+    if nuisance.additive:
+        ends = nuisance.value(nuisance.range)
+        sd = float(nuisance.value(nuisance.prior.sd))
+        known = f"±{sd:g}" if isinstance(nuisance.prior, Normal) else f"between {ends[0]:.3g} and {ends[1]:.3g}"
+        return f"{name} to {known} {nuisance.unit}"
     if isinstance(nuisance.prior, Normal):
         return f"{name} to {100 * nuisance.prior.sd:g} %"
     low, high = (math.exp(end) for end in nuisance.prior.support)
