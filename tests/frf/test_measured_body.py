@@ -26,6 +26,8 @@ TAPER = Joint(("1:y", "1:rz"), ("s5:y", "s5:rz"))
 #: Two joints: the taper, and a spring between the tool's third point and the spindle's nose.
 TWO = Joints((replace(TAPER, name="taper"), Joint(("3:y",), ("s4:y",), name="ring")))
 K_TWO = np.array([[2e8, 3e6, 0], [3e6, 1e5, 0], [0, 0, 4e6]])
+#: The same with a dashpot in the ring and a loss factor of the taper: K, C, H side by side.
+DAMPED_TWO = np.hstack([K_TWO, np.diag([0, 0, 900.0]), 0.2 * K_TWO * [[1, 1, 0], [1, 1, 0], [0, 0, 0]]])
 
 
 def tool(damping=None) -> Structure:
@@ -49,6 +51,14 @@ def dynamic_stiffness(structure: Structure, omega: float) -> np.ndarray:
     return structure.stiffness * (1 + 1j * structure.damping.hysteretic) + 1j * omega * c - omega**2 * structure.mass
 
 
+def at_line(joint: np.ndarray, omega: float) -> np.ndarray:
+    """K of a joint, or K + jωC + jH of one with damping."""
+    if joint.shape[0] == joint.shape[1]:
+        return joint
+    k, c, h = np.split(joint, 3, axis=1)
+    return k + 1j * (omega * c + h)
+
+
 def dense(bodies, joint, k, outputs, inputs, omega=OMEGA) -> np.ndarray:
     """Receptance of all bodies assembled, by one dense solution of each line."""
     labels = [label for body in bodies for label in body.dofs]
@@ -68,7 +78,7 @@ def dense(bodies, joint, k, outputs, inputs, omega=OMEGA) -> np.ndarray:
             end = start + body.n_dofs
             z[start:end, start:end] = dynamic_stiffness(body, w)
             start = end
-        z += deformation @ k @ deformation.T
+        z += deformation @ at_line(k, w) @ deformation.T
         x = np.linalg.solve(z, np.eye(len(labels))[:, [labels.index(label) for label in inputs]])
         out.append(x[[labels.index(label) for label in outputs]])
     return np.array(out)
@@ -93,7 +103,7 @@ def error_of_peak(found, truth) -> float:
     return float((np.abs(found - truth).max(axis=0) / np.abs(truth).max(axis=0)).max())
 
 
-@pytest.mark.parametrize(("joint", "k"), [(TAPER, K_PAIR), (TWO, K_TWO)])
+@pytest.mark.parametrize(("joint", "k"), [(TAPER, K_PAIR), (TWO, K_TWO), (TWO, DAMPED_TWO)])
 @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
 def test_a_body_with_exact_frfs_couples_as_if_it_were_modelled(joint, k, quantity):
     ports = Ports(LINES, ("7:y", "3:rz", "s4:y"), ("7:y", "s5:y"))
@@ -186,8 +196,8 @@ def test_an_offset_of_the_joint_is_a_rigid_link_of_the_measured_body():
     assert error_of_peak(by_joint.receptance(K_PAIR)[0], by_body.receptance(K_PAIR)[0]) < 1e-12
 
 
-@pytest.mark.parametrize("correlated", [False, True])
-def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies(correlated):
+@pytest.mark.parametrize(("correlated", "joint"), [(False, K_TWO), (True, K_TWO), (False, DAMPED_TWO)])
+def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies(correlated, joint):
     """Against Monte Carlo: bodies with drawn errors, coupled one by one by the dense reference formula."""
     ports = Ports(LINES[[5, 20, 40]], ("7:y", "s4:y"), ("7:y",))
     body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
@@ -196,7 +206,7 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies(correlate
         size = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
         body = replace(body, covariance=(size[:, :, None] * (mix @ mix.T / 6)) * size[:, None, :])
     model = receptance_model(Substructures(tool(), (body,)), TWO, ports)
-    found = NoisePropagation(model).covariance(K_TWO)[0]
+    found = NoisePropagation(model).covariance(joint)[0]
     rng, count = np.random.default_rng(3), 4000
     root = np.linalg.cholesky(body.covariance)
     a, b = np.triu_indices(3)
@@ -206,7 +216,7 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies(correlate
         delta = np.zeros((3, 3, 3), dtype=complex)
         delta[:, a, b] = delta[:, b, a] = (root @ white[..., None])[..., 0]
         noisy = replace(body, receptance=body.receptance + delta)
-        values[i] = receptance_model(Substructures(tool(), (noisy,)), TWO, ports).receptance(K_TWO)[0, :, :, 0]
+        values[i] = receptance_model(Substructures(tool(), (noisy,)), TWO, ports).receptance(joint)[0, :, :, 0]
     values -= values.mean(axis=0)
     sampled = np.einsum("nlp,nlq->lpq", values, values.conj()) / count
     size = np.sqrt(np.abs(np.diagonal(found, axis1=1, axis2=2)))
@@ -217,11 +227,13 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies(correlate
     assert (np.abs(pseudo) / size**2).max() < 4 / np.sqrt(count)
 
 
-def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies():
+@pytest.mark.parametrize("joint", [K_TWO, DAMPED_TWO], ids=["undamped", "damped"])
+def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies(joint):
     ports = Ports(LINES[[5, 20, 40]], ("7:y",), ("7:y",))
     body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
     model = receptance_model(Substructures(tool(), (body,)), TWO, ports)
-    found = NoisePropagation(model).relative_sd(K_TWO)[0]
+    found = NoisePropagation(model).relative_sd(joint)[0]
+    k = np.array([at_line(joint, w) for w in ports.omega])
     rng, a, b = np.random.default_rng(4), *np.triu_indices(3)
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
     free = model.free(np.empty(0))[:, :3, :3]
@@ -231,7 +243,7 @@ def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies():
         delta = np.zeros((3, 3, 3), dtype=complex)
         delta[:, a, b] = delta[:, b, a] = sd * (rng.standard_normal((3, 6, 2)) @ [1, 1j]) / np.sqrt(2)
         noisy = free + motions.T @ delta @ motions
-        ratio[i] = np.linalg.det(np.eye(3) + noisy @ K_TWO) / np.linalg.det(np.eye(3) + free @ K_TWO)
+        ratio[i] = np.linalg.det(np.eye(3) + noisy @ k) / np.linalg.det(np.eye(3) + free @ k)
     assert np.allclose(np.sqrt(np.mean(np.abs(ratio - 1) ** 2, axis=0)), found, rtol=0.06)
 
 

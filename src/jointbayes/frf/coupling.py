@@ -121,7 +121,8 @@ class LowRankCoupling:
         self.along, rest = split_along(np.hstack([outputs, inputs]), joined)
         #: Number of outputs; they come first.
         self.n_out = len(ports.outputs)
-        self._omega = ports.omega
+        #: Lines, shape (lines,), rad/s.
+        self.omega = ports.omega
         driven, n = np.hstack([joined, rest]), family.nominal.n_dofs
         #: Measured bodies at the lines, each with the motion of its DOFs in the joint's motions and the ports'.
         self.bodies: list[tuple[MeasuredBody, Array]] = []
@@ -150,7 +151,7 @@ class LowRankCoupling:
         """
         if self._free is not None:
             return self._free
-        return self._with_bodies(free_receptance(self._family, self._modes, factors, self._omega))
+        return self._with_bodies(free_receptance(self._family, self._modes, factors, self.omega))
 
     def _with_bodies(self, modelled: ComplexArray) -> ComplexArray:
         for body, motions in self.bodies:
@@ -189,21 +190,20 @@ class LowRankCoupling:
 
     def _damped(self, matrices: Array, factors: ArrayLike | None) -> ComplexArray:
         """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
+        if self._free is not None:
+            return add_joint(matrices, self.omega, self._free, self.along, self.n_out)[0]
         known, n_in = as_factors(factors, len(matrices)), self.along.shape[1] - self.n_out
-        out = np.empty((len(matrices), self._omega.size, self.n_out, n_in), dtype=complex)
+        out = np.empty((len(matrices), self.omega.size, self.n_out, n_in), dtype=complex)
         for matrix, row, values in zip(matrices, known, out, strict=True):
-            dynamic = dynamic_stiffness(matrix, self._omega, elastic=True)
-            values[:] = add_joint(self.free(row), self.along, dynamic)[0][:, : self.n_out, self.n_out :]
+            values[:] = add_joint(matrix[None], self.omega, self.free(row), self.along, self.n_out)[0][0]
         return out
 
     def _damped_tangent(self, matrix: Array, directions: Array, factors: Array) -> tuple[ComplexArray, ComplexArray]:
-        (dynamic,) = dynamic_stiffness(matrix, self._omega, elastic=True)
-        free = self.free(factors[0])
-        value, motion = add_joint(free, self.along, dynamic)
+        (value,), (motion,) = add_joint(matrix, self.omega, self.free(factors[0]), self.along, self.n_out)
         # dH = −δ_oᵀ dD δ_i of the joint's motions δ
         out, into = motion[..., : self.n_out].swapaxes(-1, -2), motion[..., self.n_out :]
-        changes = (dynamic_stiffness(one, self._omega, elastic=True) for one in directions)
-        return value[:, : self.n_out, self.n_out :], np.stack([-(out @ (change @ into)) for change in changes])
+        changes = (dynamic_stiffness(one, self.omega) for one in directions)
+        return value, np.stack([-(out @ (change @ into)) for change in changes])
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
         form = PairCoupling if len(self.along) <= 2 else MultiDofCoupling

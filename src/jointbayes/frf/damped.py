@@ -8,7 +8,9 @@ with K, and D = jωC + jH is added to them alike.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["add_joint", "chi2_of", "dynamic_stiffness", "is_damped", "split", "stiffness_of"]
+from jointbayes.frf.kernels.by_line import add_joints
+
+__all__ = ["add_joint", "chi2_of", "dissipative", "dynamic_stiffness", "is_damped", "split", "stiffness_of"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -33,37 +35,51 @@ def stiffness_of(matrices: ArrayLike) -> Array:
     return given[..., : given.shape[-2]]
 
 
-def dynamic_stiffness(matrices: ArrayLike, omega: Array, *, elastic: bool) -> ComplexArray:
-    """K + jωC + jH at each line, or jωC + jH alone, shape (..., lines, r, r)."""
+def dissipative(matrices: ArrayLike) -> Array:
+    """The same joints without their stiffness, K = 0."""
+    k, c, h = split(matrices)
+    return np.concatenate([np.zeros_like(k), c, h], axis=-1)
+
+
+def dynamic_stiffness(matrices: ArrayLike, omega: Array) -> ComplexArray:
+    """K + jωC + jH at each line, shape (..., lines, r, r)."""
     k, c, h = split(matrices)
     dynamic = np.zeros((*k.shape[:-2], omega.size, *k.shape[-2:]), dtype=np.complex128)
     dynamic.imag = omega[:, None, None] * c[..., None, :, :] + h[..., None, :, :]
-    if elastic:
-        dynamic.real = k[..., None, :, :]
+    dynamic.real = k[..., None, :, :]
     return dynamic
 
 
-def add_joint(free: ComplexArray, along: Array, dynamic: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+def add_joint(
+    matrices: Array, omega: Array, free: ComplexArray, along: Array, n_out: int
+) -> tuple[ComplexArray, ComplexArray]:
     """Receptance between ports once a joint is added, and motion of the joint under load at each port.
 
     Parameters
     ----------
+    matrices
+        K, C and H side by side, shape (batch, r, 3r).
+    omega
+        Lines, shape (lines,), rad/s.
     free
-        Receptance without the joint between its r motions and the q ports' other motions, (..., lines, r + q, r + q).
+        Receptance without the joint between its r motions and the q ports' other motions, (lines, r + q, r + q), or
+        (batch, lines, r + q, r + q) where it is another one for each joint.
     along
-        Part of each port's motion that is the joint's own, shape (r, q) or (..., 1, r, q).
-    dynamic
-        Of the joint, shape (..., lines, r, r).
+        Part of each port's motion that is the joint's own, shape (r, q).
+    n_out
+        The first so many ports are outputs, the others inputs.
 
     Returns
     -------
-    receptance, motion : ndarray, shapes (..., lines, q, q) and (..., lines, r, q)
+    receptance, motion : ndarray, shapes (batch, lines, outputs, inputs) and (batch, lines, r, q)
     """
-    r = dynamic.shape[-1]
-    at_joint = free[..., :r, :r] @ along + free[..., :r, r:]
-    motion = np.asarray(np.linalg.solve(np.eye(r) + free[..., :r, :r] @ dynamic, at_joint), dtype=np.complex128)
-    rest = free[..., r:, :r] @ along + free[..., r:, r:] - free[..., r:, :r] @ (dynamic @ motion)
-    return np.swapaxes(along, -1, -2) @ motion + rest, motion
+    batch, lines, (r, q) = len(matrices), len(omega), along.shape
+    value = np.empty((batch, lines, n_out, q - n_out), dtype=np.complex128)
+    motion = np.empty((batch, lines, r, q), dtype=np.complex128)
+    every = np.ascontiguousarray(free if free.ndim == 4 else free[None])
+    with np.errstate(all="ignore"):  # a joint at which nothing is finite: its receptances are not either
+        add_joints(np.ascontiguousarray(matrices), omega, every, np.ascontiguousarray(along), n_out, value, motion)
+    return value, motion
 
 
 def chi2_of(values: ComplexArray, measured: ComplexArray, weight: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import add_joint, chi2_of, dynamic_stiffness, is_damped, stiffness_of
+from jointbayes.frf.damped import add_joint, chi2_of, dissipative, is_damped, stiffness_of
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, workspace
 from jointbayes.frf.kernels.springs import springs
@@ -195,8 +195,8 @@ class AssembledModes:
             shapes = np.concatenate([rows[i], rows[i]])[None]
             row = np.ascontiguousarray(ratios[i : i + 1])
             (every,) = self._sum_of_all.receptance(eigenvalues[i : i + 1], shapes, row)
-            dynamic = dynamic_stiffness(matrices[i], self._omega, elastic=False)
-            values[:] = add_joint(every, self._along, dynamic)[0][:, : self._n_out, self._n_out :]
+            loss = dissipative(matrices[i : i + 1])
+            values[:] = add_joint(loss, self._omega, every, self._along, self._n_out)[0][0]
         return out
 
     @cached_property

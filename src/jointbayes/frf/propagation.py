@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.coupling import LowRankCoupling
-from jointbayes.frf.kernels.propagated import error_roots
+from jointbayes.frf.damped import dynamic_stiffness, is_damped
+from jointbayes.frf.kernels.by_line import error_roots
 from jointbayes.frf.measured_body import MeasuredBody
 from jointbayes.frf.ports import as_batch, as_factors
 
@@ -48,7 +49,8 @@ class NoisePropagation:
     def covariance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
         """E[δH δHᴴ], shape (batch, lines, pairs, pairs), of receptances in the order (outputs, inputs).
 
-        For joint matrices (r, r) or (batch, r, r) and factors on the structure's quantities, (q,) or (batch, q).
+        For joint matrices (r, r) or (batch, r, r), or with K, C, H side by side (r, 3r) or (batch, r, 3r), and factors
+        on the structure's quantities, (q,) or (batch, q).
         """
         roots = self.roots(stiffness, factors)
         return roots @ roots.conj().swapaxes(-1, -2)
@@ -78,7 +80,9 @@ class NoisePropagation:
         return np.asarray(np.sqrt(variance))
 
     def _dynamic(self, stiffness: ArrayLike) -> ComplexArray:
-        """Dynamic stiffness of the joint, shape (batch, 1 or lines, r, r)."""
+        """Dynamic stiffness of the joint, shape (batch, lines, r, r); (batch, 1, r, r) without damping."""
+        if is_damped(stiffness):
+            return dynamic_stiffness(as_batch(stiffness), self._model.omega)
         return np.ascontiguousarray(as_batch(stiffness)[:, None].astype(complex))
 
     def _free(self, batch: int, factors: ArrayLike | None) -> ComplexArray:

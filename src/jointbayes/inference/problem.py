@@ -186,12 +186,6 @@ class Problem:
     @cached_property
     def _own_likelihood(self) -> Likelihood:
         """Likelihood of a lone set-up, over its own quantities alone."""
-        if self.parametrisation.damped and self.measured_bodies and not self.ignores_noise_of_bodies:
-            raise ModelError(
-                f"{self.name}: found damping of the joint beside measured body {self.measured_bodies[0].name}, whose "
-                "noise counts; expected joints without damping of their own there; leave the damping out, or take the "
-                "body for exact"
-            )
         gain = own_name(self.setup, "gain", self._nuisances) is not None
         return likelihood_of(
             self.structure, self.joints, self.measurement, gain=gain, noise=self.noise, kind=self.residual_kind

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.frf import LowRankCoupling, NoisePropagation
-from jointbayes.frf.kernels.propagated import noise_roots
+from jointbayes.frf.kernels.by_line import noise_roots
 
 __all__ = ["PropagatedNoise"]
 

@@ -1,4 +1,4 @@
-"""What errors of measured receptances make of the assembled ones, line by line, and roots of the noise with them."""
+"""Joints that are another complex matrix at every line: what they make of receptances, and of errors of these."""
 
 import math
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf.kernels.compiled import compiled, inner
 
-__all__ = ["error_roots", "noise_roots"]
+__all__ = ["add_joints", "error_roots", "noise_roots"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -19,29 +19,88 @@ def _solve(m: ComplexArray, x: ComplexArray) -> None:
     """m⁻¹ x in place of x, (r, r) and (r, q), by elimination with the largest pivot of each column."""
     r, q = x.shape
     for p in range(r):
-        best, size = p, abs(m[p, p])
+        best, size = p, abs(m[p, p].real) + abs(m[p, p].imag)
         for i in range(p + 1, r):
-            if abs(m[i, p]) > size:
-                best, size = i, abs(m[i, p])
+            other = abs(m[i, p].real) + abs(m[i, p].imag)
+            if other > size:
+                best, size = i, other
         if best != p:
             for j in range(p, r):
                 m[p, j], m[best, j] = m[best, j], m[p, j]
             for j in range(q):
                 x[p, j], x[best, j] = x[best, j], x[p, j]
         inverse = 1.0 / m[p, p]
+        m[p, p] = inverse
         for i in range(p + 1, r):
-            f = m[i, p] * inverse
-            for j in range(p + 1, r):
-                m[i, j] -= f * m[p, j]
-            for j in range(q):
-                x[i, j] -= f * x[p, j]
+            if m[i, p] != 0.0:
+                f = m[i, p] * inverse
+                for j in range(p + 1, r):
+                    m[i, j] -= f * m[p, j]
+                for j in range(q):
+                    x[i, j] -= f * x[p, j]
     for p in range(r - 1, -1, -1):
-        inverse = 1.0 / m[p, p]
         for j in range(q):
             total = x[p, j]
             for i in range(p + 1, r):
                 total -= m[p, i] * x[i, j]
-            x[p, j] = total * inverse
+            x[p, j] = total * m[p, p]
+
+
+@compiled
+def add_joints(
+    dynamic: Array,
+    omega: Array,
+    free: ComplexArray,
+    along: Array,
+    n_out: int,
+    value: ComplexArray,
+    motion: ComplexArray,
+) -> None:
+    """Receptances once a joint is added into `value`, motions of the joint under each load into `motion`.
+
+    Of the joints K, C, H side by side (n, r, 3r), of which D = K + jωC + jH at each line (lines,); the receptance
+    without them (1 or n, lines, r + q, r + q) between the joint's motions and the q ports' others, and the part of each
+    port's motion that is the joint's own (r, q). Shapes (n, lines, outputs, inputs) and (n, lines, r, q). NaN where a
+    line is singular.
+    """
+    n, r = dynamic.shape[:2]
+    q, lines = along.shape[1], len(omega)
+    d, m = np.empty((r, r), dtype=np.complex128), np.empty((r, r), dtype=np.complex128)
+    x, force = np.empty((r, q), dtype=np.complex128), np.empty(r, dtype=np.complex128)
+    for i in range(n):
+        for line in range(lines):
+            a = free[min(i, len(free) - 1), line]
+            for p in range(r):
+                for s in range(r):
+                    loss = omega[line] * dynamic[i, p, r + s] + dynamic[i, p, 2 * r + s]
+                    d[p, s] = complex(dynamic[i, p, s], loss)
+            for p in range(r):
+                for s in range(r):
+                    total = complex(1.0 if p == s else 0.0, 0.0)
+                    for k in range(r):
+                        if d[k, s] != 0.0:
+                            total += a[p, k] * d[k, s]
+                    m[p, s] = total
+                for c in range(q):
+                    total = a[p, r + c]
+                    for k in range(r):
+                        total += a[p, k] * along[k, c]
+                    x[p, c] = total
+            _solve(m, x)  # (1 + A_jj D) δ = A_jp
+            for p in range(r):
+                for c in range(q):
+                    motion[i, line, p, c] = x[p, c]
+            for c in range(n_out, q):
+                for p in range(r):
+                    total = complex(along[p, c], 0.0)
+                    for k in range(r):
+                        total -= d[p, k] * x[k, c]
+                    force[p] = total
+                for o in range(n_out):
+                    total = a[r + o, r + c]
+                    for p in range(r):
+                        total += a[r + o, p] * force[p] + along[p, o] * x[p, c]
+                    value[i, line, o, c - n_out] = total
 
 
 @compiled
