@@ -108,8 +108,10 @@ def test_the_posterior_is_that_of_a_grid_to_one_per_cent_of_its_standard_deviati
         values = posterior.values(name)
         middle = np.array([values.mean() - mean[i], values.std() - sd[i], np.median(values) - quantiles[i, 1]])
         assert np.abs(middle / sd[i]).max() < 0.01, (name, middle / sd[i])
+        # Of 128 000 effective draws the mean scatters by 0.28 % of the standard deviation, an end, where the density is
+        # 0.058, by √(0.025 · 0.975/n)/0.058 = 0.75 %: forty ends are within four times that.
         ends = np.quantile(values, [0.025, 0.975]) - quantiles[i, [0, 2]]
-        assert np.abs(ends / sd[i]).max() < 0.02, (name, ends / sd[i])
+        assert np.abs(ends / sd[i]).max() < 0.03, (name, ends / sd[i])
 
 
 def test_the_map_is_the_peak_of_the_density_of_the_logarithms():
