@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from jointbayes.joint.blocks import Block as Block
     from jointbayes.joint.blocks import Blocks as Blocks
     from jointbayes.joint.blocks import blocks_of as blocks_of
+    from jointbayes.joint.condensed import CondensedCoordinates as CondensedCoordinates
+    from jointbayes.joint.condensed import Cone as Cone
     from jointbayes.joint.damped import Damped as Damped
     from jointbayes.joint.elastic_centre import ElasticCentre as ElasticCentre
     from jointbayes.joint.full import FullStiffness as FullStiffness
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from jointbayes.joint.log import LogStiffness as LogStiffness
     from jointbayes.joint.parametrisation import RIGID as RIGID
     from jointbayes.joint.parametrisation import ComplianceCoordinates as ComplianceCoordinates
-    from jointbayes.joint.parametrisation import CondensedCoordinates as CondensedCoordinates
-    from jointbayes.joint.parametrisation import Cone as Cone
     from jointbayes.joint.parametrisation import Parametrisation as Parametrisation
     from jointbayes.joint.parametrisation import parametrisation_named as parametrisation_named
     from jointbayes.joint.parametrisation import symmetric_changes as symmetric_changes
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from jointbayes.joint.plain_springs import Rigid as Rigid
     from jointbayes.joint.signed import SignedCoupling as SignedCoupling
 
-_COMPUTING = ("joint", "parametrisation", "plain_springs", "full", "damped", "blocks", *COORDINATES)
+_COMPUTING = ("joint", "parametrisation", "condensed", "plain_springs", "full", "damped", "blocks", *COORDINATES)
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any name of the room)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
+from jointbayes.joint.condensed import CondensedCoordinates, Cone
+from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
 
 __all__ = ["Block", "Blocks", "blocks_of"]

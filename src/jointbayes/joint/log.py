@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.coupled import CoupledPair
-from jointbayes.joint.parametrisation import CondensedCoordinates, Cone
 
 __all__ = ["PARAMETRISATION", "LogStiffness"]
 
