@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-import numpy as np
 from pydantic import BeforeValidator, Field, Strict
 
 from jointbayes.case.errors import Finding
@@ -29,6 +28,9 @@ from jointbayes.case.schema.structure_parts import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from jointbayes.case.schema.data import TruthSpec
 
 __all__ = ["ChainSpec", "DamperSpec", "DampersSpec", "MatricesSpec", "MatrixDampingSpec", "SpringSpec", "asymmetry"]
@@ -198,11 +200,11 @@ def _stated_damping(damping: object) -> dict[str, tuple[str, float]]:
     return {"loss_factor": ("1", damping.loss_factor)} if isinstance(damping, LossFactorDampingSpec) else {}
 
 
-def asymmetry(matrix: np.ndarray) -> str | None:
+def asymmetry(matrix: NDArray[np.float64]) -> str | None:
     """What is not symmetric about a square matrix, in words; None where it is."""
-    gap = np.abs(matrix - matrix.T)
-    row, column = np.unravel_index(int(np.argmax(gap)), gap.shape)
-    if gap[row, column] <= 1e-10 * np.abs(matrix).max(initial=0.0):
+    gap = abs(matrix - matrix.T)
+    row, column = divmod(int(gap.argmax()), len(gap))
+    if gap[row, column] <= 1e-10 * abs(matrix).max(initial=0.0):
         return None
     values = f"{matrix[row, column]:g} and {matrix[column, row]:g}"
     return f"found {values} at row {row + 1}, column {column + 1} and across the diagonal"
@@ -226,6 +228,8 @@ def _matrix_findings(key: str, given: object, rows: int | None) -> Iterator[Find
         )
         yield Finding((key,), found, size, "correct the matrix, or structure.dofs")
     elif isinstance(given[0], tuple):
+        import numpy as np  # with matrices alone: other cases are read without it
+
         words = asymmetry(np.array(given))
         if words is not None:
             yield Finding((key,), words, "a symmetric matrix", "correct one of the two entries")
