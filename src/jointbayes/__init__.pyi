@@ -23,6 +23,7 @@ from jointbayes.inference import CorrelatedNoise as CorrelatedNoise
 from jointbayes.inference import GaussianNoise as GaussianNoise
 from jointbayes.inference import IntegratedScale as IntegratedScale
 from jointbayes.inference import JointPrior as JointPrior
+from jointbayes.inference import Level as Level
 from jointbayes.inference import Normal as Normal
 from jointbayes.inference import Nuisance as Nuisance
 from jointbayes.inference import OfStiffness as OfStiffness

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.case.case import Case, case_around, case_from_text
-from jointbayes.case.schema.case import parse_case
+from jointbayes.case.schema.case import parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.identification import (
@@ -391,8 +391,9 @@ def _case_of(stored: "StoredFile") -> Case:
     """The case that the text in a posterior file states, with the data of the file; files it names are not read."""
     run = stored.record.run
     measured = stored.measurement if run.provenance is not None else None
-    data = parse_case(run.case_text, run.case_name).data  # which refuses a text that builds on a file
-    if measured is None and isinstance(data, MeasuredSpec):
+    specs = parse_setups(run.case_text, run.case_name)  # which refuses a text that builds on a file
+    of_files = any(isinstance(spec.data, MeasuredSpec) for spec in specs.values())
+    if of_files and (measured is None or len(specs) > 1):
         raise MeasurementError(
             f"{stored.where}: found a case with measurement files, and no data of theirs; expected both, as files it "
             "names are not read; sample again, or take another copy of the file"

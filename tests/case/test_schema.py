@@ -215,7 +215,7 @@ outputs = ["11:y"]=>outputs = ["11:rz"] && accelerometer_mass_g = 2.0=>@accelero
 sd_percent = 0.5=>sd_percent = 0 ;; uncertain.length.sd_percent ;; in percent of the value, a number greater than 0
 sd_percent = 0.5=>low_factor = 0.9 && [uncertain.length]=>@[uncertain.length] ;; uncertain.length.high_factor ;; add high_factor = 10.0
 sd_percent = 0.5=>high_factor = 1.1 && [uncertain.length]=>@[uncertain.length] ;; uncertain.length.low_factor ;; add low_factor = 0.1
-sd_percent = 0.5=> && [uncertain.length]=>@[uncertain.length] ;; uncertain.length ;; sd_percent, or low_factor and high_factor
+sd_percent = 0.5=> && [uncertain.length]=>@[uncertain.length] ;; uncertain.length ;; sd_percent, sd_mm, or low_factor and high_factor
 sd_percent = 0.5=>low_factor = 0.9\nhigh_factor = 1.1\n@sd_percent = 0.5 ;; uncertain.length.sd_percent ;; not both
 low_factor = 0.1=>low_factor = 0.0 ;; uncertain.damping_ratio.low_factor ;; above 0 and at most 1
 low_factor = 0.1=>low_factor = 1.1 ;; uncertain.damping_ratio.low_factor ;; above 0 and at most 1

@@ -1,6 +1,7 @@
 """From the tables of a case file to the objects they describe: beam, priors, noise model, data."""
 
 import math
+import zlib
 from dataclasses import replace
 from importlib import import_module
 
@@ -17,9 +18,11 @@ from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import (
     DecadesPriorSpec,
     FactorPriorSpec,
+    LengthPriorSpec,
     LogNormalPriorSpec,
     LogUniformPriorSpec,
     NormalStiffnessPriorSpec,
+    OffsetPriorSpec,
     PriorSpec,
     UniformPriorSpec,
     UniformStiffnessPriorSpec,
@@ -63,20 +66,24 @@ from jointbayes.measurement import (
 from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 
 __all__ = [
+    "factor_prior",
     "family_of",
-    "first_guess",
+    "generator_of",
+    "guess_of",
+    "joint_marginals",
     "joints_of",
-    "parametrisation_of",
-    "true_stiffness",
+    "kind_of",
     "measurement_of",
     "noise_law",
     "noise_of",
-    "prior_of",
+    "parametrisation_of",
+    "quantities_of",
     "recipe_of",
     "rigid_frequencies_hz",
     "stiffness_of",
     "true_family",
-    "with_workshop_uncertainty",
+    "true_stiffness",
+    "workshop_priors",
 ]
 
 Array = NDArray[np.float64]
@@ -102,21 +109,13 @@ def recipe_of(spec: StructureSpec, data: DataSpec, measurement: Measurement | No
     return structure_recipe(spec, loaded)
 
 
-def prior_of(
-    spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement, of_noise: tuple[Nuisance, ...]
-) -> JointPrior:
-    """Priors on the joint's coordinates and on all else that the case calls uncertain, those of the noise last."""
-    marginals: list[Marginal] = []
-    for name, joint in spec.all_joints.items():
-        priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
-        if name in spec.sharing:
-            continue
-        if priors is None:
-            own = recipe.own_stiffness(joint.dofs[0])
-            marginals += [_default_marginal(axis, own, recipe.extent) for axis in joint.coordinates]
-        else:
-            marginals += [_marginal(getattr(priors, axis.name)) for axis in joint.coordinates]
-    return JointPrior(parametrisation_of(spec), tuple(marginals), (*_quantities(spec, recipe, measurement), *of_noise))
+def joint_marginals(spec: CaseSpec, joint: JointSpec, recipe: StructureRecipe) -> list[Marginal]:
+    """Priors on the coordinates of one joint of a case."""
+    priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
+    if priors is None:
+        own = recipe.own_stiffness(joint.dofs[0])
+        return [_default_marginal(axis, own, recipe.extent) for axis in joint.coordinates]
+    return [_marginal(getattr(priors, axis.name)) for axis in joint.coordinates]
 
 
 def joints_of(spec: CaseSpec) -> Joint | tuple[Joint, ...]:
@@ -136,12 +135,14 @@ def joints_of(spec: CaseSpec) -> Joint | tuple[Joint, ...]:
 
 
 def parametrisation_of(spec: CaseSpec) -> Parametrisation:
-    """Coordinates of all joints of a case."""
-    kinds: dict[str, Parametrisation | str] = {}
-    for name, one in spec.all_joints.items():
-        kind = parametrisation_named(one.parametrisation if one.kind == "coupled" else one.kind, one.directions)
-        kinds[name] = Damped(kind, one.viscous, one.loss_factors) if one.damping else kind
-    return blocks_of({**kinds, **spec.sharing})
+    """Coordinates of all joints of a case, or of one set-up."""
+    return blocks_of({**{name: kind_of(one) for name, one in spec.all_joints.items()}, **spec.sharing})
+
+
+def kind_of(joint: JointSpec) -> Parametrisation:
+    """Coordinates of one joint."""
+    kind = parametrisation_named(joint.parametrisation if joint.kind == "coupled" else joint.kind, joint.directions)
+    return Damped(kind, joint.viscous, joint.loss_factors) if joint.damping else kind
 
 
 def true_stiffness(spec: CaseSpec, truth: TruthSpec) -> Array:
@@ -165,16 +166,12 @@ def _dashpot(quantity: Coordinate | Quantity, own: Array) -> float:
     return float(own[-1 if "rad" in quantity.unit else 0])
 
 
-def first_guess(spec: CaseSpec, recipe: StructureRecipe) -> Array:
-    """First guess of the quantities, shape (q,): as stated, or of coupled pairs a translational spring alone.
+def guess_of(joint: JointSpec, recipe: StructureRecipe) -> Array:
+    """First guess of the quantities of a joint, (q,): as stated, or of a coupled pair a translational spring alone.
 
     Joints of other kinds begin far stiffer than the structure.
     """
-    own = ((name, joint) for name, joint in spec.all_joints.items() if name not in spec.sharing)
-    return np.concatenate([_guess_of(joint, recipe.own_stiffness(joint.dofs[0])) for _, joint in own])
-
-
-def _guess_of(joint: JointSpec, own: Array) -> Array:
+    own = recipe.own_stiffness(joint.dofs[0])
     if joint.initial is not None:
         guess = stiffness_of(joint.initial)
     elif joint.kind == "coupled":
@@ -206,43 +203,39 @@ def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:
             return OfStiffness(Normal(spec.mean, spec.sd))
 
 
-def with_workshop_uncertainty(
-    prior: JointPrior, spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement
-) -> JointPrior:
-    """The prior with material, length and damping uncertain as well, where the case takes them as exactly known."""
-    known = spec.structure.stated
+def workshop_priors(spec: CaseSpec, measurement: Measurement) -> dict[str, FactorPriorSpec]:
+    """Priors on material, length and damping as in a workshop, where the case takes them as exactly known."""
+    known, stated = spec.structure.stated, spec.uncertain.given
     usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in known}
-    if spec.structure.spans is None:  # no one length
+    if spec.structure.spans is None or "length_offset" in stated:  # no one length, or one whose error is stated
         usual.pop("length", None)
     damping = spec.structure.damping
     ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, ModalDampingSpec) else (0.0, 0.0)
     if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):
         widest = min(10.0, 0.9 / ratio[1])
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
-    free = {name: prior for name, prior in usual.items() if name not in spec.uncertain.given}
-    freed = spec.model_copy(update={"uncertain": spec.uncertain.model_copy(update=free)})
-    everything = (*_quantities(freed, recipe, measurement), *noise_of(spec.noise, measurement)[1])
-    return replace(prior, nuisances=everything)
+    return {name: prior for name, prior in usual.items() if name not in stated}
 
 
-def _quantities(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> list[Nuisance]:
-    """Uncertain quantities of structure and measurement, those of the structure first."""
+def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> list[tuple[Nuisance, bool]]:
+    """Uncertain quantities of structure and measurement, those of the structure first; and whether a set-up's own."""
     structure = spec.structure
     stated = structure.stated | {"gain": ("1", 1.0)}
-    found = []
+    found: list[tuple[Nuisance, bool]] = []
     for name, prior in spec.uncertain.given.items():
         if name == "damping_ratio" and isinstance(structure.damping, ModalDampingSpec):
             ratios = structure.damping.ratio
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
-            found += [Nuisance(n, "1", ratio, _factor_prior(prior)) for n, ratio in zip(labels, ratios, strict=True)]
+            each = [Nuisance(n, "1", r, factor_prior(prior)) for n, r in zip(labels, ratios, strict=True)]
         elif name == "mode_frequencies":
             count = _modes_in_band(spec, recipe, measurement)
-            found += [
-                Nuisance(f"mode_frequency_{i + 1}", "× predicted", 1.0, _factor_prior(prior)) for i in range(count)
-            ]
+            labels = [f"mode_frequency_{i + 1}" for i in range(count)]
+            each = [Nuisance(label, "× predicted", 1.0, factor_prior(prior)) for label in labels]
         else:
-            found.append(Nuisance(name, *stated[name], _factor_prior(prior)))
-    return sorted(found, key=lambda nuisance: nuisance.name == "gain")
+            unit, value = stated[name]
+            each = [Nuisance(name, unit, value, factor_prior(prior, value))]
+        found += [(nuisance, prior.own) for nuisance in each]
+    return sorted(found, key=lambda one: one[0].name == "gain")
 
 
 def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> int:
@@ -261,7 +254,16 @@ def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) ->
     return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
 
 
-def _factor_prior(spec: FactorPriorSpec) -> Marginal:
+def factor_prior(spec: FactorPriorSpec | OffsetPriorSpec, value: float = 1.0) -> Marginal:
+    """Prior on the logarithm of a factor on a stated value, or on an offset in m, of which `value` mm are a metre."""
+    if isinstance(spec, OffsetPriorSpec):
+        if spec.sd_mm is not None:
+            return Normal(0.0, spec.sd_mm / value)
+        assert spec.low_mm is not None
+        assert spec.high_mm is not None
+        return Uniform(spec.low_mm / value, spec.high_mm / value)
+    if isinstance(spec, LengthPriorSpec) and spec.sd_mm is not None:
+        return Normal(0.0, spec.sd_mm / value)
     if spec.sd_percent is not None:
         return Normal(0.0, spec.sd_percent / 100)
     assert spec.low_factor is not None
@@ -290,8 +292,11 @@ def family_of(recipe: StructureRecipe, prior: JointPrior) -> StructureFamily:
     return family_of_recipe(recipe, {n.name: n.range for n in prior.nuisances if recipe.has_quantity(n.name)})
 
 
-def measurement_of(case: CaseSpec, joint: AnyJoint) -> Measurement:
-    """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs."""
+def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Measurement:
+    """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs.
+
+    Of several set-ups each has noise of its own, by its name.
+    """
     spec = case.data
     assert isinstance(spec, SyntheticFrfSpec | NaturalFrequenciesSpec | ModesSpec)
     if isinstance(spec, ModesSpec):
@@ -304,7 +309,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint) -> Measurement:
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
     at_joint = tuple(dof for dof in joint.labels if dof not in spec.outputs)
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
-    rng = np.random.default_rng(spec.noise.seed) if spec.noise.added else None
+    rng = generator_of(spec.noise.seed, setup) if spec.noise.added else None
     measured = synthesise_frf(
         true_family(case),
         joint,
@@ -316,6 +321,13 @@ def measurement_of(case: CaseSpec, joint: AnyJoint) -> Measurement:
         gain=spec.truth.gain,
     )
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
+
+
+def generator_of(seed: int, setup: str) -> np.random.Generator:
+    """Random numbers of a set-up: independent of those of others, and the same whatever others there are."""
+    if not setup:
+        return np.random.default_rng(seed)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(setup.encode()),)))
 
 
 def true_family(spec: CaseSpec) -> StructureFamily:

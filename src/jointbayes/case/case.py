@@ -3,25 +3,16 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.build import (
-    family_of,
-    first_guess,
-    joints_of,
-    measurement_of,
-    noise_of,
-    prior_of,
-    recipe_of,
-    stiffness_of,
-    with_workshop_uncertainty,
-)
+from jointbayes.case.build import joints_of, measurement_of, noise_of, recipe_of, stiffness_of
 from jointbayes.case.case_text import CaseText, case_text, read_case_text
+from jointbayes.case.combined import CaseSetup, prior_of, problem_of
 from jointbayes.case.files import (
     plan_of,
     require_inside,
@@ -31,11 +22,12 @@ from jointbayes.case.files import (
 )
 from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
-from jointbayes.case.schema.case import CaseSpec, parse_case
+from jointbayes.case.schema.case import CaseSpec, parse_case, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.case.setup_texts import setup_texts
 from jointbayes.case.toml_text import KeyPath, fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError
-from jointbayes.frf import AnyStructure, Substructures
+from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint import as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
@@ -57,11 +49,13 @@ class Case:
     source
         The TOML text, together with that of the files it builds on.
     spec
-        The same, checked and typed.
+        The same, checked and typed; of several set-ups that of the first.
     problem
         Structure, joint, data and prior; `replace` may put another one in its place.
     stated
         The problem that the text states; None where it was not built.
+    setups
+        Each set-up of it; one without a name where there is one test.
     """
 
     name: str
@@ -69,6 +63,7 @@ class Case:
     spec: CaseSpec
     problem: Problem
     stated: Problem | None = None
+    setups: tuple[CaseSetup, ...] = ()
 
     def __repr__(self) -> str:
         return f"Case({self.name!r}: {self.title}; {self.problem!r})"
@@ -110,11 +105,15 @@ class Case:
     @cached_property
     def warnings(self) -> tuple[InputWarning, ...]:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
-        measured = self.problem.measurement
-        lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
-        usual = input_warnings(self.spec, self.source, (float(lines.min()), float(lines.max())))
-        # of the problem that the text states: another prior may be put in its place to a purpose
-        return usual + truth_warnings(self.spec, self.source, self.stated.prior) if self.stated else usual
+        found: list[InputWarning] = []
+        texts = setup_texts(self.source)
+        for (name, spec), part in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
+            measured = part.measurement
+            lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
+            found += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
+        for one in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
+            found += truth_warnings(one.spec, one.source, prior_of([one])[0])
+        return tuple(dict.fromkeys(found))
 
     @cached_property
     def workshop_problem(self) -> Problem | None:
@@ -125,9 +124,7 @@ class Case:
         """
         if self.problem is not self.stated:
             return None
-        recipe = recipe_of(self.spec.structure, self.spec.data, self.problem.measurement)
-        prior = with_workshop_uncertainty(self.problem.prior, self.spec, recipe, self.problem.measurement)
-        return replace(self.problem.with_structures(family_of(recipe, prior)), prior=prior)
+        return problem_of([one.with_workshop_uncertainty() for one in self.setups], self.name)
 
     @cached_property
     def sampler(self) -> SamplerSettings:
@@ -162,7 +159,7 @@ def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case
     """
     file = Path(path)
     source = read_case_text(file, allow_outside)
-    return _build(file.stem, source, parse_case(source), file.parent, None, allow_outside)
+    return _build(file.stem, source, file.parent, None, allow_outside)
 
 
 def case_from_text(
@@ -182,12 +179,12 @@ def case_from_text(
     directory
         Where measurement files, and case files that it builds on, are looked for.
     measurement
-        Data of a case with measurement files, as they were read before; the files are then not needed.
+        Data of a case of one test with measurement files, as they were read before; the files are then not needed.
     allow_outside
         Whether such files may lie outside that directory.
     """
     source = case_text(text, name, Path(directory) / f"{name}.toml", allow_outside)
-    return _build(name, source, parse_case(source), Path(directory), measurement, allow_outside)
+    return _build(name, source, Path(directory), measurement, allow_outside)
 
 
 def case_around(problem: Problem, text: str) -> Case:
@@ -196,14 +193,29 @@ def case_around(problem: Problem, text: str) -> Case:
     return Case(problem.name, source, parse_case(source), problem)
 
 
-def _build(
+def _build(name: str, source: CaseText, directory: Path, measurement: Measurement | None, allow_outside: bool) -> Case:
+    texts = setup_texts(source)
+    setups = [
+        _setup(setup, texts[setup], spec, directory, measurement, allow_outside)
+        for setup, spec in parse_setups(source).items()
+    ]
+    first = setups[0]
+    with _told_of(first.source if len(setups) == 1 else source, first.spec) as tell:
+        tell("prior")
+        problem = problem_of(setups, name)
+        tell("structure")
+        problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
+    return Case(name, source, first.spec, problem, problem, tuple(setups))
+
+
+def _setup(
     name: str,
     source: CaseText,
     spec: CaseSpec,
     directory: Path,
     measurement: Measurement | None,
     allow_outside: bool,
-) -> Case:
+) -> CaseSetup:
     def place(path: KeyPath) -> str:
         return fault_start(*source.place(path))
 
@@ -229,35 +241,19 @@ def _build(
             tell(joints)
             joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
             tell("data")
-            measurement = measurement_of(spec, joint)
+            measurement = measurement_of(spec, joint, name)
         tell("noise")
         noise, of_noise = noise_of(spec.noise, measurement)
-        tell("prior")
-        prior = prior_of(spec, recipe, measurement, of_noise)
-        prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
-        family = family_of(recipe, prior)
-        structure: AnyStructure = family
+        bodies: tuple[MeasuredBody, ...] = ()
         if spec.bodies:
             from jointbayes.case.bodies import measured_bodies
 
             tell("bodies")
             named = (*joint.labels, *_ports(measurement))
             bodies = measured_bodies(spec, named, directory, allow_outside, place)
-            structure = Substructures(family, bodies, next(iter(spec.bodies.values())).propagate)
-        tell("structure")
-        problem = Problem(
-            structure,
-            joint,
-            measurement,
-            prior,
-            noise,
-            spec.noise.residuals,
-            first_guess(spec, recipe),
-            name=name,
-        )
+        tell("data")
         require_lowest(stated, recipe, joint, measurement)
-        problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
-    return Case(name, source, spec, problem, problem)
+    return CaseSetup(name, source, spec, recipe, bodies, joint, measurement, noise, of_noise)
 
 
 def _ports(measurement: Measurement) -> tuple[str, ...]:
@@ -282,7 +278,8 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
     except CaseError:
         raise
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError, MemoryError) as error:
-        place, key = source.place((table,)), table if (table,) in source.places else "file"
+        place, path = source.place((table,)), source.written((table,))
+        key = ".".join(map(str, path)) if (table,) in source.places else ".".join(map(str, path[:-1])) or "file"
         slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, stated_band_hz(spec))
         if slips:
             place, key = (slips[0].file, slips[0].line), slips[0].key

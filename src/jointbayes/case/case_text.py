@@ -26,7 +26,7 @@ from jointbayes.case.toml_text import (
 from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError
 
-__all__ = ["CaseText", "case_text", "read_case_text"]
+__all__ = ["CaseText", "case_text", "merged", "read_case_text"]
 
 _MOST_FILES = 10  # that build on each other
 _EXTENDS, _REMOVE = "extends", "remove"
@@ -50,16 +50,25 @@ class CaseText:
         What it is parsed to.
     places
         File and line of each key, table and list entry.
+    setup, own
+        Of a set-up of a case its name, and the keys that stand in its own table.
     """
 
     name: str
     text: str
     data: Mapping[str, Any]
     places: Mapping[KeyPath, Place]
+    setup: str = ""
+    own: frozenset[KeyPath] = frozenset()
+
+    def written(self, path: KeyPath) -> KeyPath:
+        """A key as the file has it, or may have it: in the table of the set-up where that says anything of it."""
+        known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in self.places), ())
+        return path if not self.setup or (known and known not in self.own) else ("setups", self.setup, *path)
 
     def place(self, path: KeyPath) -> Place:
         """File and line of a key, or of the innermost table around it that is written."""
-        known = (self.places[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self.places)
+        known = (self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
         return next(known, (self.name, 1))
 
     def order(self, path: KeyPath) -> tuple[bool, str, int]:
@@ -117,11 +126,11 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
         found, expected = "found a text that is no file and builds on one", "a text that is whole"
         raise CaseError(own.fault((_EXTENDS,), _EXTENDS, found, f"expected {expected}", "load it as a file"))
     chain = _chain(own, file, allow_outside)
-    merged, places = chain[-1]
+    whole, places = chain[-1]
     for over in reversed(chain[:-1]):
-        merged, places = _merged(CaseText(name, "", merged, places), CaseText(name, "", *over))
+        whole, places = merged(CaseText(name, "", whole, places), CaseText(name, "", *over))
     names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in places.values()))
-    return CaseText(name, f"# Merged from {names}\n{toml_text(merged)}", merged, places)
+    return CaseText(name, f"# Merged from {names}\n{toml_text(whole)}", whole, places)
 
 
 def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[str, Any], dict[KeyPath, Place]]]:
@@ -199,8 +208,14 @@ def _relocated(table: Mapping[str, Any], here: Path, home: Path) -> dict[str, An
     return {key: inner(key, value) for key, value in table.items()}
 
 
-def _merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath, Place]]:
-    """Data and places of a base, less what is removed, with those of a file that builds on it."""
+def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath, Place]]:
+    """Data and places of a base, less what is removed, with those of what builds on it.
+
+    Raises
+    ------
+    CaseError
+        If what is to be removed is not there.
+    """
     data, places = dict(base.data), dict(base.places)
     for index, path in enumerate(_removed(over)):
         if not _without(data, path):
@@ -208,7 +223,7 @@ def _merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPat
             near = similar(shown, (".".join(map(str, known)) for known in base.places))
             remedy = f'did you mean "{near}"?' if near else "correct or remove it"
             words = (f'found "{printable(shown)}", which the base does not have', "expected a key of it", remedy)
-            raise CaseError(over.fault((_REMOVE, index), _REMOVE, *words))
+            raise CaseError(over.fault((_REMOVE, index), ".".join(map(str, over.written((_REMOVE,)))), *words))
         places = {known: place for known, place in places.items() if known[: len(path)] != path}
     _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
     own = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
@@ -235,7 +250,7 @@ def _removed(over: CaseText) -> list[tuple[str, ...]]:
             "expected a list of keys of the base",
             'write for example remove = ["prior.k12"]',
         )
-        raise CaseError(over.fault((_REMOVE, paths.index(())), _REMOVE, *words))
+        raise CaseError(over.fault((_REMOVE, paths.index(())), ".".join(map(str, over.written((_REMOVE,)))), *words))
     return paths
 
 

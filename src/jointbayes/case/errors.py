@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.toml_text import KeyPath, similar
 
-__all__ = ["Finding", "fault_lines", "raise_findings"]
+__all__ = ["Finding", "fault_lines", "fault_paths", "raise_findings", "show_key"]
 
 _LONGEST = 40  # characters of a user's own text repeated in a message
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
@@ -46,7 +46,7 @@ def raise_findings(findings: Iterable[Finding]) -> None:
     """Raise what a schema rule found, if anything, as one `PydanticCustomError` that carries it all."""
     found = list(findings)
     if found:
-        text = " | ".join(f"{_show_key(f.loc)}: {f.found or 'missing'}; {f.expected}" for f in found)
+        text = " | ".join(f"{show_key(f.loc)}: {f.found or 'missing'}; {f.expected}" for f in found)
         raise PydanticCustomError("case_findings", "{text}", {"text": text, "findings": found})
 
 
@@ -67,7 +67,7 @@ def _show(value: object) -> str:
     return "a date or time"  # all that TOML has left
 
 
-def _show_key(path: Sequence[str | int]) -> str:
+def show_key(path: Sequence[str | int]) -> str:
     """Write a key path as in the file; list positions are left to the text of the message."""
     parts = [p for p in path if isinstance(p, str)]
     return ".".join(p if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", p) else _quoted(p) for p in parts) or "file"
@@ -202,7 +202,7 @@ def _homes(model: type[BaseModel], key: str, table: KeyPath = ()) -> Iterator[st
     """Name the tables of the schema that know a key."""
     if key in model.model_fields:
         tags = "".join(f' with {k} = "{tag}"' for k, tag in _tags(model).items())
-        yield f"[{_show_key(table)}]{tags}" if table else "the part above the first table"
+        yield f"[{show_key(table)}]{tags}" if table else "the part above the first table"
     for name, info in model.model_fields.items():
         for inner in _models(info.annotation):
             yield from _homes(inner, key, (*table, name))
@@ -229,9 +229,9 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
 def _missing_wording(fault: _Fault) -> tuple[str, str, str]:
     place = fault.place
     key, table, info = str(place.path[-1]), place.path[:-1], place.info
-    where = f"to [{_show_key(table)}]" if table else "above the first table"
+    where = f"to [{show_key(table)}]" if table else "above the first table"
     if place.tables:
-        found, remedy = "missing table", f"add a table [{_show_key(place.path)}]"
+        found, remedy = "missing table", f"add a table [{show_key(place.path)}]"
     else:
         found, remedy = "missing", f"add {key} = {_example(info)} {where}"
     return found, f"expected {info.description if info else key}", remedy
@@ -251,7 +251,7 @@ def _value_remedy(place: _Place) -> str:
     fields = [m.model_fields[key] for m in place.owner if key in m.model_fields]
     if place.tables:
         is_array = isinstance(value, list) and value and isinstance(value[0], dict)
-        return f"write {'single brackets' if is_array else 'a table'}: [{_show_key(place.path)}]"
+        return f"write {'single brackets' if is_array else 'a table'}: [{show_key(place.path)}]"
     if isinstance(value, str):
         choice = similar(value, [c for f in fields for c in _choices(f.annotation)])
         if choice:
@@ -266,6 +266,12 @@ def _value_remedy(place: _Place) -> str:
 def _example(field: FieldInfo | None) -> str:
     """Write the example value of a field as TOML, which agrees with JSON for all that occurs here."""
     return json.dumps(field.examples[0], ensure_ascii=False) if field and field.examples else "…"
+
+
+def fault_paths(error: ValidationError, model: type[BaseModel], source: CaseText) -> list[KeyPath]:
+    """The key of every fault, in no order; as `fault_lines`."""
+    root = _Place([model], source.data)
+    return [fault.place.path for one in error.errors(include_url=False) for fault in _faults(one, root)]
 
 
 def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText) -> list[str]:
@@ -302,5 +308,5 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
             words = _unknown_wording(fault, model)
         else:
             words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
-        shown.append(source.fault(path, _show_key(path), *words))
+        shown.append(source.fault(path, show_key(source.written(path)), *words))
     return [*shown, f"and {left_out} more"] if left_out else shown

@@ -205,6 +205,6 @@ def with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     uncertain = spec.uncertain
     if uncertain.damping_ratio is None and isinstance(measured, FrfMeasurement):
         high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
-        prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high)
+        prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
         uncertain = uncertain.model_copy(update={"damping_ratio": prior})
     return spec.model_copy(update={"structure": structure, "uncertain": uncertain})

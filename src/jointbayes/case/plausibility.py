@@ -111,16 +111,19 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
 
 
 def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
-    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it."""
-    return _placed(_excluded(spec, prior), text)
+    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it.
+
+    Of a set-up the prior is that of its own joints alone.
+    """
+    return _placed(_excluded(spec, prior, text.setup), text)
 
 
-def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
+def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
     """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
     if not isinstance(spec.data, SyntheticFrfSpec):
         return
     joint, loc = prior.parametrisation, ("data", "truth")
-    truth = [spec.data.truth.by_name[name] for name in joint.stiffness_names]
+    truth = [spec.data.truth.by_name[_without(setup, name)] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
         kinds = " and ".join(dict.fromkeys(one.parametrisation for one in spec.all_joints.values()))
@@ -133,10 +136,16 @@ def _excluded(spec: CaseSpec, prior: JointPrior) -> Iterator[Finding]:
             shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
             found = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
             expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
-            place = (axis.quantity,) if spec.data.truth.stiffness is None else ("stiffness", *axis.quantity.split("."))
-            own, _, name = axis.name.rpartition(".")
+            of_truth = _without(setup, axis.quantity)
+            place = (of_truth,) if spec.data.truth.stiffness is None else ("stiffness", *of_truth.split("."))
+            own, _, name = _without(setup, axis.name).rpartition(".")
             table = f"joints.{own}.prior.{name}" if own else f"prior.{name}"
             yield Finding((*loc, *place), found, expected, f"widen [{table}] or correct the truth")
+
+
+def _without(setup: str, name: str) -> str:
+    """Name of a quantity of a set-up as its own tables have it."""
+    return name.removeprefix(f"{setup}.") if setup else name
 
 
 def _placed(findings: Iterable[Finding], text: CaseText) -> tuple[InputWarning, ...]:
@@ -144,7 +153,7 @@ def _placed(findings: Iterable[Finding], text: CaseText) -> tuple[InputWarning, 
     for finding in findings:
         path = finding.loc
         words = f"{finding.found}; expected {finding.expected}; {finding.remedy}"
-        found.append(InputWarning(*text.place(path), ".".join(map(str, path)), words))
+        found.append(InputWarning(*text.place(path), ".".join(map(str, text.written(path))), words))
     return tuple(found)
 
 

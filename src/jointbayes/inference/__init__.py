@@ -13,7 +13,7 @@ from jointbayes.inference.noise.proportional import ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
-from jointbayes.inference.setup import Setup
+from jointbayes.inference.setup import Level, Setup
 
 __all__ = [
     # prior
@@ -43,6 +43,7 @@ __all__ = [
     "StudentNoise",
     # posterior
     "ExtraLogLikelihood",
+    "Level",
     "LogPosterior",
     "Problem",
     "Setup",

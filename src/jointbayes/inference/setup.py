@@ -1,5 +1,6 @@
 """Set-ups: what was tested in which state, and their likelihoods together."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,9 +17,35 @@ from jointbayes.joint import AnyJoint, Block, Blocks, Joint, Joints, Parametrisa
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement
 
-__all__ = ["Setup", "SetupsLikelihood", "Term", "arranged", "columns_of_names", "own_name"]
+__all__ = ["Level", "Setup", "SetupsLikelihood", "Term", "arranged", "columns_of_names", "own_name"]
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """What a set-up was made at: a torque, a drive level, a temperature.
+
+    Parameters
+    ----------
+    value
+        The number.
+    name, unit
+        What it is, in words, and its unit.
+
+    Raises
+    ------
+    ModelError
+        If it is no finite number.
+    """
+
+    value: float
+    name: str = "level"
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise ModelError(f"level: found {self.value:g}; expected a finite number; correct it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +67,8 @@ class Setup:
         FRFs or natural frequencies with their noise.
     noise, residual_kind
         As of `Problem`.
+    level
+        What it was made at, for the curve of a joint whose quantities are its own in each set-up.
     """
 
     name: str
@@ -48,6 +77,7 @@ class Setup:
     measurement: Measurement
     noise: NoiseModel | None = None
     residual_kind: ResidualKind = "complex"
+    level: Level | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint", as_joints(self.joint))

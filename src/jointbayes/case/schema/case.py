@@ -15,7 +15,7 @@ import pydantic
 from pydantic import Field, Strict
 
 from jointbayes.case.case_text import CaseText, case_text
-from jointbayes.case.errors import Finding, fault_lines
+from jointbayes.case.errors import Finding, fault_lines, fault_paths, show_key
 from jointbayes.case.schema.bodies import MeasuredBodySpec, bodies_findings, labels_of_bodies
 from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
 from jointbayes.case.schema.fields import Spec, key_field
@@ -35,13 +35,16 @@ from jointbayes.case.schema.rules import (
     virtual_test_findings,
 )
 from jointbayes.case.schema.settings import CompareSpec, IdentificationSpec, PlanSpec, ReferenceSpec, SamplingSpec
+from jointbayes.case.schema.setups import LevelSpec, SetupSpec, between_setups, setups_findings
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.setup_texts import setup_texts, without_inherited
+from jointbayes.case.toml_text import KeyPath
 from jointbayes.errors import CaseError
 from jointbayes.joint import Coordinate
 from jointbayes.joint.quantities import prefixed
 
-__all__ = ["CaseSpec", "parse_case"]
+__all__ = ["CaseSpec", "parse_case", "parse_setups"]
 
 _TITLE = Field(
     min_length=1,
@@ -57,11 +60,18 @@ _REMOVE = key_field("a list of keys or tables of that file that this one does no
 
 
 class CaseSpec(Spec):
-    """A whole case file; of one that builds on another what both are together, without `extends` and `remove`."""
+    """A whole case file; of one that builds on another what both are together, without `extends` and `remove`.
+
+    Of several set-ups it is that of one: the rest of the file with what the set-up changes.
+    """
 
     extends: Annotated[str, _EXTENDS] = ""
     remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
     title: Annotated[str, _TITLE] = ""
+    setups: Annotated[
+        dict[str, SetupSpec], Field(description="several tests of the same joints, a table for each, as [setups.long]")
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    level: Annotated[LevelSpec | None, Field(description="what the levels of the set-ups are: name, unit")] = None
     structure: StructureSpec
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
     joints: Annotated[
@@ -131,6 +141,7 @@ class CaseSpec(Spec):
         )
 
     def _findings(self) -> Iterator[Finding]:
+        yield from setups_findings(self)
         if self.joint is None and not self.joints:
             yield Finding(("joint",), missing=True)
             return
@@ -150,7 +161,7 @@ class CaseSpec(Spec):
 
 
 def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
-    """Read a case from TOML text.
+    """Read a case from TOML text; of several set-ups the first, see `parse_setups`.
 
     Parameters
     ----------
@@ -169,9 +180,48 @@ def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
     CaseError
         If anything is wrong; one line for each fault, ``FILE:LINE: key: found; expected; what to do``.
     """
+    return next(iter(parse_setups(text, name).values()))
+
+
+def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
+    """Read each set-up of a case by its name; a case of one test is that of one without a name.
+
+    Parameters and errors are those of `parse_case`. What the file says for all set-ups of an uncertain quantity, a plan
+    or a virtual test is left out of those that cannot have it, as long as another one can.
+    """
     source = case_text(text, name) if isinstance(text, str) else text
-    try:
-        return CaseSpec.model_validate(source.data)
-    except pydantic.ValidationError as error:
-        faults = fault_lines(error, CaseSpec, source)
-    raise CaseError("\n".join(faults))
+    texts = setup_texts(source)
+    specs: dict[str, CaseSpec] = {}
+    faults: list[str] = []
+    dropped: dict[KeyPath, list[str]] = {}
+    for setup, one in texts.items():
+        spec, lines, without = _checked(one)
+        faults += lines
+        for key, told in without.items():
+            dropped[key] = [*dropped.get(key, []), told]
+        if spec is not None:
+            specs[setup] = spec
+    faults += (told[0] for told in dropped.values() if len(told) == len(texts))  # which no set-up can have
+    if not faults:
+        for setup, finding in between_setups(specs, texts):
+            one, loc = texts[setup], finding.loc
+            words = finding.found, f"expected {finding.expected}", finding.remedy
+            faults.append(one.fault(loc, show_key(one.written(loc)), *words))
+    if faults:
+        raise CaseError("\n".join(dict.fromkeys(faults)))
+    return specs
+
+
+def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, str]]:
+    """One set-up, or its faults; and what it does not take of the rest of the file, each with its fault."""
+    without: dict[KeyPath, str] = {}
+    while True:
+        try:
+            return CaseSpec.model_validate(text.data), [], without
+        except pydantic.ValidationError as error:
+            lines = fault_lines(error, CaseSpec, text)
+            left = [without_inherited(text, path) for path in fault_paths(error, CaseSpec, text)]
+        if not all(left):
+            return None, lines, without
+        key, text = next(one for one in left if one is not None)
+        without[key] = lines[0]

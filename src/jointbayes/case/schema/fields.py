@@ -15,6 +15,7 @@ from jointbayes.case.schema.limits import MOST_LABELS, MOST_RATIOS, beyond, limi
 
 __all__ = [
     "FREQUENCIES",
+    "OWN",
     "Fraction",
     "Frequencies",
     "Label",
@@ -53,6 +54,7 @@ def ascii_unit(unit: str) -> str:
     return "no unit" if unit == "1" else unit.replace("·", " ")
 
 
+OWN = key_field("true (each set-up has its own) or false (one for all set-ups)", True)
 FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
 
 

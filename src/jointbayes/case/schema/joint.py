@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, Strict
 
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Labels, Spec, ascii_unit, either, key_field, not_negative
+from jointbayes.case.schema.fields import OWN, Labels, Spec, ascii_unit, either, key_field, not_negative
 from jointbayes.case.schema.priors import PriorsSpec
 from jointbayes.joint import (
     COORDINATES,
@@ -105,6 +105,7 @@ class JointSpec(Spec):
     viscous: Annotated[_Names, _VISCOUS] = ()
     loss_factors: Annotated[_Names, _LOSS] = ()
     initial: Annotated[StiffnessSpec | None, Field(description="the first guess: k11, k12, k22")] = None
+    own: Annotated[bool, OWN] = False
 
     @property
     def directions(self) -> tuple[str, ...]:

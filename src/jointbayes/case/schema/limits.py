@@ -73,6 +73,8 @@ TABLE = (
     ),
     _of("sd_log decades", 1e-6, 100.0),
     _of("sd_percent", 1e-6, 100.0),
+    _of("sd_mm low_mm high_mm", 1e-6, 1e6),
+    _of("level", 1e-30, 1e30),
     _of("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
     _of("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
     _of("dof scale_dof", 1e-6, 1e9),

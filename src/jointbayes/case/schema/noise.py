@@ -8,7 +8,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field
 
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Positive, Spec, key_field, not_above, positive
+from jointbayes.case.schema.fields import OWN, Positive, Spec, key_field, not_above, positive
 
 __all__ = ["DiscrepancySpec", "NoiseModelSpec"]
 
@@ -62,6 +62,7 @@ class NoiseModelSpec(Spec):
     scale_dof: Annotated[Positive, positive("the degrees of freedom of the prior of the squared factor", 4.0)] = 4.0
     scale_guess: Annotated[Positive, positive("the guess of the factor on the noise", 1.0)] = 1.0
     discrepancy: Annotated[DiscrepancySpec | None, _DISCREPANCY] = None
+    own: Annotated[bool, OWN] = False
 
     def _findings(self) -> Iterator[Finding]:
         for key, (switch, choice) in _USED_WITH.items():

@@ -1,12 +1,12 @@
 """The tables of a case file that state a prior: `[prior]` for the joint, `[uncertain]` for all else."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, create_model
 
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Positive, Spec, ascii_unit, key_field, not_above, not_negative, positive
+from jointbayes.case.schema.fields import OWN, Positive, Spec, ascii_unit, key_field, not_above, not_negative, positive
 from jointbayes.joint import (
     COORDINATES,
     DIRECTIONS,
@@ -21,9 +21,11 @@ __all__ = [
     "BodyUncertainSpec",
     "DecadesPriorSpec",
     "FactorPriorSpec",
+    "LengthPriorSpec",
     "LogNormalPriorSpec",
     "LogUniformPriorSpec",
     "NormalStiffnessPriorSpec",
+    "OffsetPriorSpec",
     "PriorSpec",
     "PriorsSpec",
     "UncertainSpec",
@@ -149,30 +151,68 @@ _SD_PERCENT = Field(
 _LOW_FACTOR = Field(
     gt=0, le=1, description="the lowest factor on the value, a number above 0 and at most 1", examples=[0.1]
 )
+_SD_MM = Field(description="the standard deviation in mm, a number greater than 0", examples=[0.1])
+_LOW_MM = Field(le=0, description="the lowest offset in mm, a number of at most 0", examples=[-5.0])
+_HIGH_MM = Field(ge=0, description="the highest offset in mm, a number of at least 0", examples=[5.0])
 _HIGH_FACTOR = Field(ge=1, description="the highest factor on the value, a number of at least 1", examples=[10.0])
 
 
-class FactorPriorSpec(Spec):
+class _SpreadSpec(Spec):
+    """A prior that is normal about the stated value, in one of some units, or even between two ends."""
+
+    _spreads: ClassVar[tuple[str, ...]]
+    _ends: ClassVar[tuple[str, str]]
+    _examples: ClassVar[str]
+
+    own: Annotated[bool, OWN] = False
+
+    def _findings(self) -> Iterator[Finding]:
+        spreads = [key for key in self._spreads if getattr(self, key) is not None]
+        low, high = (getattr(self, key) for key in self._ends)
+        given = [*spreads, *(key for key in self._ends if getattr(self, key) is not None)]
+        forms = f"{', '.join(self._spreads)}, or {' and '.join(self._ends)}"
+        if spreads:
+            if len(given) > 1:
+                found = f"given together with {' and '.join(given[1:])}"
+                yield Finding((given[0],), found, f"{forms}, not both", "remove one of the two")
+        elif not given:
+            yield Finding((), "no prior", forms, f"add {self._examples}")
+        elif low is None or high is None:
+            yield from (Finding((key,), missing=True) for key in self._ends if key not in given)
+        else:
+            yield from not_above(low, high, *self._ends, "")
+
+
+class FactorPriorSpec(_SpreadSpec):
     """The prior of a positive quantity about its stated value: normal in the logarithm, or log-uniform."""
+
+    _spreads: ClassVar[tuple[str, ...]] = ("sd_percent",)
+    _ends = ("low_factor", "high_factor")
+    _examples = "sd_percent = 2.0, or low_factor = 0.1 and high_factor = 10.0"
 
     sd_percent: Annotated[Positive | None, _SD_PERCENT] = None
     low_factor: Annotated[float | None, _LOW_FACTOR] = None
     high_factor: Annotated[float | None, _HIGH_FACTOR] = None
 
-    def _findings(self) -> Iterator[Finding]:
-        factors = {"low_factor": self.low_factor, "high_factor": self.high_factor}
-        given = [key for key, value in factors.items() if value is not None]
-        forms = "sd_percent, or low_factor and high_factor"
-        if self.sd_percent is not None:
-            if given:
-                found = f"given together with {' and '.join(given)}"
-                yield Finding(("sd_percent",), found, f"{forms}, not both", "remove one of the two")
-        elif not given:
-            yield Finding((), "no prior", forms, "add sd_percent = 2.0, or low_factor = 0.1 and high_factor = 10.0")
-        elif self.low_factor is None or self.high_factor is None:
-            yield from (Finding((key,), missing=True) for key in factors if key not in given)
-        else:
-            yield from not_above(self.low_factor, self.high_factor, "low_factor", "high_factor", "")
+
+class LengthPriorSpec(FactorPriorSpec):
+    """The prior of a length, whose standard deviation may be one in mm."""
+
+    _spreads = ("sd_percent", "sd_mm")
+
+    sd_mm: Annotated[Positive | None, _SD_MM] = None
+
+
+class OffsetPriorSpec(_SpreadSpec):
+    """The prior of what is added to all lengths alike: normal about 0, or even between two ends."""
+
+    _spreads = ("sd_mm",)
+    _ends = ("low_mm", "high_mm")
+    _examples = "sd_mm = 2.0, or low_mm = -5.0 and high_mm = 5.0"
+
+    sd_mm: Annotated[Positive | None, _SD_MM] = None
+    low_mm: Annotated[float | None, _LOW_MM] = None
+    high_mm: Annotated[float | None, _HIGH_MM] = None
 
 
 def _uncertain(what: str) -> object:
@@ -197,7 +237,11 @@ class UncertainSpec(Spec):
 
     youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus")] = None
     density: Annotated[FactorPriorSpec | None, _uncertain("the density")] = None
-    length: Annotated[FactorPriorSpec | None, _uncertain("the length of the beam")] = None
+    length: Annotated[LengthPriorSpec | None, _uncertain("the length of the beam")] = None
+    length_offset: Annotated[
+        OffsetPriorSpec | None,
+        Field(description="the prior of what is added to the length: sd_mm, or low_mm and high_mm"),
+    ] = None
     section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of the section")] = None
     shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficient")] = None
     damping_ratio: Annotated[FactorPriorSpec | None, _uncertain("each damping ratio")] = None
@@ -208,7 +252,7 @@ class UncertainSpec(Spec):
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
 
     @property
-    def given(self) -> dict[str, FactorPriorSpec]:
+    def given(self) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
         """Priors that the file states, in the order of the fields, which is that of the coordinates."""
         found = _stated(self, "")
         for body, own in self.bodies.items():
@@ -216,6 +260,6 @@ class UncertainSpec(Spec):
         return found
 
 
-def _stated(spec: Spec, prefix: str) -> dict[str, FactorPriorSpec]:
+def _stated(spec: Spec, prefix: str) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
     each = ((name, getattr(spec, name)) for name in type(spec).model_fields)
-    return {f"{prefix}{name}": prior for name, prior in each if isinstance(prior, FactorPriorSpec)}
+    return {f"{prefix}{name}": prior for name, prior in each if isinstance(prior, FactorPriorSpec | OffsetPriorSpec)}

@@ -16,6 +16,7 @@ from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.settings import PlanSpec
+from jointbayes.case.schema.setups import ALIKE
 from jointbayes.case.schema.structure import StructureSpec, absent_dofs
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import similar
@@ -33,7 +34,6 @@ __all__ = [
     "virtual_test_findings",
 ]
 
-_ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")  # of joints that share quantities
 _FREQUENCIES = NaturalFrequenciesSpec | ModesSpec | MeasuredFrequenciesSpec
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
@@ -147,7 +147,7 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
         expected = f"a joint with quantities of its own: {', '.join(owners) or 'there is none'}"
         yield Finding(loc, f'found "{joint.shared}"', expected, "correct the name or remove it")
         return
-    unlike = [what for what in _ALIKE if getattr(joint, what) != getattr(other, what)]
+    unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
     if unlike:
         found = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
         yield Finding(

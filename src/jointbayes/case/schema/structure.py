@@ -87,6 +87,7 @@ class BeamSpec(AnyStructureSpec):
             "youngs_modulus": ("GPa", self.youngs_modulus_gpa),
             "density": ("kg/m³", self.density_kg_m3),
             "length": ("mm", self.length_mm),
+            "length_offset": ("mm", 1000.0),  # that are a metre
             "section_size": ("× stated", 1.0),
             "shear_coefficient": ("× stated", 1.0),
             "accelerometer_mass": ("g", self.accelerometer_mass_g),

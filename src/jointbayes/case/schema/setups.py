@@ -1,0 +1,165 @@
+"""The `[setups.NAME]` and `[level]` tables of a case file, and the rules between the set-ups of one case."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field, Strict
+
+from jointbayes.case.case_text import CaseText
+from jointbayes.case.errors import Finding
+from jointbayes.case.schema.fields import Spec, key_field
+from jointbayes.joint.quantities import prefixed
+
+if TYPE_CHECKING:
+    from jointbayes.case.schema.case import CaseSpec
+    from jointbayes.case.schema.joint import JointSpec
+
+__all__ = ["LevelSpec", "SetupSpec", "between_setups", "joint_of_setup", "setups_findings"]
+
+#: What must be the same in joints that share their quantities.
+ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
+_LEVEL = key_field("the level of the test in the unit of [level], a number", 2.0)
+_LEVEL_NAME = Field(
+    min_length=1,
+    max_length=60,
+    pattern=r"^[^\r\n]+$",
+    description="what the level is, a short text",
+    examples=["torque"],
+)
+_LEVEL_UNIT = Field(
+    max_length=20, pattern=r"^[^\r\n]*$", description="the unit of the level, a short text", examples=["N m"]
+)
+_REMOVE = key_field("a list of keys or tables of the rest of the file that this set-up does not take", ["prior.k12"])
+
+
+def _changes(of: str) -> object:
+    return Field(description=f"what is different in {of}, a table")
+
+
+_Table = dict[str, Any] | None
+
+
+class SetupSpec(Spec):
+    """One test of several: what is different from the rest of the file, whose tables these are."""
+
+    level: Annotated[float | None, _LEVEL] = None
+    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    structure: Annotated[_Table, _changes("the structure")] = None
+    joint: Annotated[_Table, _changes("the joint")] = None
+    joints: Annotated[_Table, _changes("the joints")] = None
+    bodies: Annotated[_Table, _changes("the measured bodies")] = None
+    prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
+    uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
+    data: Annotated[_Table, _changes("the data")] = None
+    noise: Annotated[_Table, _changes("how residuals are judged")] = None
+    virtual_test: Annotated[_Table, _changes("how `simulate` measures")] = None
+
+
+class LevelSpec(Spec):
+    """What the levels of the set-ups are: a torque, a drive level, a temperature."""
+
+    name: Annotated[str, _LEVEL_NAME]
+    unit: Annotated[str, _LEVEL_UNIT] = ""
+
+
+def setups_findings(spec: CaseSpec) -> Iterator[Finding]:
+    """Yield names of set-ups that are none or another's, levels of some only, and `own` in a case of one test."""
+    others = {"joint": set(spec.joints), "body": {*spec.bodies, *getattr(spec.structure, "bodies", {})}}
+    for name in spec.setups:
+        if not _NAME.fullmatch(name):
+            expected = "a name of letters, digits, _ and -, at most 40, a letter first"
+            yield Finding(("setups", name), "found a name that tables and figures cannot show", expected, "rename it")
+        for what, names in others.items():
+            if name in names:
+                found = f"found the name of a {what}, so that {name}.k11 would be two things"
+                yield Finding(("setups", name), found, "a name of its own", "rename one of the two")
+    levels = {name: setup.level for name, setup in spec.setups.items()}
+    given = [name for name, level in levels.items() if level is not None]
+    if given and spec.level is None:
+        found, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
+        yield Finding(("setups", given[0], "level"), found, expected, "add a table [level]")
+    elif spec.level is not None and (len(given) < len(levels) or not levels):
+        without = next((name for name, level in levels.items() if level is None), "")
+        found = f"found no level of set-up {without}" if without else "found no set-ups"
+        yield Finding(("level",), found, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
+    if not spec.setups:
+        yield from _own_of_one(spec)
+
+
+def _own_of_one(spec: CaseSpec) -> Iterator[Finding]:
+    """Yield `own` where there is nothing that others could share."""
+    owned: list[tuple[str | int, ...]] = [
+        *((("joints", name) if name else ("joint",)) for name, joint in spec.all_joints.items() if joint.own),
+        *(_place_of(name) for name, prior in spec.uncertain.given.items() if prior.own),
+        *([("noise",)] if spec.noise.own else []),
+    ]
+    for loc in owned:
+        yield Finding((*loc, "own"), "found true in a case of one test", "several, as [setups.long]", "remove it")
+
+
+def _place_of(quantity: str) -> tuple[str, ...]:
+    body, _, name = quantity.rpartition(".")
+    return ("uncertain", "bodies", body, name) if body else ("uncertain", name)
+
+
+def joint_of_setup(setup: str, name: str, spec: CaseSpec) -> tuple[str, str]:
+    """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
+    joints = spec.all_joints
+    owner = spec.sharing.get(name, name)
+    if not joints[owner].own:
+        return name, owner
+    named, owning = (prefixed(setup, one) if one else setup for one in (name, owner))
+    return named, owning
+
+
+def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]) -> Iterator[tuple[str, Finding]]:
+    """Yield set-up and finding where set-ups share what cannot be one: quantities of unlike joints, priors, spreads."""
+    if list(specs) == [""]:
+        return
+    known: dict[str, tuple[str, JointSpec]] = {}
+    for setup, spec in specs.items():
+        for name, joint in spec.all_joints.items():
+            place = ("joints", name) if name else ("joint",)
+            if not joint.own:
+                yield from ((setup, one) for one in _stated_alone(texts[setup], joint, place))
+            if name in spec.sharing:
+                continue
+            first, other = known.setdefault(joint_of_setup(setup, name, spec)[1], (setup, joint))
+            unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
+            if unlike:
+                key = "dofs" if unlike[0] == "directions" else unlike[0]
+                found = f"another {' and '.join(unlike)} than in set-up {first}, with which it shares its quantities"
+                yield (
+                    setup,
+                    Finding((*place, key), found, "joints alike, or own = true", "make them alike or add own = true"),
+                )
+    yield from _unlike_spreads(specs)
+
+
+def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield a prior or a first guess that a set-up states of a joint which is that of all."""
+    priors = ("prior",) if place == ("joint",) else (*place, "prior")
+    for key in (priors, (*place, "initial")):
+        if key in text.own:
+            found = "found it for one set-up, of a joint that all set-ups share"
+            yield Finding(key, found, "own = true in the table of the joint", "add it, or state this for all set-ups")
+
+
+def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield a factor that several set-ups share with a standard deviation in mm of lengths that differ."""
+    first: dict[str, tuple[str, float]] = {}
+    for setup, spec in specs.items():
+        for name, prior in spec.uncertain.given.items():
+            if prior.own or name.rpartition(".")[2] != "length" or getattr(prior, "sd_mm", None) is None:
+                continue
+            length = spec.structure.stated[name][1]
+            other, there = first.setdefault(name, (setup, length))
+            if length != there:
+                found = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {setup}"
+                expected = "sd_percent, own = true for an error of each, or [uncertain.length_offset] for one of all"
+                yield setup, Finding((*_place_of(name), "sd_mm"), found, expected, "choose one of these")

@@ -1,0 +1,89 @@
+"""The texts of the set-ups of a case: of each its own table merged over the rest of the file.
+
+``[setups.long.structure]`` states what is different in the test that is called long, as a case states what is
+different from the one that it extends: tables are merged key by key, other values replaced, ``remove`` takes keys out.
+What a set-up says of an uncertain quantity, or of the noise, is its own; what the file says holds for all, unless it
+says `own`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from jointbayes.case.case_text import CaseText, merged
+from jointbayes.case.toml_text import KeyPath
+
+__all__ = ["SETUPS", "setup_texts", "without_inherited"]
+
+SETUPS = "setups"
+_OF_THE_WHOLE = ("level",)  # keys of a set-up that are none of its case
+_OWN = "own"
+
+
+def setup_texts(source: CaseText) -> dict[str, CaseText]:
+    """The text of each set-up by its name; a case of one test is that of a set-up without a name.
+
+    Raises
+    ------
+    CaseError
+        If a set-up removes what the rest of the file does not have.
+    """
+    stated = source.data.get(SETUPS)
+    tables = stated if isinstance(stated, Mapping) else {}
+    names = [name for name, table in tables.items() if isinstance(table, Mapping)]
+    return {name: _of_setup(source, name) for name in names} or {"": source}
+
+
+def _of_setup(source: CaseText, name: str) -> CaseText:
+    at: KeyPath = (SETUPS, name)
+    table = {key: value for key, value in source.data[SETUPS][name].items() if key not in _OF_THE_WHOLE}
+    inside = {path[2:]: place for path, place in source.places.items() if path[:2] == at and len(path) > 2}
+    over = CaseText(source.name, "", _with_own(table), inside, name, frozenset(inside))
+    data, places = merged(source, over)
+    places[()] = source.place(at)
+    return replace(over, data=data, places=places)
+
+
+def _with_own(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table of a set-up, whose uncertain quantities and noise are its own."""
+    own = dict(table)
+    if isinstance(own.get("noise"), Mapping):
+        own["noise"] = {_OWN: True, **own["noise"]}
+    if isinstance(own.get("uncertain"), Mapping):
+        own["uncertain"] = {
+            key: {body: _each_own(one) for body, one in value.items()}
+            if key == "bodies" and isinstance(value, Mapping)
+            else _own(value)
+            for key, value in own["uncertain"].items()
+        }
+    return own
+
+
+def _each_own(value: object) -> object:
+    return {key: _own(one) for key, one in value.items()} if isinstance(value, Mapping) else value
+
+
+def _own(value: object) -> object:
+    return {_OWN: True, **value} if isinstance(value, Mapping) else value
+
+
+def without_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
+    """The text of a set-up without a table that stands for all, and its key; None where it is not such a table.
+
+    An uncertain quantity that a set-up does not have, a plan, a virtual test: those of the others are none of it.
+    """
+    depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2, "plan": 1, "virtual_test": 1}
+    depth = depths.get(str(path[0])) if path else None
+    key = path[:depth]
+    if not text.setup or depth is None or len(key) < depth or any(one[:depth] == key for one in text.own):
+        return None
+    return key, replace(text, data=_without(text.data, key))
+
+
+def _without(table: Mapping[str, Any], key: KeyPath) -> dict[str, Any]:
+    first, *rest = key
+    if rest:
+        return {**table, str(first): _without(table[str(first)], tuple(rest))}
+    return {name: value for name, value in table.items() if name != first}

@@ -1,0 +1,280 @@
+"""Several set-ups in one case file: their tables, what they share, and what is wrong between them."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import jointbayes as jb
+from jointbayes.case.schema.case import parse_case, parse_setups
+from jointbayes.errors import CaseError
+from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
+from jointbayes.joint import LogStiffness
+from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix
+
+BASE = """
+[structure]
+length_mm = 383.0
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+section = {shape = "circle", diameter_mm = 25.0}
+damping = {law = "modal", ratio = 0.01}
+
+[joint]
+dofs = ["1:y", "1:rz"]
+
+[prior]
+k11 = {distribution = "log_uniform", low = 1e8, high = 1e12}
+k12 = {distribution = "log_uniform", low = 1e5, high = 1e9}
+k22 = {distribution = "log_uniform", low = 1e4, high = 1e8}
+
+[data]
+kind = "synthetic_frf"
+outputs = ["11:y"]
+inputs = ["11:y"]
+f_max_hz = 1000.0
+f_step_hz = 20.0
+truth = {k11 = 5.05e9, k12 = 3.44e7, k22 = 1.52e6}
+noise = {relative = 0.03, floor = 0.01, seed = 1}
+"""
+TWO = """
+[setups.long]
+
+[setups.short.structure]
+length_mm = 200.0
+[setups.short.data]
+outputs = ["11:y", "6:y"]
+"""
+CLAMP_EDGE = """
+[uncertain.length_offset]
+sd_mm = 1.9
+[uncertain.length]
+sd_mm = 0.1
+own = true
+[uncertain.youngs_modulus]
+sd_percent = 2.0
+"""
+
+
+def built(more, base=BASE):
+    return jb.case_from_text("case", base + more)
+
+
+def beam(length, names):
+    recipe = BeamRecipe(length, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,)))
+    return BeamFamily(recipe, names)
+
+
+def test_a_case_of_two_set_ups_is_the_problem_that_one_would_write_by_hand():
+    case = built(CLAMP_EDGE + TWO)
+    assert [part.setup for part in case.problem.parts] == ["long", "short"]
+    known = (
+        Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)),
+        Nuisance("long.length", "mm", 383.0, Normal(0.0, 0.1 / 383)),
+        Nuisance("length_offset", "mm", 1000.0, Normal(0.0, 0.0019)),
+        Nuisance("short.length", "mm", 200.0, Normal(0.0, 0.1 / 200)),
+    )
+    ends = [(1e8, 1e12), (1e5, 1e9), (1e4, 1e8)]
+    prior = JointPrior(LogStiffness(), tuple(Uniform(*np.log(pair)) for pair in ends), known)
+    setups = []
+    for part, (name, length) in zip(case.problem.parts, {"long": 0.383, "short": 0.2}.items(), strict=True):
+        own = {n.name.removeprefix(f"{name}."): n.range for n in known if "." not in n.name or n.name.startswith(name)}
+        setups.append(jb.Setup(name, beam(length, own), CLAMP, part.measurement))
+    by_hand = jb.Problem(setups=setups, prior=prior)
+    assert case.problem.names == by_hand.names
+    rng = np.random.default_rng(1)
+    theta = np.concatenate([np.log(TABLE_3), np.zeros(4)]) + 0.5 * by_hand.prior.sd * rng.normal(size=(5, 7)) * (
+        [0.01] * 3 + [1.0] * 4
+    )
+    assert_array_equal(case.problem.log_posterior(theta), by_hand.log_posterior(theta))
+    outputs = [part.measurement.frf.outputs for part in case.problem.parts]
+    assert outputs == [("11:y",), ("11:y", "6:y")]
+
+
+def test_the_order_of_tables_and_what_a_set_up_replaces_are_those_of_extends():
+    first, second = parse_setups(BASE + TWO).values()
+    assert (first.structure.length_mm, second.structure.length_mm) == (383.0, 200.0)
+    assert second.structure.section == first.structure.section
+    assert second.data.noise == first.data.noise
+    assert parse_case(BASE + TWO) == first
+
+
+def test_what_a_set_up_removes_is_taken_out_of_the_rest_of_the_file():
+    heard = """
+[setups.heard]
+remove = ["data", "uncertain.damping_ratio"]
+[setups.heard.data]
+kind = "natural_frequencies"
+frequencies_hz = [121.5, 752.5]
+sd_relative = 0.0
+sd_hz = 0.5
+"""
+    specs = parse_setups(BASE + "[uncertain.damping_ratio]\nsd_percent = 10.0\n" + TWO + heard)
+    assert specs["heard"].data.kind == "natural_frequencies"
+    assert list(specs["heard"].uncertain.given) == []
+    assert list(specs["long"].uncertain.given) == ["damping_ratio"]
+
+
+def test_what_a_set_up_cannot_have_of_the_rest_of_the_file_is_that_of_the_others():
+    """Natural frequencies depend on no gain; a gain that is uncertain in the file is that of the FRFs."""
+    heard = """
+[uncertain.gain]
+sd_percent = 1.0
+[plan]
+outputs = ["6:y"]
+[virtual_test]
+extra_outputs = ["3:y"]
+[setups.heard]
+remove = ["data"]
+[setups.heard.data]
+kind = "natural_frequencies"
+frequencies_hz = [121.5, 752.5]
+sd_relative = 0.0
+sd_hz = 0.5
+"""
+    case = built(TWO + heard)
+    assert case.problem.names == (*PAIR.names, "gain")
+    with pytest.raises(CaseError) as caught:
+        parse_setups(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO)
+    (line,) = str(caught.value).splitlines()
+    assert "uncertain.loss_factor: " in line
+    assert "setups" not in line.split(": ")[1]
+
+
+def test_each_set_up_has_noise_of_its_own_whatever_others_there_are():
+    same = built("[setups.one]\n[setups.two]\n[setups.three]\n").problem.parts
+    values = [part.measurement.frf.values for part in same]
+    exact = same[0].receptance_model(jb.Ports(same[0].measurement.frf.frequency_hz, ("11:y",), ("11:y",)))
+    true = exact.receptance(pair_matrix(TABLE_3)[None])[0]
+    noise = [(value - true) / np.sqrt(part.measurement.variance) for value, part in zip(values, same, strict=True)]
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        correlation = abs(np.vdot(noise[a], noise[b])) / np.linalg.norm(noise[a]) / np.linalg.norm(noise[b])
+        assert correlation < 0.4  # of 50 lines: 0.14 typically
+    (again,) = built("[setups.two]\n").problem.parts
+    assert_array_equal(again.measurement.frf.values, values[1])
+
+
+def test_a_joint_of_its_own_has_quantities_with_the_name_of_the_set_up():
+    case = built("[setups.calm]\n[setups.loud.joint]\nown = true\n[setups.loud.data.truth]\nk22 = 1e6\n")
+    assert case.problem.parametrisation.stiffness_names == (
+        "k11", "k12", "k22", "loud.k11", "loud.k12", "loud.k22",
+    )  # fmt: skip
+    every = built("[setups.calm]\n[setups.loud]\n", BASE.replace("[joint]", "[joint]\nown = true"))
+    assert every.problem.parametrisation.stiffness_names[::3] == ("calm.k11", "loud.k11")
+    assert not every.warnings
+    far = built("[setups.calm]\n[setups.loud.data.truth]\nk22 = 1e9\n", BASE.replace("[joint]", "[joint]\nown = true"))
+    (warning,) = far.warnings
+    assert str(warning).startswith("setups.loud.data.truth.k22: found a truth with loud.k22 = 1e+09")
+    assert "widen [prior.k22]" in str(warning)
+
+
+def test_named_joints_of_their_own_share_within_their_set_up():
+    joints = BASE.replace("[joint]", "[joints.left]").split("[prior]")[0]
+    joints += '[joints.right]\ndofs = ["11:y", "11:rz"]\nshared = "left"\n'
+    data = "[data]" + BASE.split("[data]")[1].replace('"11:y"', '"6:y"')
+    data = data.replace("truth = {", "truth = {stiffness = {left = {").replace("1.52e6}", "1.52e6}}}")
+    case = jb.case_from_text("case", joints + data + "[setups.calm]\n[setups.loud.joints.left]\nown = true\n")
+    names = case.problem.parametrisation.stiffness_names
+    assert names[::3] == ("left.k11", "loud.left.k11")
+    k = case.problem.prior.matrix(np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3])))
+    for row, factor in enumerate((1.0, 1.0, 0.5, 0.5)):
+        block = slice(2 * row, 2 * row + 2)
+        assert_allclose(k[block, block], factor * pair_matrix(TABLE_3))
+
+
+def test_a_factor_that_set_ups_share_on_other_values_is_told_as_a_factor():
+    case = built("[uncertain.length]\nsd_percent = 0.5\n" + TWO)
+    (length,) = case.problem.prior.nuisances
+    assert (length.name, length.unit, length.nominal) == ("length", "× stated", 1.0)
+    (modulus,) = built("[uncertain.youngs_modulus]\nsd_percent = 2.0\n" + TWO).problem.prior.nuisances
+    assert (modulus.unit, modulus.nominal) == ("GPa", 210.0)
+
+
+def test_noise_is_that_of_all_set_ups_or_of_each():
+    scaled = '[noise]\nscale = "sampled"\n'
+    assert built(scaled + TWO).problem.names[3:] == ("noise_scale",)
+    own = built(scaled + "own = true\n" + TWO).problem.names[3:]
+    assert own == ("long.noise_scale", "short.noise_scale")
+    one = built(TWO + '[setups.short.noise]\nscale = "sampled"\n').problem.names[3:]
+    assert one == ("short.noise_scale",)
+
+
+def test_a_case_with_set_ups_may_be_built_on_another(tmp_path):
+    (tmp_path / "base.toml").write_text(BASE + TWO)
+    text = 'extends = "base.toml"\nremove = ["setups.short.data"]\n[setups.mid.structure]\nlength_mm = 300.0\n'
+    (tmp_path / "case.toml").write_text(text)
+    case = jb.load_case(tmp_path / "case.toml")
+    lengths = {one.name: one.spec.structure.length_mm for one in case.setups}
+    assert lengths == {"long": 383.0, "short": 200.0, "mid": 300.0}
+    assert [part.measurement.frf.outputs for part in case.problem.parts] == [("11:y",)] * 3
+    whole = jb.case_from_text("case", case.text)
+    theta = np.log(TABLE_3)[None]
+    assert_array_equal(whole.problem.log_posterior(theta), case.problem.log_posterior(theta))
+
+
+def test_levels_are_those_of_the_set_ups():
+    level = '[level]\nname = "torque"\nunit = "N m"\n[setups.low]\nlevel = 5.0\n[setups.high]\nlevel = 20.0\n'
+    setups = built(level).problem.setups
+    assert [one.level for one in setups] == [jb.Level(5.0, "torque", "N m"), jb.Level(20.0, "torque", "N m")]
+
+
+def test_material_and_length_of_a_workshop_are_those_of_every_set_up():
+    problem = built(CLAMP_EDGE + TWO).workshop_problem
+    assert problem.names[3:] == (
+        "youngs_modulus", "density", "long.length", "length_offset", "damping_ratio", "short.length",
+    )  # fmt: skip
+    assert np.isfinite(problem.log_posterior(np.concatenate([np.log(TABLE_3), np.zeros(6)]))).all()
+
+
+FAULTS = [
+    ("[setups.long.structure]\nlength_mm = -3.0\n", "setups.long.structure.length_mm", "greater than 0"),
+    ("[setups.long.structure]\nlenght_mm = 3.0\n", "setups.long.structure.lenght_mm", "length_mm"),
+    ("[setups.long]\nremove = ['data']\n[setups.short]\n", "setups.long.data", "missing table"),
+    ("[setups.long]\n[setups.short]\nremove = ['prior.k99']\n", "setups.short.remove", "prior.k99"),
+    ("[setups.long.sampling]\nseed = 2\n", "setups.long.sampling", "unknown table"),
+    ("[setups.'a b']\n", 'setups."a b"', "a name of letters"),
+    ("[setups.long.prior.k11]\nlow = 1e7\n", "setups.long.prior", "own = true"),
+    (
+        "[setups.long]\n[setups.short]\nremove = ['prior', 'data.truth']\n"
+        "[setups.short.joint]\nkind = 'springs'\n[setups.short.data.truth.stiffness]\nky = 1e9\nkrz = 1e6\n",
+        "setups.short.joint.kind", "another kind than in set-up long",
+    ),
+    ("[setups.long.uncertain.damping]\nsd_percent = 1.0\n", "setups.long.uncertain.damping", "unknown"),
+    ("[setups.long]\nlevel = 1.0\n", "setups.long.level", "[level]"),
+    ("[level]\nname = 'torque'\n[setups.long]\n", "level", "no level of set-up long"),
+    ("[noise]\nown = true\n", "noise.own", "several, as [setups.long]"),
+    ("[uncertain.length]\nsd_mm = 0.1\n[setups.long]\n[setups.short.structure]\nlength_mm = 200.0\n",
+     "uncertain.length.sd_mm", "length_offset"),
+    ("[uncertain.length_offset]\nlow_mm = 1.0\nhigh_mm = 2.0\n", "uncertain.length_offset.low_mm", "at most 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("more", "key", "words"), FAULTS, ids=[f[1] for f in FAULTS])
+def test_what_is_wrong_is_one_line_with_file_and_key(more, key, words):
+    with pytest.raises(CaseError) as caught:
+        jb.case_from_text("case", BASE + more)
+    (line,) = str(caught.value).splitlines()
+    place, found, rest = line.split(": ", 2)
+    assert re.fullmatch(r"case:\d+", place)
+    assert found == key
+    assert words in rest
+    number = int(place.split(":")[1])
+    table = re.search(r"^\[setups", BASE + more, re.MULTILINE)
+    if key.startswith("setups") and table:
+        assert number > (BASE + more)[: table.start()].count("\n")
+
+
+def test_a_set_up_named_like_a_joint_is_refused():
+    text = BASE.replace("[joint]", "[joints.clamp]").split("[prior]")[0] + "[data]" + BASE.split("[data]")[1]
+    text = text.replace("truth = {", "truth = {stiffness = {clamp = {").replace("1.52e6}", "1.52e6}}}")
+    with pytest.raises(CaseError, match=r"setups\.clamp: found the name of a joint"):
+        jb.case_from_text("case", text + "[setups.clamp]\n")
+
+
+def test_one_test_may_have_an_offset_of_its_length_too():
+    case = built("[uncertain.length_offset]\nlow_mm = -3.0\nhigh_mm = 2.0\n")
+    (offset,) = case.problem.prior.nuisances
+    assert offset.prior == Uniform(-0.003, 0.002)
+    assert case.problem.parts == (case.problem,)
