@@ -1,7 +1,8 @@
 """Runs the shipped cases and keeps what README and docs quote: `python -m benchmarks.numbers`.
 
 Every case of `configs/` is run by the command line as a user runs it, with its own settings and seed. What came out is
-kept in `docs/numbers.json`, and the marked places of README and docs are written from it (`benchmarks.quoted`).
+kept in `docs/numbers.json`, and the marked places of README and docs are written from it (`benchmarks.quoted`). What
+the figures of an example show is kept beside its page (`benchmarks.example_figures`).
 """
 
 import argparse
@@ -16,16 +17,18 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from benchmarks import quoted, readme_figure
+from benchmarks import example_data, example_figures, quoted, readme_figure
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
 
-__all__ = ["COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped"]
+__all__ = ["COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped", "truth"]
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
 RECORD = ROOT / "docs" / "numbers.json"
 STIFFNESSES = ("k11", "k12", "k22")
+#: Stiffnesses that made data that do not state them.
+MADE_WITH = {"two_storeys_shape": dict(zip(("first.kx", "second.kx"), example_data.solutions()[0], strict=True))}
 #: Cases whose hypotheses docs/comparison.md weighs.
 COMPARED = ("clamped_beam_frequencies", "clamped_beam_frequencies_360mm")
 #: What docs/paper.md shows of the paper's iteration: name, case, and what is changed in it.
@@ -57,6 +60,15 @@ def fingerprint(path: Path) -> str:
     return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
+def truth(path: Path) -> dict[str, float]:
+    """The stiffnesses that made the data of a case, or that are published, by name; none where nobody knows."""
+    spec = read_case_text(path).data
+    known = spec.get("reference") or spec["data"].get("truth") or MADE_WITH.get(path.stem, {})
+    lone = {**known, **known.get("stiffness", {})}
+    several = {f"{joint}.{k}": v for joint, own in lone.items() if isinstance(own, dict) for k, v in own.items()}
+    return {k: v for k, v in {**lone, **several}.items() if isinstance(v, int | float)}
+
+
 def command(folder: Path, *arguments: str) -> tuple[int, list[str]]:
     """Exit status and output, without the progress, of the command line run in a directory."""
     code = "from jointbayes.cli.commands import main; main()"
@@ -78,9 +90,11 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
     spec = read_case_text(path).data
     with tempfile.TemporaryDirectory() as folder:
         status, printed = command(Path(folder), "run", str(path))
-        summary = json.loads((Path(folder) / "reports" / name / "summary.json").read_text(encoding="utf-8"))
+        left = Path(folder) / "reports" / name
+        summary = json.loads((left / "summary.json").read_text(encoding="utf-8"))
+        more = example_figures.keep(name, left / "posterior.nc") if name in example_figures.examples() else {}
         checked = command(Path(folder), "check", str(path)) if "check" in claims(path) else None
-    known = summary["identifiability"] or {}
+    known, known_truth = summary["identifiability"] or {}, truth(path)
     return {
         "config": fingerprint(path),
         "title": spec["title"],
@@ -95,7 +109,13 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         "tau": _short(max(summary["sampler"]["tau"].values())),
         "efficiency": _short(summary["sampler"]["proposal_efficiency"]),
         "combinations": known.get("sentence"),
-        **{k: _stiffness(k, summary["parameters"][k], spec.get("reference", {}).get(k), printed) for k in STIFFNESSES},
+        **{k: _stiffness(k, entry, known_truth.get(k), printed) for k, entry in summary["parameters"].items()},
+        "freed": {
+            "assumptions": known.get("freed_assumptions"),
+            "sentence": known.get("freed_sentence"),
+            "rows": [_freed(row) for row in known.get("freed") or ()],
+        },
+        **more,
         **({} if checked is None else {"check": {"exit": checked[0], "printed": checked[1]}}),
     }
 
@@ -119,10 +139,16 @@ def _stiffness(name: str, entry: dict[str, Any], reference: float | None, printe
     }
 
 
+def _freed(row: dict[str, Any]) -> dict[str, Any]:
+    """What is left of the intervals where other quantities are uncertain, too."""
+    ends = {name: [_short(end) for end in pair] for name, pair in row["interval95"].items()}
+    return {"freed": row["freed"], "interval95": ends, "verdict": row["verdict"]}
+
+
 def words_of(name: str, printed: list[str]) -> str:
     """The verdict on a stiffness as the terminal words it, without the reason in brackets."""
     line = next(line for line in printed if line.startswith(f"{name}: "))
-    match = re.match(r"\w+: [^:]*: ([^(]+?)(?: \(.*\))?$", line)
+    match = re.match(r"[\w.]+: [^:]*: ([^(]+?)(?: \(.*\))?$", line)
     if match is None:
         raise SystemExit(f"found no verdict in {line!r}")
     return match[1]

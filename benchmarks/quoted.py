@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["BLOCKS", "INLINE", "pages", "printed", "written"]
+__all__ = ["BLOCKS", "INLINE", "pages", "printed", "stiffnesses", "written"]
 
 ROOT = Path(__file__).resolve().parents[1]
 Record = dict[str, Any]
@@ -23,7 +23,7 @@ MINUS = "\N{MINUS SIGN}"
 
 def pages() -> list[Path]:
     """README and all pages of the documentation."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def written(text: str, record: Record) -> str:
@@ -52,9 +52,17 @@ def looked_up(record: Record, path: str) -> Any:
     """A value of the record; the first part of the path may leave out ``cases``."""
     first, *rest = path.split(".")
     value: Any = record["cases"][first] if first in record["cases"] else record[first]
-    for key in rest:
-        value = value[int(key)] if isinstance(value, list) else value[key]
+    while rest:
+        # a stiffness of one joint among several has a point in its name
+        taken = 2 if len(rest) > 1 and isinstance(value, dict) and f"{rest[0]}.{rest[1]}" in value else 1
+        key = ".".join(rest[:taken])
+        value, rest = value[int(key)] if isinstance(value, list) else value[key], rest[taken:]
     return value
+
+
+def stiffnesses(case: Record) -> list[str]:
+    """Names of the quantities of the joints of a case."""
+    return [name for name, entry in case.items() if isinstance(entry, dict) and "verdict" in entry]
 
 
 def printed(value: Any, style: str = "") -> str:
@@ -136,7 +144,7 @@ def _verdicts(record: Record, name: str) -> list[str]:
         "| Stiffness | True value | Median | 95 % credible interval | Upper/lower | Verdict |",
         "|---|---|---|---|---|---|",
     ]
-    for k in ("k11", "k12", "k22"):
+    for k in stiffnesses(record["cases"][name]):
         e = record["cases"][name][k]
         cells = (
             k,
@@ -153,9 +161,23 @@ def _verdicts(record: Record, name: str) -> list[str]:
 def _intervals(record: Record, *names: str) -> list[str]:
     lines = ["| Case | Stiffness | 95 % credible interval | Upper/lower | Verdict |", "|---|---|---|---|---|"]
     for name in names:
-        for k in ("k11", "k12", "k22"):
+        for k in stiffnesses(record["cases"][name]):
             e = record["cases"][name][k]
             lines.append(f"| {name} | {k} | {_ends(e)} | {_ratio(e)} | {e['words']} |")
+    return lines
+
+
+def _freed(record: Record, name: str) -> list[str]:
+    """The intervals with all else exactly known, and with what a workshop does not know."""
+    case = record["cases"][name]
+    lines = ["| Uncertain beside the joints | " + " | ".join(stiffnesses(case)) + " |"]
+    lines.append("|---" * (len(stiffnesses(case)) + 1) + "|")
+    for row in case["freed"]["rows"]:
+        cells = [", ".join(word.replace("_", " ") for word in row["freed"]) or "nothing"]
+        for k in stiffnesses(case):
+            low, high = row["interval95"][k]
+            cells.append(f"{_ends({'low': low, 'high': high, 'verdict': ''})}: {row['verdict'][k]}")
+        lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 
@@ -165,7 +187,7 @@ def _cases(record: Record) -> list[str]:
     for name, case in record["cases"].items():
         found = "; ".join(
             f"{k} {_median(case[k])} {case[k]['unit']} ({_ends(case[k])}): {case[k]['words']}"
-            for k in ("k11", "k12", "k22")
+            for k in stiffnesses(case)
         )
         lines.append(f"| `{name}.toml` | {case['title']} | {found} | {'yes' if case['explains'] else 'no'} |")
     return lines
@@ -198,6 +220,7 @@ BLOCKS: dict[str, Callable[..., list[str]]] = {
     "identify": _identify,
     "verdicts": _verdicts,
     "intervals": _intervals,
+    "freed": _freed,
     "cases": _cases,
     "compare": _compare,
     "made": _made,

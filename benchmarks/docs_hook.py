@@ -1,0 +1,18 @@
+"""What mkdocs does beside reading pages (`hooks` in mkdocs.yml): it draws the figures of the examples."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # mkdocs loads this file alone
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add every figure that a page of `docs/examples/` shows."""
+    from mkdocs.structure.files import File
+
+    from benchmarks import example_figures
+
+    for name, text in example_figures.drawn().items():
+        files.append(File.generated(config, f"examples/{name}", content=text))
+    return files

@@ -1,0 +1,74 @@
+"""The pages of the examples: their cases, figures and numbers."""
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from benchmarks import example_data, example_figures, numbers, quoted
+
+import jointbayes as jb
+
+RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
+EXAMPLES = example_figures.examples()
+
+
+def test_every_page_is_in_the_navigation_and_shows_a_case_and_a_figure():
+    pages = sorted(example_figures.FOLDER.glob("*.md"))
+    listed = (numbers.ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    shown = set(EXAMPLES.values())
+    assert [page for page in pages if page not in shown] == []
+    assert [page.name for page in pages if f"examples/{page.name}" not in listed] == []
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert any(f"({file})" in text for file in example_figures.named()), page.name
+
+
+@pytest.mark.parametrize("file", sorted(example_figures.named()))
+def test_every_figure_is_drawn_from_what_is_kept(file):
+    name, kind = example_figures.named()[file]
+    text = example_figures.FIGURES[kind](name)
+    assert ElementTree.fromstring(text).tag.endswith("svg")
+    assert len(text) < 600_000
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_the_interval_of_every_stiffness_holds_what_made_the_data(name):
+    case, truth = RECORD["cases"][name], numbers.truth(numbers.shipped()[name])
+    for k in quoted.stiffnesses(case):
+        if k in truth:
+            assert case[k]["low"] < truth[k] < case[k]["high"], k
+    assert case["explains"]
+    assert case["converged"]
+
+
+def test_two_lapped_beams_come_back_at_the_map():
+    case = jb.load_case(numbers.CONFIGS / "lapped_beams.toml")
+    found = jb.find_map(case)
+    truth = numbers.truth(numbers.shipped()["lapped_beams"])
+    error = np.log(found.stiffness / list(truth.values()))
+    sd = np.sqrt(np.diag(found.covariance))
+    assert (np.abs(error) < 3 * sd).all()
+    assert (sd < 0.05).all()
+
+
+def test_the_two_storeys_are_those_of_the_publication():
+    text = (numbers.CONFIGS / "two_storeys.toml").read_text(encoding="utf-8")
+    assert f"eigenvalues = {example_data.eigenvalues().round(2).tolist()}" in text
+    for mode in example_data.TWO_STOREYS["modes"]:
+        median, sd_log = example_data.log_normal(mode)
+        assert f"median = {median * example_data.TWO_STOREYS['nominal'] / 1e7:.4f}e7\nsd_log = {sd_log:.5f}" in text
+        assert median * np.exp(-(sd_log**2)) == pytest.approx(mode)
+    problem = jb.load_case(numbers.CONFIGS / "two_storeys.toml").problem
+    for pair in example_data.solutions():
+        found = problem.natural_frequencies_hz(pair, 2)[0]
+        np.testing.assert_allclose(found, example_data.TWO_STOREYS["frequencies"], rtol=1e-9)
+    assert f"components = [[{example_data.first_shape():.2f}]" in numbers.shipped()["two_storeys_shape"].read_text(
+        encoding="utf-8"
+    )
+
+
+def test_the_moments_of_the_two_storeys_are_the_published_ones():
+    case = RECORD["cases"]["two_storeys"]
+    assert case["relative_mean"] == pytest.approx(example_data.PUBLISHED["mean"], abs=0.02)
+    assert case["relative_sd"] == pytest.approx(example_data.PUBLISHED["sd"], abs=0.01)
