@@ -157,7 +157,7 @@ def draws(name: str) -> str:
     one, other = list(kept["draws"])[:2]
 
     def draw(canvas: Any) -> None:
-        axes = panels(canvas)[0, 0]
+        axes = panels(canvas, top=0.3)[0, 0]
         axes.plot(kept["draws"][one], kept["draws"][other], ".", ms=3, alpha=0.5, color=_BLUE)
         known = [[case[k]["reference"] for k in (one, other)]]
         for pair in example_data.solutions() if name == "two_storeys" else known:

@@ -61,6 +61,8 @@ def _mark(axes: Any, kind: str, place: Array, text: str, way: Sequence[Array], s
     colour = {"joint": _ORANGE, "force": _BLUE, "sensor": _GREEN}[kind]
     along = way[0] if way else np.zeros(2)
     if kind == "joint":
+        if way:
+            axes.plot(*np.transpose(way), color=colour, lw=1.2, zorder=0)
         axes.plot(*place, "s", ms=6, mfc="none", mec=colour, mew=1.6)
         axes.annotate(text, place, xytext=(0, 13), textcoords="offset points", ha="center", fontsize=8, color=colour)
         return
@@ -85,10 +87,12 @@ class _Places:
         for joint in _each(self.problem.joints):
             sides = [self.at(labels[0], offset) for labels, offset in _sides(joint)]
             there = [side for side in sides if side is not None]
-            place = there[0]
-            if not self.known:  # masses in a row: between the two, or before the first
-                place = np.mean(there, axis=0) if len(there) > 1 else place - [0.5, 0.0]
-            yield "joint", place, joint.name or "joint"
+            if self.known:
+                yield "joint", there[0], joint.name or "joint"
+                continue
+            # masses in a row: a spring between the two, or before the first
+            ends = there if len(there) > 1 else [there[0], there[0] - [1.0, 0.0]]
+            yield "joint", np.mean(ends, axis=0), joint.name or "joint", *ends
 
     def sensors(self) -> Iterator[tuple[Any, ...]]:
         """Forces and measured motions of FRFs."""
