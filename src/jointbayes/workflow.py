@@ -19,11 +19,11 @@ from jointbayes.identification import (
     ModeSearch,
     compliance_start,
     frequency_starts,
+    reconstructed_starts,
     refine,
     screened_draws,
     search_further,
     sensitivity_iteration,
-    smoothed_starts,
 )
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
@@ -183,18 +183,27 @@ def find_map(
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
-    matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
-    smoothed = smoothed_starts(problem, np.random.default_rng([seed, 4]), matched)
-    screened = screened_draws(problem.log_posterior, rng, _FEW_SCREENED if len(matched) else _SCREENED, _KEPT)
     search = ModeSearch(problem.log_posterior)
+    further = _further_starts(problem, seed, rng)
     search.climb_stiffnesses(starts)
-    search.climb(
-        {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)}
-        | {f"smoothed FRFs {i}": theta for i, theta in enumerate(smoothed, 1)}
-        | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
-    )
+    search.climb(further)
     effort = search_further(search, problem, seed, tell)
     return replace(search.estimate(), effort=effort, iteration=iteration)
+
+
+def _further_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Points to climb from, by name: of many unknowns from reconstructed motions of the joints, else frequencies first.
+
+    Of twelve unknowns, natural frequencies and screened draws led to the mode in 1 of 78 cases.
+    """
+    reconstructed = reconstructed_starts(problem, np.random.default_rng([seed, 4]))
+    if len(reconstructed):
+        return {f"reconstructed joint motion {i}": theta for i, theta in enumerate(reconstructed, 1)}
+    matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
+    screened = screened_draws(problem.log_posterior, rng, _FEW_SCREENED if len(matched) else _SCREENED, _KEPT)
+    return {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)} | {
+        f"screened draw {i}": theta for i, theta in enumerate(screened, 1)
+    }
 
 
 def _seed(case: Case | None, seed: int | None) -> int:

@@ -5,9 +5,9 @@ from jointbayes.identification.effort import search_further
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.paper_iteration import IterationHistory, SensitivityKind, sensitivity_iteration
+from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.refine import refine
 from jointbayes.identification.resonances import resonances_hz
-from jointbayes.identification.smoothed import smoothed_starts
 from jointbayes.identification.starts import frequency_starts, screened_draws
 
 __all__ = [
@@ -20,10 +20,10 @@ __all__ = [
     "StartOutcome",
     "compliance_start",
     "frequency_starts",
+    "reconstructed_starts",
     "refine",
     "resonances_hz",
     "screened_draws",
     "search_further",
     "sensitivity_iteration",
-    "smoothed_starts",
 ]

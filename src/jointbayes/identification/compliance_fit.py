@@ -21,7 +21,7 @@ from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
 
-__all__ = ["compliance_start"]
+__all__ = ["FreeReceptance", "compliance_start", "measured_receptances"]
 
 Array = NDArray[np.float64]
 _PASSES = 10
@@ -46,17 +46,12 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfM
     ----------
     Sanathanan & Koerner (1963), DOI 10.1109/TAC.1963.1105517
     """
-    frf = measurement.frf.converted("receptance")
-    factor = quantity_factor(frf.frequency_hz, measurement.frf.quantity)[:, None, None]
-    sigma = np.sqrt(measurement.variance) / np.abs(factor)
-    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
-    free = _free_of_bodies(whole, joint, ports) if whole.measured else _free_of_model(whole, joint, ports)
+    measured, sigma, free = measured_receptances(structure, joint, measurement)
     scale = free.scale
     unknown = np.zeros(4)
     weight = 1 / sigma
     for _ in range(_PASSES):
-        matrix, right = free.equations(frf.values, scale)
+        matrix, right = free.equations(measured, scale)
         rows = (matrix * weight[..., None]).reshape(-1, 4)
         known = (right * weight).ravel()
         unknown, *_ = np.linalg.lstsq(
@@ -66,7 +61,26 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfM
     return _positive_definite(unknown[:3] * scale[:3])
 
 
-def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "_FreeReceptance":
+def measured_receptances(
+    structure: AnyStructure, joint: AnyJoint, measurement: FrfMeasurement
+) -> "tuple[NDArray[np.complex128], Array, FreeReceptance]":
+    """Measured receptances and their σ, each (lines, outputs, inputs), and those of the structure without the joint.
+
+    Parameters
+    ----------
+    structure, joint, measurement
+        As for `compliance_start`, but a joint of any number of DOFs, or several.
+    """
+    frf = measurement.frf.converted("receptance")
+    factor = quantity_factor(frf.frequency_hz, measurement.frf.quantity)[:, None, None]
+    sigma = np.sqrt(measurement.variance) / np.abs(factor)
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
+    free = _free_of_bodies(whole, joint, ports) if whole.measured else _free_of_model(whole, joint, ports)
+    return frf.values, sigma, free
+
+
+def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "FreeReceptance":
     """Of measured bodies beside a modelled one, whose uncertain quantities are as stated."""
     model = LowRankCoupling(whole, joint, ports)
     motions = np.vstack([model.along, np.eye(model.along.shape[1])])
@@ -74,10 +88,10 @@ def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "_Fr
     driven = free @ motions
     out, into = slice(None, model.n_out), slice(model.n_out, None)
     oj = driven[:, :r, out].swapaxes(1, 2)
-    return _FreeReceptance(free[:, :r, :r], oj, driven[:, :r, into], motions[:, out].T @ driven[:, :, into])
+    return FreeReceptance(free[:, :r, :r], oj, driven[:, :r, into], motions[:, out].T @ driven[:, :, into])
 
 
-def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "_FreeReceptance":
+def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "FreeReceptance":
     """Of a structure as it is modelled."""
     structure: Structure = whole.family.nominal
     if isinstance(structure.damping, ModalDamping):
@@ -95,7 +109,7 @@ def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "_Fre
     relative = joint.on(sides).T
     rows = [ports.outputs.index(label) for label in given.outputs]
     columns = [ports.inputs.index(label) for label in given.inputs]
-    return _FreeReceptance(
+    return FreeReceptance(
         relative @ free[:, :n, :n] @ relative.T,
         free[:, rows, :n] @ relative.T,
         relative @ free[:, :n, columns],
@@ -104,7 +118,7 @@ def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "_Fre
 
 
 @dataclass(frozen=True, slots=True)
-class _FreeReceptance:
+class FreeReceptance:
     """Receptance without the joint, cut into the blocks between joint, outputs and inputs, at each line."""
 
     jj: NDArray[np.complex128]

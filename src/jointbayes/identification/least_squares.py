@@ -1,5 +1,6 @@
 """Climb from many starts at once: Levenberg-Marquardt on batches of residuals, those of a posterior among them."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -7,10 +8,12 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import JointPrior, LogPosterior
 
-__all__ = ["PosteriorSquares", "Squares", "climb_all"]
+__all__ = ["MANY_UNKNOWNS", "PosteriorSquares", "Squares", "climb_all"]
 
 Array = NDArray[np.float64]
 
+#: Joints of so many coordinates and more are found in other ways, and climb by exact derivatives.
+MANY_UNKNOWNS = 5
 _STEP = 1e-6  # of differences, in prior standard deviations
 _AT_ONCE = 1_000_000  # residuals held in memory together
 _POINTS_AT_ONCE = 16  # points whose residuals over all lines are held in memory, or fewer
@@ -27,6 +30,14 @@ class Squares(Protocol):
     prior: JointPrior
     columns: NDArray[np.intp]
     """Coordinates that a climb moves; the others stay."""
+
+    @property
+    def linearised(self) -> Callable[[Array], tuple[Array, Array]] | None:
+        """Residuals, shape (m,), in any order, and their derivative by the moving columns, (m, c), at one θ (d,).
+
+        None where differences cost no more.
+        """
+        ...
 
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), without those of the prior, of points inside the support, shape (n, d)."""
@@ -131,7 +142,11 @@ def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
     moved = np.where(outside[..., None], theta[:, None] - offsets, moved)
     step = np.where(outside, -step, step)
     gradient, normal = np.empty((n, c)), np.empty((n, c, c))
-    begin, rows = 0, 1
+    if squares.linearised is not None:
+        for i, point in enumerate(theta):
+            here, jacobian = squares.linearised(point)
+            gradient[i], normal[i] = jacobian.T @ here, jacobian.T @ jacobian
+    begin, rows = 0 if squares.linearised is None else n, 1
     while begin < n:
         part = slice(begin, begin + rows)
         points = np.concatenate([theta[part, None], moved[part]], axis=1)
@@ -163,6 +178,8 @@ class PosteriorSquares:
         self.prior = log_posterior.prior
         self._posterior, self._weight = log_posterior, weight
         self.columns = np.arange(self.prior.mean.size - log_posterior.likelihood.hyper_count)
+        exact = log_posterior.likelihood.gaussian and weight is None and len(self.prior.marginals) >= MANY_UNKNOWNS
+        self.linearised = log_posterior.data_residuals if exact else None
 
     def residuals(self, theta: Array) -> Array:
         """Residuals e, shape (n, m), of points inside the support, shape (n, d)."""

@@ -72,6 +72,8 @@ class FrequencyMatch:
 
     def __init__(self, problem: Problem) -> None:
         self.prior: JointPrior = problem.prior
+        #: A few frequencies cost no more at one point further.
+        self.linearised = None
         self._parts = [_SetupMatch(part) for part in problem.parts if not part.measured_bodies]
         self.columns: Indices = np.unique(np.concatenate([part.columns for part in self._parts]))
 

@@ -21,6 +21,7 @@ ComplexArray = NDArray[np.complex128]
 _WIDTH = 48  # lines at once: few enough for the first cache, many enough to hide the start of each loop
 #: Largest diagonal of (K scaled to a unit diagonal)⁻¹ for which K⁻¹ + A_jj loses no digit that counts: four of sixteen.
 _WELL_CONDITIONED = 1e4
+_NONE, _NO_ROWS = np.empty((0, 0, 0)), np.empty((0, 0, 0, 0))
 
 
 # A complex number at _WIDTH lines is one row: the real parts, then the imaginary ones.
@@ -185,7 +186,8 @@ def _over_lines(
 ) -> None:  # fmt: skip
     """χ² (batch,), and its gradient in the springs' coordinates (batch, r, r) where `slope` has any row.
 
-    Where `value` has any row, H (blocks, pairs, row) and δ (blocks, r, q rows) of one joint at every line instead.
+    Where `value` has any row, H (batch, blocks, pairs, row) at every line instead, and where `delta` has, the stretches
+    δ (batch, blocks, r, q rows).
     Where `unit` (batch,) is 0, `turn` is K⁻¹ and d is 1; where it is 1, they are the springs.
     """
     r, q = along.shape[1:]
@@ -202,14 +204,14 @@ def _over_lines(
             else:
                 _turn_into_springs(turn[i], along[i], free[b], a, rest, half)
             _eliminate(unit[i], d[i], ports, free[b], a, inverse, h, f)
-            if at_joint or len(slope) > 0 or len(value) > 0:
+            if at_joint or len(slope) > 0 or len(delta) > 0:
                 _stretches(d[i], a, inverse, f)
             for n in range(len(ports)):
                 o, s = ports[n]
                 if at_joint:
                     _response(d[i], along[i], free[b], rest, a, o, s, h[n], f)
                 if len(value) > 0:
-                    _copy(h[n], value[b, n])
+                    _copy(h[n], value[i, b, n])
                 else:
                     out[i] += _distance(h[n], data[b, n])
                 if len(slope) > 0:  # dH = −δ_oᵀ dK̃ δ_i
@@ -217,9 +219,9 @@ def _over_lines(
                         for k in range(r):
                             x, y = a[p, (r + o) * row :], a[k, (r + s) * row :]
                             slope[i, p, k] -= 2.0 * _overlap(h[n], data[b, n], x, y)
-            if len(value) > 0:
+            if len(delta) > 0:
                 for p in range(r):
-                    _copy(a[p, r * row :], delta[b, p])
+                    _copy(a[p, r * row :], delta[i, b, p])
 
 
 class MultiDofCoupling:
@@ -241,15 +243,30 @@ class MultiDofCoupling:
 
     def receptance(self, stiffness: ArrayLike) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        return np.stack([self._solve(matrix)[0] for matrix in as_batch(stiffness)])
+        matrices = as_batch(stiffness)
+        value = np.empty((len(matrices), len(self.free), len(self.ports), 2 * _WIDTH))
+        self.run(matrices, value=value)
+        return np.moveaxis(self._as_lines(value), 1, 2).reshape(-1, self._lines, self._n_out, self._n_in)
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
-        (matrix,) = as_batch(stiffness)
-        value, delta, turn = self._solve(matrix)
-        change = np.linalg.solve(turn, np.linalg.solve(turn, np.asarray(directions, dtype=float)).swapaxes(1, 2))
-        pairs = [-np.einsum("pij,il,jl->pl", change, delta[:, o], delta[:, i]) for o, i in self.ports]
-        return value, np.stack(pairs, axis=-1).reshape(len(change), self._lines, self._n_out, self._n_in)
+        matrices, (r, q) = as_batch(stiffness), self._along.shape
+        value = np.empty((1, len(self.free), len(self.ports), 2 * _WIDTH))
+        stretches = np.empty((1, len(self.free), r, q * 2 * _WIDTH))
+        turn, _, _ = self.run(matrices, value=value, delta=stretches)
+        delta = self._as_lines(stretches.reshape(1, len(self.free), r, q, -1))[0]
+        back = np.linalg.inv(turn[0])
+        change = back @ np.asarray(directions, dtype=float) @ back.T
+        out, into = delta[:, self.ports[:, 0]], delta[:, self.ports[:, 1]]
+        slopes = np.empty((len(change), self._lines, len(self.ports)), dtype=complex)
+        for one, slope in zip(change, slopes, strict=True):  # of several joints each changes few rows
+            rows = np.flatnonzero(one.any(axis=1))
+            moved = (one[np.ix_(rows, rows)] @ into[rows].reshape(len(rows), -1)).reshape(-1, *into.shape[1:])
+            slope[:] = -(out[rows] * moved).sum(axis=0).T
+        h = self._as_lines(value)[0].T
+        return h.reshape(self._lines, self._n_out, self._n_in), slopes.reshape(
+            -1, *h.shape[:1], self._n_out, self._n_in
+        )
 
     def misfit(self, measured: ComplexArray, weight: Array) -> "MultiDofMisfit":
         """Weighted distance from measured receptances, shape (lines, outputs, inputs)."""
@@ -261,20 +278,30 @@ class MultiDofCoupling:
         turn, stiffness = springs(matrices)
         return turn, stiffness, np.asarray(np.linalg.solve(turn, self._along[None]), dtype=float)
 
-    def _solve(self, matrix: Array) -> tuple[ComplexArray, ComplexArray, Array]:
-        """H (lines, outputs, inputs), stretches (r, ports, lines) and the springs' directions of one joint."""
-        turn, stiffness, along = self.springs(matrix[None])
-        blocks, (_, r, q) = len(self.free), along.shape
-        value = np.empty((blocks, len(self.ports), 2 * _WIDTH))
-        delta = np.empty((blocks, r, q * 2 * _WIDTH))
-        none, one = np.empty((0, 0, 0)), np.ones(1)
-        _over_lines(one, turn, stiffness, along, self.free, self.ports, none, one.copy(), none, value, delta)
-        h, d = (self._as_lines(x) for x in (value, delta.reshape(blocks, r, q, -1)))
-        return h.T.reshape(self._lines, self._n_out, self._n_in), d, turn[0]
+    def run(
+        self,
+        matrices: Array,
+        data: Array = _NONE,
+        slope: Array = _NONE,
+        value: Array = _NO_ROWS,
+        delta: Array = _NO_ROWS,
+    ) -> tuple[Array, Array, Array]:
+        """Fill what has any row, see `_over_lines`; the springs' directions, χ² (batch,), and the slope."""
+        turn, d, along = self.springs(matrices)
+        unit, out = np.ones(len(turn)), np.empty(len(turn))
+        if not (len(slope) or len(delta) or along.any()):
+            back = np.linalg.inv(turn)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                compliance = (back.swapaxes(1, 2) / d[:, None, :]) @ back
+                product = np.einsum("bii,bii->bi", compliance, matrices)
+            plain = (d > 0).all(axis=1) & (product <= _WELL_CONDITIONED).all(axis=1)
+            unit[plain], turn[plain], d[plain] = 0.0, compliance[plain], 1.0
+        _over_lines(unit, turn, d, along, self.free, self.ports, data, out, slope, value, delta)
+        return turn, out, slope
 
     def _as_lines(self, rows: Array) -> ComplexArray:
-        """Rows (blocks, ..., row) as complex numbers (..., lines)."""
-        value = np.moveaxis(rows[..., :_WIDTH] + 1j * rows[..., _WIDTH:], 0, -2)
+        """Rows (batch, blocks, ..., row) as complex numbers (batch, ..., lines)."""
+        value = np.moveaxis(rows[..., :_WIDTH] + 1j * rows[..., _WIDTH:], 1, -2)
         return value.reshape(*value.shape[:-2], -1)[..., : self._lines]
 
 
@@ -286,28 +313,14 @@ class MultiDofMisfit:
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
-        return self._run(stiffness, 0)[0]
+        return self._coupling.run(stiffness, self._data)[1]
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
-        chi2, slope, turn = self._run(stiffness, len(stiffness))
+        turn, chi2, slope = self._coupling.run(stiffness, self._data, np.empty_like(stiffness))
         back = np.linalg.inv(turn)
         gradient = back.swapaxes(1, 2) @ slope @ back
         return chi2, (gradient + gradient.swapaxes(1, 2)) / 2
-
-    def _run(self, stiffness: Array, slopes: int) -> tuple[Array, Array, Array]:
-        turn, d, along = self._coupling.springs(stiffness)
-        unit, out, slope = np.ones(len(turn)), np.empty(len(turn)), np.empty((slopes, *turn.shape[1:]))
-        if slopes == 0 and not along.any():
-            back = np.linalg.inv(turn)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                compliance = (back.swapaxes(1, 2) / d[:, None, :]) @ back
-                product = np.einsum("bii,bii->bi", compliance, stiffness)
-            plain = (d > 0).all(axis=1) & (product <= _WELL_CONDITIONED).all(axis=1)
-            unit[plain], turn[plain], d[plain] = 0.0, compliance[plain], 1.0
-        free, ports, none = self._coupling.free, self._coupling.ports, np.empty((0, 0, 0))
-        _over_lines(unit, turn, d, along, free, ports, self._data, out, slope, none, none)
-        return out, slope, turn
 
 
 def _blocks(rows: Array) -> Array:

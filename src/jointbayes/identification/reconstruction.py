@@ -1,0 +1,283 @@
+"""Starts for many unknowns: forces and motions of the joints are reconstructed from the data.
+
+The paper's iteration is linear in the stiffness because it takes the joints' motion from measurement. Here nobody
+measured it. With A the receptance without the joints, forces f in them leave the data H^x = A_oi − A_oj f and move them
+by δ = A_ji − A_jj f; a joint with the dynamic stiffness D has f = D δ. At each line the f is taken that makes the
+squares of both least, (H^x − A_oi + A_oj f)/σ and e = (K + K_0)⁻¹ (f − D δ) over a tolerance: for a given f this is
+linear in the springs' rigidity k/(k + k_0), and no resonance of the model stands between a start and the mode. With
+the tolerance going to zero it becomes the misfit of the FRFs.
+
+References
+----------
+van Leeuwen, T., Herrmann, F. J. (2013). Mitigating local minima in full-waveform inversion by expanding the search
+space. Geophysical Journal International 195(1), 661-667. DOI 10.1093/gji/ggt258
+Golub, G. H., Pereyra, V. (2003). Separable nonlinear least squares: the variable projection method and its
+applications. Inverse Problems 19(2), R1-R26. DOI 10.1088/0266-5611/19/2/201
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy  # its parts load at first use
+from numpy.typing import NDArray
+
+from jointbayes.frf.damped import dynamic_stiffness, is_damped, stiffness_of
+from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
+from jointbayes.identification.least_squares import MANY_UNKNOWNS
+from jointbayes.inference import JointPrior, Problem
+from jointbayes.measurement import FrfMeasurement
+
+__all__ = ["reconstructed_starts"]
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_LINES = 80  # looked at, equally spaced: what resonates between them does not matter under the first tolerance
+_MODEL_ERROR = 0.03  # of an FRF, beside its noise
+#: Of e, in units of the motion that unit forces at the inputs give the joints without stiffness; the first that counts.
+_FIRST, _LATER = 3.0, (1.0, 0.1, 0.01)
+_POINTS, _KEPT = 16, 3  # of the prior, and ends of their climbs that go on
+_NEARLY_RIGID = 0.97
+_STEPS = 15
+_FARTHEST = 0.3  # of one step in any coordinate, which all run from 0 to 1
+_DAMPING = np.array([1e-2, 0.3, 10.0, 1e3])  # factors on the damping of a step: all are tried
+_GAIN = 0.02  # of what is left of the misfit: a climb that gains less has arrived
+_PLACES = (0.03, 0.15, 0.35, 0.6, 0.85, 0.99)  # of one coordinate with the others as they are
+_ELSEWHERE, _TRIED, _ROUNDS = 0.08, 4, 12
+_SAME = 0.05
+_WIDE = 4.0  # prior standard deviations, where a prior has no ends
+_AT_ONCE = 3_000_000  # complex numbers held in memory together
+
+
+def reconstructed_starts(problem: Problem, rng: np.random.Generator) -> Array:
+    """Points from which to climb the posterior, shape (n, d), the best first.
+
+    None where few coordinates are unknown, or the data are no FRFs. Nearly rigid joints and sixteen Sobol points of
+    the prior climb with the first tolerance; from the three best ends single coordinates are moved elsewhere and climb
+    again, as long as that gains; then the tolerance falls. What is uncertain besides the joints stays at the mean of
+    its prior.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    rng
+        Scrambles the points of the prior.
+    """
+    count = len(problem.parametrisation.names)
+    with_frfs = [part for part in problem.parts if isinstance(part.measurement, FrfMeasurement)]
+    if count < MANY_UNKNOWNS or not with_frfs:
+        return np.empty((0, len(problem.names)))
+    misfit = _Misfit(problem, [_Part.of(part) for part in with_frfs])
+    starts = misfit.inside(scipy.stats.qmc.Sobol(count, seed=rng).random(_POINTS))
+    starts = [misfit.nearly_rigid(), *starts]
+    ends = sorted((misfit.climb(x, _FIRST) for x in starts), key=lambda end: end[1])
+    chosen: list[tuple[Array, float]] = []
+    for x, value in ends:
+        if all(np.abs(x - other).max() > _SAME for other, _ in chosen) and np.isfinite(value):
+            chosen.append((x, value))
+    chosen = sorted((_moved_elsewhere(misfit, *end) for end in chosen[:_KEPT]), key=lambda end: end[1])
+    out = []
+    for x, _ in chosen:
+        for tolerance in _LATER:
+            x, _ = misfit.climb(x, tolerance)
+        out.append(misfit.theta(x))
+    return np.array(out).reshape(-1, len(problem.names))
+
+
+def _moved_elsewhere(misfit: "_Misfit", x: Array, value: float) -> tuple[Array, float]:
+    """A better end of a climb from points that differ from x in one coordinate, and so on from there."""
+    for _ in range(_ROUNDS):
+        places = np.tile(x, (x.size, len(_PLACES), 1))
+        own = np.arange(x.size)
+        places[own, :, own] = misfit.clipped(np.tile(_PLACES, (x.size, 1)).T).T
+        values = misfit.value(places.reshape(-1, x.size), _FIRST).reshape(places.shape[:2])
+        values[np.abs(places[own, :, own] - x[:, None]) < _ELSEWHERE] = np.inf
+        best = np.argmin(values, axis=1)
+        first = np.argsort(values[own, best])[:_TRIED]
+        ends = [misfit.climb(places[i, best[i]], _FIRST) for i in first if np.isfinite(values[i, best[i]])]
+        if not ends:
+            break
+        end = min(ends, key=lambda end: end[1])
+        if not end[1] < (1 - _GAIN) * value:
+            break
+        x, value = end
+    return x, value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Data of one set-up at some lines, and its structure without the joints."""
+
+    prior: JointPrior
+    omega: Array
+    free: FreeReceptance
+    off: ComplexArray
+    """Data less the receptance without the joints, shape (lines, outputs, inputs)."""
+    variance: Array
+    """Of these, shape (lines, outputs)."""
+    own: Array
+    """Stiffness of the structure at each DOF of the joints, shape (R,)."""
+    size: Array
+    """Motion of these under unit forces at the inputs, shape (R,)."""
+
+    @classmethod
+    def of(cls, part: Problem) -> "_Part":
+        assert isinstance(part.measurement, FrfMeasurement)
+        measured, sigma, free = measured_receptances(part.structure, part.joints, part.measurement)
+        lines = part.measurement.frf.frequency_hz
+        some = slice(None, None, max(1, lines.size // _LINES))
+        free = FreeReceptance(free.jj[some], free.oj[some], free.ji[some], free.oi[some])
+        variance = (sigma[some] ** 2 + (_MODEL_ERROR * np.abs(measured[some])) ** 2).mean(axis=2)
+        own = 1 / np.median(np.abs(np.einsum("lrr->lr", free.jj)), axis=0)
+        size = np.median(np.abs(free.ji), axis=0).mean(axis=1)
+        # a port on a joint's own DOF may be nowhere else
+        size = np.where(size > 0, size, np.finfo(float).tiny)
+        omega = 2 * np.pi * lines[some]
+        return cls(part.prior, omega, free, measured[some] - free.oi, variance, own, size)
+
+    def value(self, theta: Array, tolerance: float) -> Array:
+        """Least squares, shape (n,), at θ, shape (n, d)."""
+        *_, off, root = self._solved(self.prior.matrix(theta), tolerance)
+        return np.asarray((np.abs(np.linalg.solve(root, off)) ** 2).sum(axis=(1, 2, 3)))
+
+    def linearised(self, theta: Array, tolerance: float) -> tuple[Array, Array]:
+        """Residuals, shape (m,), and their derivative by the joints' coordinates, (m, count), for fixed forces."""
+        matrix, joint = self.prior.matrix(theta[None]), self.prior.joint(theta)
+        softened, law, held, gain, off, root = (x[0] for x in self._solved(matrix, tolerance))
+        spread = (tolerance * self.size[:, None]) ** 2 * gain.conj().swapaxes(-1, -2)
+        weighed = np.linalg.solve(root.conj().swapaxes(-1, -2), np.linalg.solve(root, off))
+        error = spread @ weighed
+        force = np.linalg.solve(law, held + error)
+        motion = self.free.ji - self.free.jj @ force
+        changes = self.prior.parametrisation.changes(joint)[:, None]
+        # de = −(K + K_0)⁻¹ (dK e + dD δ)
+        moved = stiffness_of(changes) @ error + self._dynamic(changes[:, 0]) @ motion
+        moved = -np.moveaxis(softened @ moved, 0, -1)
+        lines, r, _, count = moved.shape
+        slope = np.linalg.solve(root, gain @ moved.reshape(lines, r, -1)).reshape(-1, count)
+        residual = np.linalg.solve(root, off).ravel()
+        return np.concatenate([residual.real, residual.imag]), np.concatenate([slope.real, slope.imag])
+
+    def _dynamic(self, matrices: Array) -> ComplexArray | Array:
+        """D, shape (n, lines, R, R), or (n, 1, R, R) of joints without damping."""
+        if is_damped(matrices):
+            return dynamic_stiffness(matrices, self.omega, elastic=True)
+        return matrices[:, None]
+
+    def _solved(self, matrices: Array, tolerance: float) -> tuple[NDArray[Any], ...]:
+        """(K + K_0)⁻¹; Q and b of e = Q f − b; G = −A_oj Q⁻¹; the data less G b; and the root of their covariance."""
+        softened = np.linalg.inv(stiffness_of(matrices) + np.diag(self.own))[:, None]
+        yielding = softened @ self._dynamic(matrices)
+        law = softened + yielding @ self.free.jj
+        held = yielding @ self.free.ji
+        gain = -np.linalg.solve(law.swapaxes(-1, -2), self.free.oj.swapaxes(-1, -2)[None]).swapaxes(-1, -2)
+        off = self.off - gain @ held
+        spread = gain * (tolerance * self.size)
+        covariance = spread @ spread.conj().swapaxes(-1, -2)
+        outputs = np.arange(covariance.shape[-1])
+        covariance[..., outputs, outputs] += self.variance
+        return softened, law, held, gain, off, np.linalg.cholesky(covariance)
+
+
+class _Misfit:
+    """The squares of all set-ups as a function of coordinates x that run from 0 to 1.
+
+    Of the logarithm of a stiffness x is its rigidity k/(k + k_0), with k_0 the structure's own stiffness there: as x
+    it moves the FRFs at both ends, where its logarithm hardly does. Any other coordinate is x of its prior's width.
+    """
+
+    def __init__(self, problem: Problem, parts: Sequence[_Part]) -> None:
+        self._prior, self._parts = problem.prior, parts
+        self._count = count = len(problem.parametrisation.names)
+        low, high = (end[:count] for end in problem.prior.support)
+        mean, sd = problem.prior.mean[:count], problem.prior.sd[:count]
+        self._low = np.where(np.isfinite(low), low, mean - _WIDE * sd)
+        self._high = np.where(np.isfinite(high), high, mean + _WIDE * sd)
+        self._own = np.full(count, np.nan)  # ln k_0
+        for part in parts:
+            quantities = {q.name: q for q in part.prior.parametrisation.quantities}
+            for i, axis in enumerate(part.prior.parametrisation.axes):
+                quantity = quantities[axis.quantity]
+                if axis.logarithmic and quantity.role == "stiffness" and quantity.places and np.isnan(self._own[i]):
+                    row, column = quantity.places[0]
+                    self._own[i] = np.log(part.own[row] * part.own[column]) / 2
+        self._springs = np.isfinite(self._own)
+        self._ends = self._of_theta(self._low), self._of_theta(self._high)
+
+    def _of_theta(self, joint: Array) -> Array:
+        x = (joint - self._low) / (self._high - self._low)
+        return np.where(self._springs, 1 / (1 + np.exp(np.where(self._springs, self._own - joint, 0.0))), x)
+
+    def theta(self, x: Array) -> Array:
+        """θ, shape (…, d), of x, shape (…, count)."""
+        inner = np.clip(x, 1e-12, 1 - 1e-12)
+        rigid = np.where(self._springs, self._own, 0.0) + np.log(inner) - np.log1p(-inner)
+        joint = np.where(self._springs, rigid, self._low + x * (self._high - self._low))
+        margin = 1e-6 * (self._high - self._low)
+        joint = np.clip(joint, self._low + margin, self._high - margin)
+        rest = np.broadcast_to(self._prior.mean[self._count :], (*x.shape[:-1], self._prior.mean.size - self._count))
+        return np.concatenate([joint, rest], axis=-1)
+
+    def clipped(self, x: Array) -> Array:
+        """The nearest x within the prior's ends."""
+        return np.clip(x, *self._ends)
+
+    def inside(self, unit: Array) -> list[Array]:
+        """Points of the prior, each shape (count,), for points of the unit cube, shape (n, count)."""
+        whole = np.full((len(unit), self._prior.mean.size), 0.5)
+        whole[:, : self._count] = unit
+        return list(self.clipped(self._of_theta(self._prior.joint(self._prior.transform(whole)))))
+
+    def nearly_rigid(self) -> Array:
+        """All springs nearly rigid, everything else in the middle, shape (count,)."""
+        return self.clipped(np.where(self._springs, _NEARLY_RIGID, 0.5))
+
+    def value(self, x: Array, tolerance: float) -> Array:
+        """Squares, shape (n,), at x, shape (n, count); infinite where there is no joint."""
+        theta = self.theta(x)
+        out = np.full(len(x), np.inf)
+        inside = np.flatnonzero(self._prior.feasible(theta))
+        size = max(part.free.jj.size for part in self._parts)
+        for few in np.array_split(inside, max(1, -(-inside.size * size // _AT_ONCE))):
+            if few.size:
+                out[few] = sum(part.value(theta[few], tolerance) for part in self._parts)
+        return np.where(np.isnan(out), np.inf, out)
+
+    def climb(self, x: Array, tolerance: float) -> tuple[Array, float]:
+        """End of a climb by damped Gauss-Newton steps, shape (count,), and its squares."""
+        value, damping = float(self.value(x[None], tolerance)[0]), 0.01
+        for _ in range(_STEPS if np.isfinite(value) else 0):
+            gradient, normal = self._normal_equations(x, tolerance)
+            low, high = self._ends
+            held = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
+            gradient[held] = 0.0
+            normal[held], normal[:, held] = 0.0, 0.0
+            size = np.diag(normal) + 1e-6 * np.diag(normal).max() + held
+            damped = normal + (damping * _DAMPING[:, None] * size + held)[:, :, None] * np.eye(x.size)
+            steps = -np.linalg.solve(damped, np.tile(gradient, (len(_DAMPING), 1))[..., None])[..., 0]
+            steps *= _FARTHEST / np.maximum(np.abs(steps).max(axis=1, keepdims=True), _FARTHEST)
+            trials = self.clipped(x + steps)
+            values = self.value(trials, tolerance)
+            best = int(np.argmin(values))
+            gain = value - values[best]
+            if not gain > 0:
+                break
+            x, value = trials[best], float(values[best])
+            damping = max(damping * _DAMPING[best], 1e-8)
+            if gain < 1e-4 * value:
+                break
+        return x, value
+
+    def _normal_equations(self, x: Array, tolerance: float) -> tuple[Array, Array]:
+        theta = self.theta(x)
+        slope = np.where(self._springs, 1 / (x * (1 - x) + 1e-12), self._high - self._low)
+        gradient, normal = np.zeros(x.size), np.zeros((x.size, x.size))
+        for part in self._parts:
+            residual, jacobian = part.linearised(theta, tolerance)
+            jacobian = jacobian * slope
+            gradient += jacobian.T @ residual
+            normal += jacobian.T @ jacobian
+        return gradient, normal
