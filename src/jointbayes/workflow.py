@@ -18,10 +18,8 @@ from jointbayes.identification import (
     MapEstimate,
     ModeSearch,
     compliance_start,
-    frequency_starts,
-    reconstructed_starts,
+    first_starts,
     refine,
-    screened_draws,
     search_further,
     sensitivity_iteration,
 )
@@ -54,8 +52,6 @@ Array = NDArray[np.float64]
 _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
 _PRIOR_STARTS = 6
-#: Draws looked at for further starts, where natural frequencies gave some and where not, and starts taken from them.
-_FEW_SCREENED, _SCREENED, _KEPT = 500, 4000, 6
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
 _WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
@@ -138,7 +134,8 @@ def find_map(
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
-    The starts are joints whose natural frequencies agree with the resonances of the data, the first guess, the end of
+    The starts are joints whose natural frequencies agree with the resonances of the data (of five unknowns and more
+    joints whose motion, reconstructed from the data, agrees with them), the first guess, the end of
     the paper's iteration from it, the compliance fit that needs no guess, draws from the prior, those of many more
     draws that fit the most lines, and joints near the limits of signed coordinates. All climb at once, the best are
     refined; `MapEstimate.starts` says which of them reached the mode, `MapEstimate.modes` what other modes there are.
@@ -184,26 +181,11 @@ def find_map(
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])
     search = ModeSearch(problem.log_posterior)
-    further = _further_starts(problem, seed, rng)
+    further = first_starts(problem, seed, rng)
     search.climb_stiffnesses(starts)
     search.climb(further)
     effort = search_further(search, problem, seed, tell)
     return replace(search.estimate(), effort=effort, iteration=iteration)
-
-
-def _further_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Points to climb from, by name: of many unknowns from reconstructed motions of the joints, else frequencies first.
-
-    Of twelve unknowns, natural frequencies and screened draws led to the mode in 1 of 78 cases.
-    """
-    reconstructed = reconstructed_starts(problem, np.random.default_rng([seed, 4]))
-    if len(reconstructed):
-        return {f"reconstructed joint motion {i}": theta for i, theta in enumerate(reconstructed, 1)}
-    matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
-    screened = screened_draws(problem.log_posterior, rng, _FEW_SCREENED if len(matched) else _SCREENED, _KEPT)
-    return {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)} | {
-        f"screened draw {i}": theta for i, theta in enumerate(screened, 1)
-    }
 
 
 def _seed(case: Case | None, seed: int | None) -> int:

@@ -1,7 +1,7 @@
 """Point estimates of a joint: the paper's iteration, a start without a guess, the posterior mode."""
 
 from jointbayes.identification.compliance_fit import compliance_start
-from jointbayes.identification.effort import search_further
+from jointbayes.identification.effort import first_starts, search_further
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.paper_iteration import IterationHistory, SensitivityKind, sensitivity_iteration
@@ -19,6 +19,7 @@ __all__ = [
     "SensitivityKind",
     "StartOutcome",
     "compliance_start",
+    "first_starts",
     "frequency_starts",
     "reconstructed_starts",
     "refine",

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
+from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starts import frequency_starts, screened_draws
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
 
-__all__ = ["search_further", "squared_residuals"]
+__all__ = ["first_starts", "search_further", "squared_residuals"]
 
 Array = NDArray[np.float64]
 
@@ -23,8 +24,34 @@ ROUNDS = 3
 AGREED = 0.8
 _POINTS = 4  # times as many frequencies are compared as in the first search
 _SCREENED, _KEPT = 4000, 12
+#: Of the first search: draws looked at where natural frequencies gave some starts, and starts taken from them.
+_FEW_SCREENED, _FEW_KEPT = 500, 6
 #: Each line's noise is first taken for so large a fraction of its |H|, which makes false summits flat.
 _TEMPERED = (1.0, 0.3, 0.1)
+
+
+def first_starts(problem: Problem, seed: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Points to climb from first, each shape (d,), by name.
+
+    Of many unknowns from reconstructed motions of the joints, otherwise from natural frequencies and screened draws.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    seed
+        Of the search.
+    rng
+        Draws those that are screened.
+    """
+    reconstructed = reconstructed_starts(problem, np.random.default_rng([seed, 4]))
+    if len(reconstructed):
+        return {f"reconstructed joint motion {i}": theta for i, theta in enumerate(reconstructed, 1)}
+    matched = frequency_starts(problem, np.random.default_rng([seed, 2]))
+    count = _FEW_SCREENED if len(matched) else _SCREENED
+    screened = screened_draws(problem.log_posterior, rng, count, _FEW_KEPT)
+    starts = {f"natural frequencies {i}": theta for i, theta in enumerate(matched, 1)}
+    return starts | {f"screened draw {i}": theta for i, theta in enumerate(screened, 1)}
 
 
 def squared_residuals(log_posterior: LogPosterior, theta: Array) -> tuple[float, float]:

@@ -164,7 +164,7 @@ class _Part:
     def _dynamic(self, matrices: Array) -> ComplexArray | Array:
         """D, shape (n, lines, R, R), or (n, 1, R, R) of joints without damping."""
         if is_damped(matrices):
-            return dynamic_stiffness(matrices, self.omega, elastic=True)
+            return dynamic_stiffness(matrices, self.omega)
         return matrices[:, None]
 
     def _solved(self, matrices: Array, tolerance: float) -> tuple[NDArray[Any], ...]:
