@@ -4,16 +4,34 @@
 """
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import jointbayes as jb
+from jointbayes.case.build import true_stiffness
+from jointbayes.frf import FrfSet, MeasuredBody, Ports, Substructures, receptance_model
+from jointbayes.joint import Joint, Joints
+from jointbayes.measurement.formats import write_frf
+from jointbayes.structure import FrameRecipe, Structure
 
-__all__ = ["TWO_STOREYS", "eigenvalues", "first_shape", "log_normal", "moments", "solutions"]
+__all__ = [
+    "SPINDLE_FILES", "TWO_STOREYS", "eigenvalues", "first_shape", "log_normal", "moments", "solutions", "spindle_files"
+]  # fmt: skip
 
 Array = NDArray[np.float64]
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+
+#: The spindle by itself and the whole with its tool, in the order of `spindle_files`.
+SPINDLE_FILES = ("data/spindle_nose.uff", "data/spindle_tip.uff")
+#: What the model of spindle_tool.toml leaves out: bearings that give way, N/m, and damp more.
+BEARINGS = {"rear:y": 2.5e8, "front:y": 4e8}
+LOSS_FACTOR = 0.05
+#: Of each FRF of the spindle by itself, and of the whole.
+NOISE = (0.01, 0.02)
 
 #: The two-storey building of Beck and Au (2002), DOI 10.1061/(ASCE)0733-9399(2002)128:4(380): masses in kg, nominal
 #: stiffness of a storey in N/m, measured natural frequencies in Hz, and mode of the prior of k over the nominal one,
@@ -60,7 +78,53 @@ def first_shape() -> float:
     return float(1 - low * m2 / solutions()[0, 1])
 
 
+def spindle() -> Structure:
+    """The spindle of spindle_tool.toml on bearings that give way, with the labels of a measured body at its nose."""
+    case = jb.load_case(CONFIGS / "spindle_tool.toml")
+    recipe = case.problem.structure.recipe
+    alone = FrameRecipe(dict(recipe.bodies)["spindle"], jb.LossFactor(LOSS_FACTOR), recipe.directions)
+    free = alone.structure(mesh=alone.mesh(top_hz=case.spec.data.f_max_hz))
+    stiffness = np.array(free.stiffness)
+    for label, bearing in BEARINGS.items():
+        (row,) = free.index((label,))
+        stiffness[row, row] += bearing
+    dofs = tuple(label if label.startswith("nose:") else f"inside-{label}" for label in free.dofs)
+    return replace(free, stiffness=stiffness, dofs=dofs, positions={})
+
+
+def spindle_files() -> tuple[FrfSet, FrfSet]:
+    """Receptances of the spindle's nose, 1 % noise, and of the assembled tool's tip and holder's mouth, 2 %.
+
+    Both of the joints of spindle_tool.toml, at its lines. A translation and a rotation are excited and measured at the
+    nose; nodes and directions are those of the channels in spindle_measured.toml.
+    """
+    given = jb.load_case(CONFIGS / "spindle_tool.toml")
+    lines, rng = given.spec.data.lines_hz(), np.random.default_rng(2026)
+    nose = ("nose:y", "nose:rz")
+    nowhere = Joint(("nose:y",), name="none")
+    exact = receptance_model(spindle(), nowhere, Ports(lines, nose, nose)).receptance(np.zeros((1, 1)))[0]
+    alone = FrfSet(lines, exact, nose, nose)
+    body = MeasuredBody.of(alone, np.zeros(exact.shape), "spindle")
+    ports = Ports(lines, ("tool.tip:y", "holder.mouth:y"), ("tool.tip:y",))
+    taper, shrink = given.problem.joints.joints
+    recipe = given.problem.structure.recipe
+    bodies = {name: each for name, each in recipe.bodies if name != "spindle"}
+    rest = replace(recipe, bodies=bodies, supports=(), accelerometer_dofs=ports.outputs)
+    rest = rest.structure(mesh=rest.mesh(top_hz=given.spec.data.f_max_hz))
+    joints = Joints((replace(taper, against=nose), shrink))
+    whole = receptance_model(Substructures(rest, (body,)), joints, ports)
+    truth = given.problem.parametrisation.matrix(true_stiffness(given.spec, given.spec.data.truth))
+    both = (alone.values, ("1:y", "1:rz"), ("1:y", "1:rz")), (whole.receptance(truth)[0], ("3:y", "2:y"), ("3:y",))
+    found = []
+    for (values, outputs, inputs), noise in zip(both, NOISE, strict=True):
+        white = rng.standard_normal((*values.shape, 2)) @ [1, 1j]  # as `relative` of a case: in either part
+        found.append(FrfSet(lines, values * (1 + noise * white), outputs, inputs))
+    return found[0], found[1]
+
+
 if __name__ == "__main__":
+    for file, frf in zip(SPINDLE_FILES, spindle_files(), strict=True):
+        write_frf(frf, CONFIGS / file, "uff58")
     print("eigenvalues", eigenvalues().round(2).tolist())
     for mode in TWO_STOREYS["modes"]:
         median, sd_log = log_normal(mode)

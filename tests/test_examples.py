@@ -1,6 +1,7 @@
 """The pages of the examples: their cases, figures and numbers."""
 
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from benchmarks import example_data, example_figures, numbers, quoted
 
 import jointbayes as jb
+from jointbayes.measurement.formats import write_frf
 
 RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
 EXAMPLES = example_figures.examples()
@@ -72,3 +74,28 @@ def test_the_moments_of_the_two_storeys_are_the_published_ones():
     case = RECORD["cases"]["two_storeys"]
     assert case["relative_mean"] == pytest.approx(example_data.PUBLISHED["mean"], abs=0.02)
     assert case["relative_sd"] == pytest.approx(example_data.PUBLISHED["sd"], abs=0.01)
+
+
+def test_the_files_of_the_measured_spindle_are_those_of_the_script(tmp_path):
+    for name, frf in zip(example_data.SPINDLE_FILES, example_data.spindle_files(), strict=True):
+        write_frf(frf, tmp_path / "made.uff", "uff58")
+        made, shipped = (list(jb.iter_records(path)) for path in (tmp_path / "made.uff", numbers.CONFIGS / name))
+        assert len(made) == len(shipped) == frf.values[0].size
+        for one, other in zip(made, shipped, strict=True):
+            np.testing.assert_allclose(one.values, other.values, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["spindle_tool", "spindle_measured"])
+def test_both_joints_of_the_spindle_come_back_at_the_map(name):
+    found = jb.find_map(jb.load_case(numbers.CONFIGS / f"{name}.toml"))
+    error = np.log(found.stiffness / list(numbers.truth(numbers.shipped()[name]).values()))
+    assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance))).all()
+
+
+def test_a_model_with_rigid_bearings_would_not_explain_the_measured_spindle():
+    case = jb.load_case(numbers.CONFIGS / "spindle_tool.toml").problem
+    measured = jb.load_case(numbers.CONFIGS / "spindle_measured.toml").problem
+    wrong = replace(case, measurement=measured.measurement)
+    matrix = wrong.parametrisation.matrix(list(numbers.truth(numbers.shipped()["spindle_tool"]).values()))[None]
+    here, there = (np.mean(np.abs(p.log_posterior.likelihood.standardised(matrix)) ** 2) for p in (measured, wrong))
+    assert there > 100 * here

@@ -115,10 +115,10 @@ def test_natural_frequencies_of_joined_halves_are_those_of_the_whole():
     halves = FrameFamily(FrameRecipe({"a": half, "b": other}, LAWS[0]), {})
     six = ("x", "y", "z", "rx", "ry", "rz")
     joint = Joint(tuple(f"a.2:{d}" for d in six), tuple(f"b.2:{d}" for d in six))
-    found = NaturalFrequencies(halves, joint, 12, 3000.0).frequency_hz(np.diag([1e13] * 3 + [1e10] * 3))[0]
+    found = NaturalFrequencies(halves, joint, 6, 3000.0).frequency_hz(np.diag([1e13] * 3 + [1e10] * 3))[0]
     exact = whole.structure({}, whole.mesh((), 3000.0)).modes().frequency_hz[:12]
-    assert_allclose(found[6:], exact[6:], rtol=1e-5)
-    assert (found[:6] < 0.1).all()
+    assert_allclose(found, exact[6:], rtol=1e-5)
+    assert (exact[:6] < 1e-3).all()
 
 
 def test_a_frequency_is_found_below_which_so_many_modes_lie():
@@ -200,10 +200,11 @@ def test_impossible_frames_are_refused_in_one_line(broken, words):
 
 def test_a_body_that_nothing_reaches_still_has_its_natural_frequencies():
     joint = Joint(("left.1:y",))
-    found = NaturalFrequencies(FrameFamily(two_bodies(), {}), joint, 14, 1500.0).frequency_hz(np.array([[0.0]]))[0]
+    found = NaturalFrequencies(FrameFamily(two_bodies(), {}), joint, 3, 1500.0).frequency_hz(np.array([[0.0]]))[0]
     recipe = two_bodies()
     exact = recipe.structure({}, recipe.mesh((), 1500.0)).modes().frequency_hz[:14]
-    assert_allclose(found[12:], exact[12:], rtol=1e-6)
+    assert_allclose(found[1:], exact[12:], rtol=1e-6)  # the joint without stiffness holds one of twelve motions
+    assert found[0] < 0.1
 
 
 def test_a_frame_is_equal_to_itself_and_tells_where_its_points_are():

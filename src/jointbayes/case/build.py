@@ -29,7 +29,7 @@ from jointbayes.case.schema.priors import (
 )
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.structures import metres, structure_recipe
-from jointbayes.frf import NaturalFrequencies, Ports
+from jointbayes.frf import NaturalFrequencies, Ports, rigid_body_modes
 from jointbayes.inference import (
     JointPrior,
     Marginal,
@@ -249,7 +249,7 @@ def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measure
 def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
     """Lowest natural frequencies of a structure with a rigid joint, Hz: no more than `most`, nor than it has."""
     family = family_of_recipe(recipe)
-    count = min(most, family.nominal.n_dofs - joint.size)
+    count = min(most, family.nominal.n_dofs - rigid_body_modes(family.nominal, joint) - joint.size)
     rigid = np.eye(joint.size) * RIGID
     return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
 

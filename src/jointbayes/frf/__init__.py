@@ -2,6 +2,7 @@
 
 from jointbayes.frf.coupling import LowRankCoupling, receptance_model
 from jointbayes.frf.direct import DirectSolve
+from jointbayes.frf.floating import rigid_body_modes
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, Substructures
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
@@ -28,4 +29,5 @@ __all__ = [
     "Ports",
     "ReceptanceModel",
     "receptance_model",
+    "rigid_body_modes",
 ]

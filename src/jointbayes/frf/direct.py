@@ -68,7 +68,9 @@ def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.flo
         return alpha * structure.mass + beta * structure.stiffness
     # C = MΦ diag(2ζω) ΦᵀM of the assembled structure
     modes = structure.modes(added)
-    rate = 2 * law.per_mode(structure.n_dofs) * np.sqrt(np.maximum(modes.eigenvalues, 0.0))
+    elastic = modes.eigenvalues > 0  # a rigid-body motion is no mode and has no ratio
+    rate = np.zeros(structure.n_dofs)
+    rate[elastic] = 2 * law.per_mode(int(elastic.sum())) * np.sqrt(modes.eigenvalues[elastic])
     weighted = structure.mass @ modes.shapes
     return (weighted * rate) @ weighted.T
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped import add_joint, chi2_of, dissipative, is_damped, stiffness_of
+from jointbayes.frf.floating import of_every_mode, rigid_motions
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, workspace
 from jointbayes.frf.kernels.springs import springs
@@ -53,6 +54,9 @@ class JoinedModes:
         self._r = joined.shape[1]
         forces = None if forced is None else np.concatenate([np.ones(self._r, dtype=bool), forced])
         self._free = family.free_modes(np.hstack([joined, motions]), forces)
+        free, moved = self._free(np.ones((1, len(family.names))))
+        #: Rigid-body motions that the joint leaves: the first so many modes, which nobody counts.
+        self.rigid = rigid_motions(free[0], moved[0, : self._r])
 
     def solve(self, matrices: Array, factors: ArrayLike | None = None) -> tuple[Array, Array, Array]:
         """Assembled modes for joint matrices (batch, r, r), symmetric, and factors on the structure (batch, f).
@@ -81,7 +85,7 @@ class JoinedModes:
 
 
 class NaturalFrequencies:
-    """Undamped natural frequencies of the structure with its joint.
+    """Undamped natural frequencies of the structure with its joint; rigid-body motions of one that floats have none.
 
     Parameters
     ----------
@@ -104,11 +108,18 @@ class NaturalFrequencies:
     ) -> None:
         family = as_family(structure)
         reach = family.reach_hz(count + max(0, joint.size - MOST_HELD)) if top_hz is None else top_hz
-        self._family = family.at(joint.labels, reach)
-        n = self._family.nominal.n_dofs
+        self._modes = self._joined(family, joint, reach)
+        if self._modes.rigid and top_hz is None:
+            reach = family.reach_hz(count + self._modes.rigid + max(0, joint.size - MOST_HELD))
+            self._modes = self._joined(family, joint, reach)
+        n = self._family.nominal.n_dofs - self._modes.rigid
         if not 1 <= count <= n:
             raise ModelError(f"natural frequencies: found a count of {count}; expected 1 to {n}")
-        self._modes, self._count = JoinedModes(self._family, joint, np.empty((n, 0))), count
+        self._counted = slice(self._modes.rigid, self._modes.rigid + count)
+
+    def _joined(self, family: StructureFamily, joint: AnyJoint, reach: float) -> JoinedModes:
+        self._family = family.at(joint.labels, reach)
+        return JoinedModes(self._family, joint, np.empty((self._family.nominal.n_dofs, 0)))
 
     def frequency_hz(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
         """Frequencies, shape (batch, count), Hz.
@@ -118,7 +129,7 @@ class NaturalFrequencies:
         matrices = as_batch(stiffness)
         known = as_factors(factors, len(matrices))
         eigenvalues, _, _ = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
-        frequency: Array = np.sqrt(np.maximum(eigenvalues[:, : self._count], 0.0)) / (2 * np.pi)
+        frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
         return frequency * first_factors(self._family.frequency_factors(known), frequency.shape[1])
 
     def tangent(
@@ -128,9 +139,9 @@ class NaturalFrequencies:
         known = as_factors(factors, 1)
         directions = stiffness_of(directions)
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness_of(stiffness)), known)
-        (off,) = first_factors(self._family.frequency_factors(known), self._count)
-        shapes = np.linalg.solve(springs.T, rows)[:, : self._count]
-        frequency = np.sqrt(np.maximum(eigenvalues[: self._count], 0.0)) / (2 * np.pi)
+        shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
+        frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
+        (off,) = first_factors(self._family.frequency_factors(known), frequency.size)
         slope = np.einsum("ir,pij,jr->pr", shapes, np.asarray(directions, dtype=float), shapes)
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
@@ -184,9 +195,7 @@ class AssembledModes:
         """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
         known, (r, q) = as_factors(factors, len(matrices)), self._along.shape
         eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
-        off = self._family.frequency_factors(known)
-        eigenvalues[:, : off.shape[1]] *= off**2
-        ratios = np.ascontiguousarray(self._family.damping_ratios(known)[:, : eigenvalues.shape[1]])
+        ratios = self._stated(known, eigenvalues)
         # between the joint's own motions and the ports' others, as outputs and as inputs
         rows[:, :r] = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
         ratios = np.broadcast_to(ratios, eigenvalues.shape)
@@ -224,10 +233,15 @@ class AssembledModes:
         shapes = rows[:, r:]
         if self._along.any():
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
-        off = self._family.frequency_factors(known)
+        ratios = self._stated(known, eigenvalues)
+        return eigenvalues, np.ascontiguousarray(shapes), ratios
+
+    def _stated(self, known: Array, eigenvalues: Array) -> Array:
+        """Damping ratios, shape (n, m); errors of natural frequencies are put into the eigenvalues (batch, m)."""
+        off = of_every_mode(self._family.frequency_factors(known), self._modes.rigid, 1.0)
         eigenvalues[:, : off.shape[1]] *= off**2
-        ratios = self._family.damping_ratios(known)[:, : eigenvalues.shape[1]]
-        return eigenvalues, np.ascontiguousarray(shapes), np.ascontiguousarray(ratios)
+        ratios = of_every_mode(self._family.damping_ratios(known), self._modes.rigid, 0.0)
+        return np.ascontiguousarray(ratios[:, : eigenvalues.shape[1]])
 
     def tangent(
         self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
@@ -264,13 +278,14 @@ class AssembledModes:
         d_out, d_in = out @ turn, into @ turn
         constants = out[:, None, :] * into[None, :, :]
         d_constants = d_out[:, :, None, :] * into + out[:, None, :] * d_in[:, None, :, :]
-        off = first_factors(self._family.frequency_factors(known), lam.size)[0] ** 2
+        factor = of_every_mode(self._family.frequency_factors(known), self._modes.rigid, 1.0)
+        off = first_factors(factor, lam.size)[0] ** 2
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
         shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0) * off, into)
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, pairs, lam.size)
-        ratio = self._family.damping_ratios(known)[0, : lam.size]
+        ratio = of_every_mode(self._family.damping_ratios(known), self._modes.rigid, 0.0)[0, : lam.size]
         summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, pairs, lam.size))
         each = summed.reshape(-1, self._omega.size, *constants.shape[:2])
         return each[0], each[1:]

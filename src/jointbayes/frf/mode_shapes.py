@@ -38,7 +38,7 @@ class Modal:
 
 
 class AssembledShapes:
-    """The lowest modes of the structure with its joint.
+    """The lowest modes of the structure with its joint; rigid-body motions of one that floats are none.
 
     Modal damping states the ratios of the assembled structure. Of other laws the ratio is that of the energy that a
     cycle loses, to first order: ζ = η s/(2λ) of a loss factor, ζ = (α + β s)/(2√λ) of Rayleigh damping and φᵀCφ/(2√λ)
@@ -69,12 +69,21 @@ class AssembledShapes:
         self, structure: Structure | StructureFamily, joint: AnyJoint, dofs: Sequence[str], count: int
     ) -> None:
         family = as_family(structure)
-        reach = family.reach_hz(count + max(0, joint.size - MOST_HELD))
+        self._seen = len(dofs)
+        self._build(family, joint, dofs, family.reach_hz(count + max(0, joint.size - MOST_HELD)))
+        if self._modes.rigid:
+            reach = family.reach_hz(count + self._modes.rigid + max(0, joint.size - MOST_HELD))
+            self._build(family, joint, dofs, reach)
+        n = self._family.nominal.n_dofs - self._modes.rigid
+        if not 1 <= count <= n:
+            raise ModelError(f"modes: found a count of {count}; expected 1 to {n}")
+        self._count = count
+        self._counted = slice(self._modes.rigid, self._modes.rigid + count)
+
+    def _build(self, family: StructureFamily, joint: AnyJoint, dofs: Sequence[str], reach: float) -> None:
+        """Modes up to a frequency and what moves in them."""
         self._family = family.at(dict.fromkeys((*joint.labels, *dofs)), reach)
         nominal = self._family.nominal
-        if not 1 <= count <= nominal.n_dofs:
-            raise ModelError(f"modes: found a count of {count}; expected 1 to {nominal.n_dofs}")
-        self._count, self._seen = count, len(dofs)
         self._signs, strokes = _dampers(nominal)
         motions = np.hstack([np.eye(nominal.n_dofs)[:, nominal.index(tuple(dofs))], strokes])
         self._along, rest = split_along(motions, joint.selection(nominal))
@@ -88,10 +97,10 @@ class AssembledShapes:
         matrices, *lossy = _sides(as_batch(stiffness))
         known = as_factors(factors, len(matrices))
         eigenvalues, rows, springs = self._modes.solve(matrices, known)
-        r, c = self._along.shape[0], self._count
-        at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, :c])
-        motions = rows[:, r:, :c] + self._along.T @ at_joint
-        lam = np.maximum(eigenvalues[:, :c], 0.0)
+        r, c, counted = self._along.shape[0], self._count, self._counted
+        at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, counted])
+        motions = rows[:, r:, counted] + self._along.T @ at_joint
+        lam = np.maximum(eigenvalues[:, counted], 0.0)
         held, viscous, hysteretic = (
             np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in (matrices, *lossy)
         )
@@ -125,22 +134,22 @@ class AssembledShapes:
         known, here = as_factors(factors, 1), self.modes(stiffness, factors)
         sides, changes = _sides(as_batch(stiffness)), _sides(np.asarray(directions, dtype=float))
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], known)
-        r, c = self._along.shape[0], self._count
+        r, c, counted = self._along.shape[0], self._count, self._counted
         at_joint = np.linalg.solve(springs.T, rows[:r])
         change, _, turn = turned_modes(eigenvalues, at_joint, changes[0])
         motions = rows[r:] + self._along.T @ at_joint
-        d_motions = motions @ turn[:, :, :c]
-        slope = np.diagonal(change, axis1=1, axis2=2)[:, :c]
-        first, moved = at_joint[:, :c], at_joint @ turn[:, :, :c]
+        d_motions = motions @ turn[:, :, counted]
+        slope = np.diagonal(change, axis1=1, axis2=2)[:, counted]
+        first, moved = at_joint[:, counted], at_joint @ turn[:, :, counted]
         held, viscous, hysteretic = (np.einsum("im,ij,jm->m", first, side[0], first) for side in sides)
         d_held, d_viscous, d_hysteretic = (
             np.einsum("im,pij,jm->pm", first, moves, first) + 2 * np.einsum("pim,ij,jm->pm", moved, side[0], first)
             for side, moves in zip(sides, changes, strict=True)
         )
-        strokes, d_strokes = motions[self._seen :, :c], d_motions[:, self._seen :]
+        strokes, d_strokes = motions[self._seen :, counted], d_motions[:, self._seen :]
         viscous = viscous + self._signs @ strokes**2
         d_viscous = d_viscous + 2 * np.einsum("d,dm,pdm->pm", self._signs, strokes, d_strokes)
-        lam = np.maximum(eigenvalues[:c], np.finfo(float).tiny)
+        lam = np.maximum(eigenvalues[counted], np.finfo(float).tiny)
         off = first_factors(self._family.frequency_factors(known), c)
         ratio = self._ratio_slopes(known, lam, lam - held, slope, slope - d_held)
         ratio = ratio + (d_viscous - viscous * slope / (2 * lam)) / (2 * np.sqrt(lam))

@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.frf import NaturalFrequencies
+from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem
@@ -50,7 +50,8 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
         most = max(max(measured.numbers), min(measured.most_modes, problem.most_modes))
         return NaturalFrequencies(structures, problem.joints, most)
     top = _SPARE * measured.top_hz
-    most = structures.at(problem.joints.labels, top).nominal.n_dofs
+    free = structures.at(problem.joints.labels, top).nominal
+    most = free.n_dofs - rigid_body_modes(free, problem.joints)
     return NaturalFrequencies(structures, problem.joints, min(most, _MOST_MODES), top)
 
 

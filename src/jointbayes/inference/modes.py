@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies
+from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies, rigid_body_modes
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import ModalMeasurement, ModeMeasurement
 from jointbayes.structure import StructureFamily
@@ -87,8 +87,9 @@ class ModePrediction:
         self._numbers = np.array(measurement.numbers) - 1
         self._dofs = measurement.dofs
         least, self._by_shape = max(measurement.numbers), measurement.match == "shape"
-        free = family.at(joint.labels, family.reach_hz(least)).nominal.n_dofs
-        count = max(least, min(measurement.most_modes, free - joint.size))
+        free = family.at(joint.labels, family.reach_hz(least)).nominal
+        rigid = rigid_body_modes(free, joint)
+        count = max(least, min(measurement.most_modes, free.n_dofs - rigid - joint.size))
         self._model = AssembledShapes(family, joint, self._dofs, count)
         self._eigenvalues = measurement.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}

@@ -17,6 +17,7 @@ from jointbayes.frf import (
     ReceptanceModel,
     Substructures,
     receptance_model,
+    rigid_body_modes,
 )
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood import Likelihood, likelihood_of
@@ -266,7 +267,8 @@ class Problem:
         """Natural frequencies that the model of the data has whatever the joint, also a rigid one; 0 without modes."""
         if self.measured_bodies:
             return 0
-        return self.structures_of_data.nominal.n_dofs - self.joints.size
+        free = self.structures_of_data.nominal
+        return free.n_dofs - rigid_body_modes(free, self.joints) - self.joints.size
 
     @property
     def first_guess(self) -> NDArray[np.float64]:

@@ -75,11 +75,11 @@ def count_field(what: str, example: int, least: int, most: int = 2**32 - 1, step
 
 
 #: A number from 1, or a word; of one body among several with the body's name before it.
-_POINT_LABEL = r"(?:[A-Za-z][A-Za-z0-9_-]{0,59}\.)?(?:[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59})"
+POINT_LABEL = r"(?:[A-Za-z][A-Za-z0-9_-]{0,59}\.)?(?:[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59})"
 
 
 def _label(text: str) -> str:
-    if not re.fullmatch(_POINT_LABEL + ":(x|y|z|rx|ry|rz)", text):
+    if not re.fullmatch(POINT_LABEL + ":(x|y|z|rx|ry|rz)", text):
         guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*([xyz]|r[xyz])\s*", text.lower())
         remedy = f'did you mean "{guess[1]}:{guess[2]}"?' if guess else 'write for example "1:y"'
         expected = "a DOF label node:direction, nodes counted from 1, direction x, y, z, rx, ry or rz"

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from jointbayes.case.errors import Finding, raise_findings
 from jointbayes.case.schema.fields import (
+    POINT_LABEL,
     Fraction,
     Label,
     Labels,
@@ -39,7 +40,7 @@ __all__ = [
 
 
 def _signed(text: str) -> str:
-    if not re.fullmatch(r"-?([1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59}):(x|y|z|rx|ry|rz)", text):
+    if not re.fullmatch(f"-?{POINT_LABEL}:(x|y|z|rx|ry|rz)", text):
         expected = 'a DOF label node:direction, such as "11:y", or "-11:y" where the channel points the other way'
         raise_findings([Finding((), f'found "{text[:40]}"', expected, 'write for example "11:y"')])
     return text

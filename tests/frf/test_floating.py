@@ -1,0 +1,156 @@
+"""Structures that float: frequencies, modes and ratios count from the first mode that is no rigid-body motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import linalg
+
+import jointbayes as jb
+from jointbayes.errors import ModelError
+from jointbayes.frf import AssembledModes, DirectSolve, NaturalFrequencies, Ports
+from jointbayes.frf.floating import rigid_body_modes
+from jointbayes.frf.mode_shapes import AssembledShapes
+from jointbayes.inference import JointPrior, ModePrediction, Problem, Uniform
+from jointbayes.joint import Joint, Joints, LogStiffness
+from jointbayes.measurement import FrequencyMeasurement, ModeMeasurement, ModeShapes, Observed
+from jointbayes.structure import (
+    BeamMaterial,
+    Body,
+    FrameRecipe,
+    Member,
+    ModalDamping,
+    Section,
+    ViscousMatrix,
+    as_family,
+    chain,
+    family_of_recipe,
+)
+
+STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
+ONE_RATIO = ModalDamping((0.01,))
+
+
+def row() -> tuple:
+    """Four masses of which the first two and the last two hang together, and a joint between these pairs: all float."""
+    structure = chain([1.0, 2.0, 1.5, 0.7], [("1", "2", 4e4), ("3", "4", 7e4)], ONE_RATIO).structure()
+    return structure, Joint(("3:x",), ("2:x",))
+
+
+def assembled(structure, joint, matrix):
+    """Eigenvalues and shapes of the dense assembled problem, rigid-body motions and all."""
+    p = joint.selection(structure)
+    return linalg.eigh(structure.stiffness + p @ matrix @ p.T, structure.mass)
+
+
+@pytest.mark.parametrize(
+    ("directions", "count"),
+    [(("x", "y", "z", "rx", "ry", "rz"), 6), (("x", "y", "rz"), 3), (("y", "rz"), 2), (("x",), 1), (("rx",), 1)],
+)
+def test_two_bodies_with_a_joint_in_all_directions_float_like_one(directions, count):
+    section = Section.rectangle(0.04, 0.01)
+    bodies = {
+        name: Body({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
+        for name, x in (("left", 0.0), ("right", 0.3))
+    }
+    structure = FrameRecipe(bodies, ModalDamping((0.01,)), directions).structure()
+    joint = Joint(tuple(f"right.a:{d}" for d in directions), tuple(f"left.b:{d}" for d in directions))
+    assert rigid_body_modes(structure, joint) == count
+    # to ground, nothing floats; in one direction alone, the two bodies keep all their others
+    ground = Joint(tuple(f"left.a:{d}" for d in directions), name="ground")
+    assert rigid_body_modes(structure, Joints((replace(joint, name="between"), ground))) == 0
+    one = Joint((f"right.a:{directions[-1]}",), (f"left.b:{directions[-1]}",))
+    assert rigid_body_modes(structure, one) == 2 * count - 1
+
+
+def test_a_soft_suspension_is_no_rigid_body_motion():
+    structure, joint = row()
+    hung = np.array(structure.stiffness)
+    hung[0, 0] += 0.5  # 0.05 Hz
+    assert rigid_body_modes(structure, joint) == 1
+    assert rigid_body_modes(replace(structure, stiffness=hung), joint) == 0
+
+
+def test_masses_without_springs_float_unless_joints_hold_them():
+    masses = chain([1.0, 2.0], (), ONE_RATIO).structure()
+    between, ground = Joint(("2:x",), ("1:x",), name="between"), Joint(("1:x",), name="ground")
+    assert rigid_body_modes(masses, between) == 1
+    assert rigid_body_modes(masses, Joints((between, ground))) == 0
+
+
+def test_natural_frequencies_are_those_that_are_not_zero():
+    structure, joint = row()
+    k = np.array([[[3e4]], [[9e5]]])
+    found = NaturalFrequencies(structure, joint, 3).frequency_hz(k)
+    for one, matrix in zip(found, k, strict=True):
+        assert_allclose(one, np.sqrt(assembled(structure, joint, matrix)[0][1:]) / (2 * np.pi), rtol=1e-9)
+    with pytest.raises(ModelError, match="found a count of 4; expected 1 to 3"):
+        NaturalFrequencies(structure, joint, 4)
+    frequency, slope = NaturalFrequencies(structure, joint, 3).tangent(k[0], np.ones((1, 1, 1)))
+    up, down = (NaturalFrequencies(structure, joint, 3).frequency_hz(k[0] + d)[0] for d in (0.3, -0.3))
+    assert_allclose(frequency, found[0])
+    assert_allclose(slope[0], (up - down) / 0.6, rtol=1e-5)
+
+
+def test_shapes_and_damping_ratios_are_those_of_the_elastic_modes():
+    structure, joint = row()
+    matrix = np.array([[3e4]])
+    lam, shapes = (part[..., 1:] for part in assembled(structure, joint, matrix))
+    c = np.diag([3.0, 0.0, 0.0, 0.0])
+    modes = AssembledShapes(replace(structure, damping=ViscousMatrix(c)), joint, ("1:x", "4:x"), 3).modes(matrix)
+    assert_allclose(modes.frequency_hz[0], np.sqrt(lam) / (2 * np.pi), rtol=1e-9)
+    assert_allclose(modes.damping_ratio[0], np.diag(shapes.T @ c @ shapes) / (2 * np.sqrt(lam)), rtol=1e-8)
+    assert_allclose(modes.shapes[0, :, 1] / modes.shapes[0, :, 0], shapes[3] / shapes[0], rtol=1e-8)
+    listed = AssembledShapes(replace(structure, damping=ModalDamping((0.01, 0.02))), joint, ("1:x",), 3)
+    assert listed.modes(matrix).damping_ratio.tolist() == [[0.01, 0.02, 0.02]]
+
+
+def test_the_first_of_listed_damping_ratios_is_that_of_the_first_elastic_mode():
+    structure, joint = row()
+    listed = replace(structure, damping=ModalDamping((0.005, 0.03, 0.05)))
+    matrix, lines = np.array([[3e4]]), np.linspace(2.0, 80.0, 50)
+    ports = Ports(lines, ("1:x", "4:x"), ("1:x",))
+    lam, shapes = assembled(structure, joint, matrix)
+    omega, wr = 2 * np.pi * lines[:, None], np.sqrt(np.maximum(lam, 0))
+    terms = 1 / (lam - omega**2 + 2j * np.array([0, 0.005, 0.03, 0.05]) * wr * omega)
+    expected = np.einsum("lm,om->lo", terms * shapes[0], shapes[[0, 3]])[:, :, None]
+    for model in (AssembledModes(listed, joint, ports), DirectSolve(listed, joint, ports)):
+        found = model.receptance(matrix)[0]
+        assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max(), rtol=1e-7)
+    value, slope = AssembledModes(listed, joint, ports).tangent(matrix, np.ones((1, 1, 1)))
+    up, down = (AssembledModes(listed, joint, ports).receptance(matrix + d)[0] for d in (1.0, -1.0))
+    assert_allclose(value, expected, rtol=1e-7, atol=1e-8 * np.abs(expected).max())
+    assert_allclose(slope[0], (up - down) / 2, rtol=1e-4, atol=1e-5 * np.abs(slope).max())
+
+
+def test_modes_as_data_have_no_rigid_body_motions_among_them():
+    structure, joint = row()
+    matrix = np.array([[3e4]])
+    lam, shapes = (part[..., 1:] for part in assembled(structure, joint, matrix))
+    frequency = np.sqrt(lam) / (2 * np.pi)
+    ratio = ModeShapes(("4:x",), "1:x", Observed((shapes[3] / shapes[0])[:2, None], 0.01))
+    measured = ModeMeasurement(Observed(frequency[None, :2], 0.1), shapes=ratio)
+    found = ModePrediction(as_family(structure), joint, measured).modal_values(matrix[None])
+    assert_allclose(np.sort(found), np.sort(np.hstack([frequency[:2], (shapes[3] / shapes[0])[:2]])[None]), rtol=1e-8)
+    by_shape = replace(measured, match="shape")
+    again = ModePrediction(as_family(structure), joint, by_shape).modal_values(matrix[None])
+    assert_allclose(again, found, rtol=1e-8)
+
+
+def test_two_beams_in_free_suspension_come_back_from_their_natural_frequencies():
+    section = Section.rectangle(0.04, 0.01)
+    bodies = {
+        name: Body({"a": (x, 0, 0), "b": (x + 0.3, 0, 0)}, (Member(("a", "b"), section, STEEL),))
+        for name, x in (("left", 0.0), ("right", 0.3))
+    }
+    family = family_of_recipe(FrameRecipe(bodies, ModalDamping((0.01,)), ("y", "rz")))
+    joint = Joint(("right.a:y", "right.a:rz"), ("left.b:y", "left.b:rz"))
+    truth = np.array([2e7, 1e4, 3e4])
+    exact = NaturalFrequencies(family, joint, 5).frequency_hz(LogStiffness().matrix(truth))[0]
+    assert exact[0] > 20
+    prior = JointPrior(LogStiffness(), tuple(Uniform(np.log(k / 30), np.log(30 * k)) for k in truth))
+    problem = Problem(family, joint, FrequencyMeasurement(exact, 1e-3 * exact), prior)
+    found = jb.find_map(problem)
+    assert_allclose(problem.natural_frequencies_hz(found.stiffness, 5)[0], exact, rtol=1e-4)
+    assert problem.most_modes == problem.structures_of_data.nominal.n_dofs - 2 - 2
