@@ -1,30 +1,44 @@
-"""A joint beside a measured body: calibrated with the body's noise, far from it without."""
+"""A joint beside a measured body: calibrated with the body's noise, far from it without, damped or not."""
 
 import numpy as np
 import pytest
-from benchmarks.measured_body import TRUTH, data_set
+from benchmarks.measured_body import STUDIES, analyse, data_set
 from scipy import stats
 
 from jointbayes.identification import refine
 from jointbayes.identification.refine import laplace_covariance
 
-SETS = 40
+SETS = 30
 
 
-def distances(*, propagate: bool) -> np.ndarray:
+def distances(study: str) -> np.ndarray:
     """Squared distance of the mode from the truth in Laplace standard deviations, one for each data set."""
-    out = []
-    for seed in range(1, SETS + 1):
-        log_posterior = data_set(seed, propagate=propagate).log_posterior
-        mode, _ = refine(log_posterior, np.log(TRUTH))
-        away = mode - np.log(TRUTH)
+    out, truth = [], np.log(STUDIES[study].truth)
+    for index in range(1, SETS + 1):
+        log_posterior = data_set(study, index).log_posterior
+        mode, _ = refine(log_posterior, truth)
+        away = mode - truth
         out.append(away @ np.linalg.solve(laplace_covariance(log_posterior, mode), away))
     return np.array(out)
 
 
 @pytest.mark.science
-def test_with_the_noise_of_the_body_modes_scatter_as_their_covariance_says_and_without_far_more():
-    """Sum of squared distances: χ² with three degrees of freedom for each data set if all is right."""
-    low, high = stats.chi2(3 * SETS).ppf([0.0005, 0.9995])
-    assert low < distances(propagate=True).sum() < high
-    assert distances(propagate=False).sum() > 1.5 * high
+@pytest.mark.parametrize("study", list(STUDIES))
+def test_with_the_noise_of_the_body_modes_scatter_as_their_covariance_says_and_without_far_more(study):
+    """Sum of squared distances: χ² with a degree of freedom for each quantity of each data set if all is right."""
+    low, high = stats.chi2(len(STUDIES[study].truth) * SETS).ppf([0.0005, 0.9995])
+    total = distances(study).sum()
+    if STUDIES[study].propagate:
+        assert low < total < high
+    else:
+        assert total > 1.5 * high
+
+
+@pytest.mark.science
+def test_what_is_said_where_the_noise_of_a_body_is_ignored():
+    posterior, truth = analyse("ignored", 1)
+    for name in truth:
+        assert "is ignored, so that the interval is too narrow" in posterior.identifiability(name).verdict_reason
+    assert "Intervals are too narrow" in posterior.summary().measured_bodies.sentence
+    assert not posterior.check.explains
+    assert "propagate = true" in posterior.diagnosis.sentence

@@ -65,11 +65,14 @@ def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
     case = load(config)
     from jointbayes.cli.progress import show_phase
+    from jointbayes.posterior.rounding import in_unit
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
     provenance = case.problem.measurement.provenance
-    if case.problem.joint_frf is not None:
+    if case.problem.parametrisation.damped:
+        say("The paper's iteration is left out: it knows no damping of a joint.")
+    elif case.problem.joint_frf is not None:
         history = iterate(case)
         heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
         say(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
@@ -81,7 +84,7 @@ def identify(config: Path) -> None:
         say(f"The paper's iteration is left out. {provenance.iteration}.")
     estimate = find_map(case, tell=show_phase)
     stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
-    say("MAP: " + ", ".join(f"{q.name} = {value:.4e} {q.unit}" for q, value in stiffnesses))
+    say("MAP: " + ", ".join(in_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
     edges = case.problem.prior.at_edge(estimate.theta)
     if edges:
         say(f"No standard deviations: the MAP lies on an edge of the prior ({', '.join(edges)}); run the case.")

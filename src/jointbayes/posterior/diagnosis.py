@@ -12,7 +12,7 @@ Heylen, W., Lammens, S., Sas, P. (1997). Modal analysis theory and testing, KU L
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,9 @@ _SAME_WAY = 0.25
 _ALONE = 0.35
 #: A level so far off is no matter of frequencies that are off.
 _GROSS = 0.3
+_LET_COUNT = (
+    "The noise of the measured bodies is ignored: let it count (propagate = true) before looking for another cause."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +103,15 @@ class Diagnosis:
         What the residuals point to, the first one first; empty where nothing stands out of the noise.
     sensor
         Name of the FRF that is off alone, if that is a cause.
+    ignores_noise
+        Whether the noise of measured bodies, which may be all there is to it, is ignored.
     """
 
     modes: tuple[ModeError, ...]
     pairs: tuple[PairFit, ...]
     causes: tuple[Cause, ...]
     sensor: str = ""
+    ignores_noise: bool = False
 
     @property
     def measure(self) -> str:
@@ -128,7 +134,8 @@ class Diagnosis:
     @property
     def advice(self) -> str:
         """What the residuals point to, in words."""
-        return " ".join(self._advice_on(cause) for cause in self.causes)
+        first = [_LET_COUNT] if self.ignores_noise else []
+        return " ".join([*first, *(self._advice_on(cause) for cause in self.causes)])
 
     @property
     def sentence(self) -> str:
@@ -188,7 +195,8 @@ def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Di
     gain = float(problem.gain(factors)[0])
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     sd = np.sqrt(problem.log_posterior.variance(point)[0]) / np.abs(factor)
-    return diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
+    found = diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
+    return replace(found, ignores_noise=problem.ignores_noise_of_bodies)
 
 
 def diagnose_frequencies(measured_hz: Array, predicted_hz: Array, sd_hz: Array) -> Diagnosis:

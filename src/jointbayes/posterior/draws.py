@@ -20,6 +20,7 @@ from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.mesh import MeshCheck, check_mesh
 from jointbayes.posterior.noise_of_bodies import NoiseOfBodies, noise_of_bodies
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
+from jointbayes.posterior.rounding import in_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 
 __all__ = ["PosteriorDraws"]
@@ -67,7 +68,7 @@ class PosteriorDraws:
         lines = [f"Posterior of {self.record.case_name!r}, {self.theta.shape[0]} draws; {self.reason}"]
         for name in map(str, self.draws.data_vars):
             low, middle, high = np.quantile(self.values(name), [0.025, 0.5, 0.975])
-            interval = f"95 % credible interval {low:.4g} to {high:.4g} {self.unit(name)}"
+            interval = f"95 % credible interval {in_unit(f'{low:.4g} to {high:.4g}', self.unit(name))}"
             lines.append(f"  {name}: median {middle:.4g}, {interval}".rstrip())
         return "\n".join(lines)
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.posterior.rounding import factor, rounded
+from jointbayes.posterior.rounding import factor, in_unit, rounded
 
 __all__ = [
     "CERTAINTY",
@@ -95,7 +95,7 @@ class Identifiability:
         if not math.isfinite(self.limit95):
             return ""
         side = "above" if self.verdict == "bounded below" else "below"
-        return f"{side} {rounded(self.limit95, self.limit95_error)} {self.unit}"
+        return f"{side} {in_unit(rounded(self.limit95, self.limit95_error), self.unit)}"
 
 
 def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-__all__ = ["factor", "in_columns", "number", "rounded", "rounded_interval", "signed"]
+__all__ = ["factor", "in_columns", "in_unit", "number", "rounded", "rounded_interval", "signed"]
 
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
@@ -35,6 +35,17 @@ def rounded(value: float, error: float = math.nan) -> str:
     if -4 <= power < 5 and digits > power:
         return f"{float(f'{mantissa}e{power}'):.{digits - 1 - power}f}"
     return f"{mantissa}e{power}"
+
+
+def in_unit(text: str, unit: str) -> str:
+    """A number with its unit; a pure number, whose unit is "1", by itself.
+
+    Examples
+    --------
+    >>> in_unit("3.2e6", "N/m"), in_unit("0.08", "1")
+    ('3.2e6 N/m', '0.08')
+    """
+    return text if unit == "1" else f"{text} {unit}"
 
 
 def rounded_interval(ends: tuple[float, float], errors: tuple[float, float], between: str = " … ") -> str:

@@ -167,7 +167,7 @@ class Summary:
         lines = [
             f"[[Posterior of {record.case_name!r}]]",
             f"    {record.reason}; seed {record.seed}",
-            "[[Stiffness: median (95 % credible interval), verdict]]",
+            "[[Joint: median (95 % credible interval), verdict]]",
             *(f"    {line}" for line in in_columns(rows)),
             *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
             *(f"    {line}" for line in in_columns(others)),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
-from jointbayes.posterior.rounding import number, rounded, rounded_interval
+from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 
@@ -151,7 +151,9 @@ def verdict_line(posterior: JudgedPosterior, name: str) -> str:
         return f"{name}: {known.limit} with 95 % probability: {words} ({reason})"
     interval = rounded_interval(known.interval95, known.interval95_error, " to ")
     median = rounded(known.median, known.median_error)
-    return f"{name}: median {median} {posterior.unit(name)}, 95 % credible interval {interval}: {words} ({reason})"
+    return (
+        f"{name}: median {in_unit(median, posterior.unit(name))}, 95 % credible interval {interval}: {words} ({reason})"
+    )
 
 
 def mode_sentence(posterior: JudgedPosterior) -> str:
@@ -248,7 +250,7 @@ def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
     """Such as "the prior's upper bound 1e8 N·m/rad"."""
     bounds = posterior.problem.prior.bounds_of(name)
     assert bounds is not None
-    return f"the prior's {side} bound {number(bounds[side == 'upper'])} {posterior.unit(name)}"
+    return f"the prior's {side} bound {in_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 
 def _joined_ratio(one: tuple[float, float], other: tuple[float, float]) -> float:

@@ -82,11 +82,18 @@ def _bold_head(sentence: str) -> str:
 
 def _verdict_table(inputs: ReportInputs) -> Table:
     reference, parameters = inputs.reference, inputs.summary.parameters
-    head = ["Stiffness", "Median", "95 % credible interval", "Unit", "Verdict"]
+    damped = inputs.posterior.problem.parametrisation.damped
+    head = ["Quantity" if damped else "Stiffness", "Median", "95 % credible interval", "Unit", "Verdict"]
     rows = []
     for i, (name, p) in enumerate(parameters.items()):
         known = p.known
-        row = [name, rounded(known.median, known.median_error), _interval(known), p.unit, _verdict(known)]
+        row = [
+            name,
+            rounded(known.median, known.median_error),
+            _interval(known),
+            "–" if p.unit == "1" else p.unit,
+            _verdict(known),
+        ]
         if reference is not None:
             row.insert(1, number(reference[i]))
         rows.append(tuple(row))
@@ -96,7 +103,7 @@ def _verdict_table(inputs: ReportInputs) -> Table:
     if reference is not None:
         note += f" Published: {inputs.reference_source}."
     return Table(
-        "Stiffness of the joint",
+        "Stiffness and damping of the joint" if damped else "Stiffness of the joint",
         tuple(head),
         tuple(rows),
         note=note,

@@ -14,7 +14,7 @@ def posterior_section(inputs: ReportInputs) -> Section:
     """Marginals, pairs, prior and the full table."""
     posterior, summary, reference = inputs.posterior, inputs.summary, inputs.reference
     head = (
-        "Stiffness",
+        "Quantity" if posterior.problem.parametrisation.damped else "Stiffness",
         "Joint mode",
         "MAP",
         "Mean",
