@@ -236,7 +236,7 @@ def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies(joint
     k = np.array([at_line(joint, w) for w in ports.omega])
     rng, a, b = np.random.default_rng(4), *np.triu_indices(3)
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
-    free = model.free(np.empty(0))[:, :3, :3]
+    free = model.free(np.empty((1, 0)))[0, :, :3, :3]
     motions = model.bodies[0][1][:, :3]
     ratio = np.empty((4000, 3), dtype=complex)
     for i in range(len(ratio)):

@@ -29,6 +29,8 @@ _Coupling = PairCoupling | MultiDofCoupling
 
 #: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
 _SOLVED_LINE_BY_LINE = 50
+#: Receptances of so many structures are held in memory together.
+_AT_ONCE = 16
 
 
 @compiled
@@ -56,7 +58,7 @@ def _sum_modes(lam: Array, rate: Array, rows: Array, loss: float, omega: Array, 
 def free_receptance(
     family: StructureFamily, modes: FreeModes, factors: NDArray[np.float64], omega: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Receptance without the joint, shape (lines, k, k), between k motions.
+    """Receptance without the joint, shape (n, lines, k, k), between k motions.
 
     Summed over the free modes, in which a loss factor and Rayleigh's damping are diagonal:
     A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)). Modal damping is here that of the free modes themselves, 2ζ√λ for
@@ -69,20 +71,21 @@ def free_receptance(
     modes
         Their free modes with the k motions.
     factors
-        On the family's quantities, shape (q,).
+        On the family's quantities, shape (n, q).
     omega
         Lines, shape (lines,), rad/s.
     """
-    (lam,), (rows,) = modes(factors[None])
+    eigenvalues, motions = modes(factors)  # one for all where no factor changes them
     alpha, beta = family.nominal.damping.viscous
-    (loss,) = family.loss_factors(factors[None])
-    rate = alpha + beta * lam
-    if family.nominal.damping.of_assembled_modes:
-        (ratios,) = family.damping_ratios(factors[None])
-        elastic = np.flatnonzero(lam > 0)
-        rate[elastic] = 2 * ratios[: elastic.size] * np.sqrt(lam[elastic])
-    free = np.empty((omega.size, len(rows), len(rows)), dtype=complex)
-    _sum_modes(lam, rate, np.ascontiguousarray(rows), float(loss), omega, free)
+    ratios, losses = family.damping_ratios(factors), family.loss_factors(factors)
+    free = np.empty((len(factors), omega.size, motions.shape[1], motions.shape[1]), dtype=complex)
+    for i, out in enumerate(free):
+        lam = eigenvalues[min(i, len(eigenvalues) - 1)]
+        rate = alpha + beta * lam
+        if family.nominal.damping.of_assembled_modes:
+            elastic = np.flatnonzero(lam > 0)
+            rate[elastic] = 2 * ratios[i, : elastic.size] * np.sqrt(lam[elastic])
+        _sum_modes(lam, rate, np.ascontiguousarray(motions[min(i, len(motions) - 1)]), float(losses[i]), omega, out)
     return free
 
 
@@ -140,17 +143,17 @@ class LowRankCoupling:
             forced[: joined.shape[1]] = True
             self._modes = family.free_modes(driven, forced)
             if not family.names:
-                self._free = self.free(np.empty(0))
+                (self._free,) = self.free(np.empty((1, 0)))
         if self._free is not None:
             self._known = self._coupling(self._free)
 
     def free(self, factors: Array) -> ComplexArray:
-        """Receptance without the joint, shape (lines, k, k), between the joint's r motions and the ports' rest.
+        """Receptance without the joint, shape (n, lines, k, k), between the joint's r motions and the ports' rest.
 
-        At factors on the structure's quantities, shape (q,).
+        At factors on the structure's quantities, shape (n, q); (1, …) where they are the same for all.
         """
         if self._free is not None:
-            return self._free
+            return self._free[None]
         return self._with_bodies(free_receptance(self._family, self._modes, factors, self.omega))
 
     def _with_bodies(self, modelled: ComplexArray) -> ComplexArray:
@@ -186,20 +189,18 @@ class LowRankCoupling:
 
     def _at(self, factors: Array) -> _Coupling:
         """Coupling of the structure at factors (q,)."""
-        return self._coupling(self.free(factors))
+        return self._coupling(self.free(factors[None])[0])
 
     def _damped(self, matrices: Array, factors: ArrayLike | None) -> ComplexArray:
         """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
-        if self._free is not None:
-            return add_joint(matrices, self.omega, self._free, self.along, self.n_out)[0]
-        known, n_in = as_factors(factors, len(matrices)), self.along.shape[1] - self.n_out
-        out = np.empty((len(matrices), self.omega.size, self.n_out, n_in), dtype=complex)
-        for matrix, row, values in zip(matrices, known, out, strict=True):
-            values[:] = add_joint(matrix[None], self.omega, self.free(row), self.along, self.n_out)[0][0]
-        return out
+        known, out = as_factors(factors, len(matrices)), []
+        for start in range(0, len(matrices), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            out.append(add_joint(matrices[part], self.omega, self.free(known[part]), self.along, self.n_out)[0])
+        return np.concatenate(out)
 
     def _damped_tangent(self, matrix: Array, directions: Array, factors: Array) -> tuple[ComplexArray, ComplexArray]:
-        (value,), (motion,) = add_joint(matrix, self.omega, self.free(factors[0]), self.along, self.n_out)
+        (value,), (motion,) = add_joint(matrix, self.omega, self.free(factors), self.along, self.n_out)
         # dH = −δ_oᵀ dD δ_i of the joint's motions δ
         out, into = motion[..., : self.n_out].swapaxes(-1, -2), motion[..., self.n_out :]
         changes = (dynamic_stiffness(one, self.omega) for one in directions)

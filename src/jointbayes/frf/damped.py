@@ -62,8 +62,8 @@ def add_joint(
     omega
         Lines, shape (lines,), rad/s.
     free
-        Receptance without the joint between its r motions and the q ports' other motions, (lines, r + q, r + q), or
-        (batch, lines, r + q, r + q) where it is another one for each joint.
+        Receptance without the joint between its r motions and the q ports' other motions, of each joint or of all,
+        shape (batch or 1, lines, r + q, r + q).
     along
         Part of each port's motion that is the joint's own, shape (r, q).
     n_out
@@ -76,7 +76,7 @@ def add_joint(
     batch, lines, (r, q) = len(matrices), len(omega), along.shape
     value = np.empty((batch, lines, n_out, q - n_out), dtype=np.complex128)
     motion = np.empty((batch, lines, r, q), dtype=np.complex128)
-    every = np.ascontiguousarray(free if free.ndim == 4 else free[None])
+    every = np.ascontiguousarray(free)
     with np.errstate(all="ignore"):  # a joint at which nothing is finite: its receptances are not either
         add_joints(np.ascontiguousarray(matrices), omega, every, np.ascontiguousarray(along), n_out, value, motion)
     return value, motion

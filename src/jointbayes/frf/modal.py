@@ -203,7 +203,7 @@ class AssembledModes:
         for i, values in enumerate(out):  # one joint after the other: all motions at all lines fill the memory
             shapes = np.concatenate([rows[i], rows[i]])[None]
             row = np.ascontiguousarray(ratios[i : i + 1])
-            (every,) = self._sum_of_all.receptance(eigenvalues[i : i + 1], shapes, row)
+            every = self._sum_of_all.receptance(eigenvalues[i : i + 1], shapes, row)
             loss = dissipative(matrices[i : i + 1])
             values[:] = add_joint(loss, self._omega, every, self._along, self._n_out)[0][0]
         return out

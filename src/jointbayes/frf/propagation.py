@@ -87,10 +87,7 @@ class NoisePropagation:
 
     def _free(self, batch: int, factors: ArrayLike | None) -> ComplexArray:
         """Receptance without the joint, shape (batch, lines, k, k); (1, …) where it is the same for all."""
-        known = as_factors(factors, batch)
-        if known.shape[1] == 0:
-            return self._model.free(np.empty(0))[None]
-        return np.stack([self._model.free(row) for row in known])
+        return self._model.free(as_factors(factors, batch))
 
 
 def _root(body: MeasuredBody) -> Array:

@@ -84,7 +84,7 @@ def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "Fre
     """Of measured bodies beside a modelled one, whose uncertain quantities are as stated."""
     model = LowRankCoupling(whole, joint, ports)
     motions = np.vstack([model.along, np.eye(model.along.shape[1])])
-    free, r = model.free(np.ones(len(whole.family.names))), joint.size
+    (free,), r = model.free(np.ones((1, len(whole.family.names)))), joint.size
     driven = free @ motions
     out, into = slice(None, model.n_out), slice(model.n_out, None)
     oj = driven[:, :r, out].swapaxes(1, 2)
@@ -105,7 +105,7 @@ def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "Free
     k, n = len(ports.outputs), len(sides)
     at = np.arange(k + len(ports.inputs))
     modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
-    free = free_receptance(family, modes, np.empty(0), ports.omega)[:, :k, k:]
+    free = free_receptance(family, modes, np.empty((1, 0)), ports.omega)[0, :, :k, k:]
     relative = joint.on(sides).T
     rows = [ports.outputs.index(label) for label in given.outputs]
     columns = [ports.inputs.index(label) for label in given.inputs]
