@@ -64,6 +64,8 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.modal_test --responses 200 --lines 10000 --format npz
 	$(BIN)/python -m benchmarks.coherence
 	$(BIN)/python -m benchmarks.population
+	$(BIN)/python -m benchmarks.joint_damping
+	$(BIN)/python -m benchmarks.measured_body
 	$(BIN)/python -m benchmarks.files
 	$(BIN)/python -m benchmarks.killed
 	$(BIN)/python -m benchmarks.campaign

@@ -19,12 +19,12 @@ from jointbayes.workflow import identify, load_posterior, sample
 
 @pytest.fixture(scope="module")
 def posterior() -> Posterior:
-    return sample(data_set(1), seed=1, settings=SETTINGS)
+    return sample(data_set("counted", 1), seed=1, settings=SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def ignoring() -> Posterior:
-    return sample(data_set(1, propagate=False), seed=1, settings=SETTINGS)
+    return sample(data_set("ignored", 1), seed=1, settings=SETTINGS)
 
 
 def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
@@ -51,6 +51,8 @@ def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior
     assert table["ignored"]
     assert not table["within_bound"]
     assert "Intervals are too narrow." in str(summary)
+    assert not ignoring.check.explains
+    assert "let it count (propagate = true)" in ignoring.diagnosis.sentence
     inputs = ReportInputs(ignoring)
     report = build_report(inputs, datetime.date(2026, 11, 22))
     banners = [block.text for block in report.lead if hasattr(block, "text")]

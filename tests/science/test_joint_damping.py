@@ -1,45 +1,62 @@
-"""A joint's own loss factor is found where the structure's damping is another one, and not where nothing tells them."""
+"""Damping of a joint: found where it shows, and said not to be known where it does not; the study's data and code."""
 
 import numpy as np
 import pytest
+from benchmarks.joint_damping import INPUTS, LINES, OUTPUTS, STUDIES, analyse, data_set, exact_frf
+from scipy import stats
 
-import jointbayes as jb
-from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.inference import JointPrior, Uniform
-from jointbayes.joint import Damped, parametrisation_named
-from jointbayes.measurement import FrfMeasurement
-from jointbayes.structure import LossFactor
-from tests.conftest import CLAMP, rod
+from jointbayes.frf import Ports
+from jointbayes.identification import refine
 
 pytestmark = pytest.mark.science
 
-KIND = Damped(parametrisation_named("springs", ("y", "rz")), (), ("all",))
-TRUTH = np.array([5e7, 6e4, 0.08])
-PORTS = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y", "6:y"), ("11:y",))
+SETS = 20
 
 
-def posterior_of(seed, truth=TRUTH):
-    structure = rod(damping=LossFactor(0.005))
-    exact = DirectSolve(structure, CLAMP, PORTS).receptance(KIND.matrix(truth))[0]
-    rng = np.random.default_rng(seed)
-    sd = 0.03 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
-    values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    measurement = FrfMeasurement(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), 2 * sd**2)
-    ends = [(5e5, 5e9), (6e2, 6e6), (1e-4, 1.0)]
-    prior = JointPrior(KIND, tuple(Uniform(*np.log(end)) for end in ends))
-    return jb.sample(jb.Problem(structure, CLAMP, measurement, prior), seed=1)
+def theta_of(problem, truth):
+    """θ of ky, krz, damping and the rod's loss factor."""
+    return np.log(truth / np.array([1.0, 1.0, 1.0, problem.prior.nuisances[0].nominal]))
 
 
-def test_the_loss_factor_of_a_joint_is_identified():
-    posterior = posterior_of(1)
+@pytest.mark.parametrize("study", list(STUDIES))
+def test_the_model_with_a_damped_joint_is_the_exact_beam_with_it(study):
+    problem, truth = data_set(study, 1)
+    exact = exact_frf(study, truth[:3], truth[3])
+    theta = theta_of(problem, truth)[None]
+    model = problem.receptance_model(Ports(LINES, OUTPUTS, INPUTS))
+    found = model.receptance(problem.prior.matrix(theta), problem.structural(problem.prior.factors(theta)))[0]
+    peak = np.abs(exact).max(axis=0)
+    np.testing.assert_allclose(found / peak, exact / peak, atol=1e-6)
+
+
+@pytest.mark.parametrize("study", ["yielding", "dashpot"])
+def test_the_best_fit_is_better_than_the_truth_by_as_much_as_four_parameters_are_worth(study):
+    """Twice the gain in ln L, summed over data sets: χ² with a degree of freedom for each parameter (Wilks)."""
+    gains = []
+    for index in range(1, SETS + 1):
+        problem, truth = data_set(study, index)
+        theta = theta_of(problem, truth)
+        mode, _ = refine(problem.log_posterior, theta)
+        best, true = problem.log_posterior.log_likelihood(np.stack([mode, theta]))
+        gains.append(2 * (best - true))
+    low, high = stats.chi2(4 * SETS).ppf([0.0005, 0.9995])
+    assert low < sum(gains) < high
+
+
+@pytest.mark.parametrize(
+    ("study", "index", "verdicts"),
+    [
+        ("yielding", 1, {"identified", "weakly identified"}),
+        ("dashpot", 1, {"identified"}),
+        ("stiff", 1, {"not identified", "bounded above"}),
+    ],
+)
+def test_the_verdict_says_whether_the_damping_is_known(study, index, verdicts):
+    posterior, truth = analyse(study, index)
     assert posterior.converged
-    for name, k in zip(KIND.stiffness_names, TRUTH, strict=True):
+    assert posterior.check.explains
+    known = posterior.identifiability(STUDIES[study].damping)
+    assert known.verdict in verdicts, known
+    for name, value in truth.items():
         low, high = posterior.interval(name, 0.999)
-        assert low < k < high, name
-    assert posterior.summary().parameters["eta"].known.verdict == "identified"
-
-
-def test_the_loss_factor_of_a_joint_that_hardly_moves_is_not_identified():
-    posterior = posterior_of(2, np.array([4e9, 5e6, 0.002]))
-    assert posterior.converged
-    assert posterior.identifiability("eta").verdict not in ("identified", "weakly identified")
+        assert low < value < high, name

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.measured_body import STUDIES, analyse, data_set
+from benchmarks.measured_body import STUDIES, data_set
 from scipy import stats
 
 from jointbayes.identification import refine
@@ -32,13 +32,3 @@ def test_with_the_noise_of_the_body_modes_scatter_as_their_covariance_says_and_w
         assert low < total < high
     else:
         assert total > 1.5 * high
-
-
-@pytest.mark.science
-def test_what_is_said_where_the_noise_of_a_body_is_ignored():
-    posterior, truth = analyse("ignored", 1)
-    for name in truth:
-        assert "is ignored, so that the interval is too narrow" in posterior.identifiability(name).verdict_reason
-    assert "Intervals are too narrow" in posterior.summary().measured_bodies.sentence
-    assert not posterior.check.explains
-    assert "propagate = true" in posterior.diagnosis.sentence
