@@ -67,7 +67,7 @@ def setup(length_mm, outputs, mass):
 
 
 def problem_of(tests):
-    """E, ρ, ζ and the place of the clamp's edge are shared by the set-ups, an error of the overhang is each one's own."""
+    """E, ρ, ζ and the clamp's edge are shared by the set-ups, an error of the overhang is each one's own."""
     setups = [setup(*one) for one in tests]
     lengths = (
         Nuisance(f"{one.name}.length", "mm", float(length), Normal(0.0, OWN_MM / length))
