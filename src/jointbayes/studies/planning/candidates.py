@@ -10,14 +10,15 @@ from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor, receptance_model
-from jointbayes.inference import Problem
+from jointbayes.inference import Nuisance, Problem
+from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 
 __all__ = ["Candidate", "CandidateKind", "StatedVariance", "VarianceLaw", "estimated_law", "present", "repeated"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-CandidateKind = Literal["accelerometer", "hammer", "pair", "averages", "band", "mass"]
+CandidateKind = Literal["accelerometer", "hammer", "pair", "averages", "band", "mass", "setup"]
 
 #: Part of the largest FRF below which a value counts as zero noise in the estimate of a law: rounding.
 _TINY = 1e-12
@@ -89,6 +90,13 @@ class Candidate:
         median.
     position
         Where on the structure: ``"191.5 mm"``; empty where nothing is placed.
+    setup
+        Of a proposed set-up its name, with which the names of its own quantities begin; of a further measurement on
+        one of several present set-ups the name of that one.
+    own
+        Quantities that a proposed set-up has for itself, such as ``short.length``, with their priors.
+    joint
+        Of a proposed set-up where the joints act; None where that is as in the present one.
     """
 
     name: str
@@ -100,6 +108,9 @@ class Candidate:
     law: VarianceLaw
     above_hz: float = 0.0
     position: str = ""
+    setup: str = ""
+    own: tuple[Nuisance, ...] = ()
+    joint: AnyJoint | None = None
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The candidate measured where θ, shape (d,), is the truth: a problem over the same parameters.
@@ -107,30 +118,37 @@ class Candidate:
         Parameters
         ----------
         problem
-            The present problem, whose prior and noise model hold for the candidate as well.
+            The present problem, whose prior and noise model hold for the candidate as well; over the candidate's own
+            quantities too, where it has any, see `jointbayes.studies.planning.own_quantities.WithOwn`.
         theta
             Truth, shape (d,), the parameters of the noise included.
         rng
             Source of the noise; None leaves the FRFs exact, with their variance still stated.
         """
         point = np.asarray(theta, dtype=float)
-        prior = problem.prior
-        factors = prior.factors(point)
-        model = receptance_model(self.structure, problem.joints, self.ports)
-        true = model.receptance(prior.matrix(point), problem.structural(factors))[0]
+        known = next((part for part in problem.parts if part.setup == self.setup), problem.parts[0])
+        there = replace(
+            known,
+            structure=self.structure,
+            joint=known.joint if self.joint is None else self.joint,
+            setup=self.setup or known.setup,
+            extra_log_likelihood=None,  # what else is known is known once
+        )
+        factors = there.prior.factors(point)
+        model = receptance_model(self.structure, there.joints, self.ports)
+        true = model.receptance(there.prior.matrix(point), there.structural(factors))[0]
         true = (
-            float(problem.gain(factors)) * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
+            float(there.gain(factors)) * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
         )
         kept = self.ports.frequency_hz > self.above_hz
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
         if rng is not None:
-            noise = _noise(problem, point, FrfMeasurement(frf, variance), rng)
+            noise = _noise(known, point, FrfMeasurement(frf, variance), rng)
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
         measurement = FrfMeasurement(frf, variance, synthetic=True)
-        noise_model = problem.noise and problem.noise.fitted_to(measurement, problem.noise.parts)
-        alone = replace(problem, extra_log_likelihood=None)  # what else is known is known once
-        return replace(alone, structure=self.structure, measurement=measurement, noise=noise_model)
+        noise_model = known.noise and known.noise.fitted_to(measurement, known.noise.parts)
+        return replace(there, measurement=measurement, noise=noise_model)
 
 
 def present(problem: Problem) -> FrfMeasurement:

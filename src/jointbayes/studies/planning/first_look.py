@@ -24,6 +24,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.own_quantities import WithOwn, own_of
 
 __all__ = ["FirstLook", "Linearised", "measurement_information", "sd_of", "sets_of", "worth_simulating"]
 
@@ -105,9 +106,12 @@ class FirstLook:
 
     def __init__(self, problem: Problem, candidates: Mapping[str, Candidate], quantity: str, draws: Array) -> None:
         self._quantity = quantity
-        self._present = [fisher_information(problem, theta) for theta in draws]
+        whole = WithOwn(problem, own_of(candidates.values()))
+        points = whole.middle(draws)
+        self._present = [whole.fisher(theta) for theta in points]
         self._added = {
-            name: [measurement_information(one, problem, theta) for theta in draws] for name, one in candidates.items()
+            name: [measurement_information(one, whole.problem, theta) for theta in points]
+            for name, one in candidates.items()
         }
 
     def at(self, names: Names) -> Linearised:

@@ -12,7 +12,7 @@ Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,15 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from jointbayes.errors import JointBayesError, ModelError
-from jointbayes.inference import LogPosterior, Problem
+from jointbayes.inference import Problem
+from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.sampling import Coordinates, Start, fit_proposal
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
+from jointbayes.studies.planning.own_quantities import WithOwn, own_of
 
 __all__ = ["LEAST_EFFECTIVE", "Simulator", "WithFurther", "assumed_truth"]
 
@@ -56,12 +57,12 @@ class WithFurther:
     Parameters
     ----------
     present
-        Posterior density of the measurement in hand.
+        Log posterior density of the measurement in hand, (n, d) → (n,).
     further
         Problems over the same parameters, of whose densities only the likelihood is added.
     """
 
-    def __init__(self, present: LogPosterior, further: Sequence[Problem]) -> None:
+    def __init__(self, present: Callable[[Array], Array], further: Sequence[Problem]) -> None:
         self._present, self._further = present, [one.log_posterior for one in further]
 
     def __call__(self, theta: ArrayLike) -> Array:
@@ -127,7 +128,7 @@ class Simulator:
             order[truths : truths + _ALL]
         ]  # a truth must not be among the draws that are reweighted
         self._draw_sd = draws.std(axis=0)
-        self._problem, self._systems = problem, tuple(systems)
+        self._problem, self._systems = problem, {(): tuple(systems)}
         self._column = problem.parametrisation.stiffness_names.index(quantity)
         self._prior_values = self._values(problem.prior.sample(rng, _RESAMPLED))
         self._seed = int(rng.integers(2**32))
@@ -139,54 +140,30 @@ class Simulator:
 
         A candidate has the same noise for the same truth, alone and in every set.
         """
-        theta = self.truths[truth]
-        further = [c.problem(self._problem, theta, self.noise(truth, c)) for c in candidates]
-        density = WithFurther(self._problem.log_posterior, further)
+        whole = WithOwn(self._problem, own_of(candidates))
+        names = tuple(one.name for one in whole.own)
+        own = [one.prior.sample(self._generator(truth, one.name), 1) for one in whole.own]
+        theta = whole.joined(self.truths[truth][None], np.reshape(own, (1, -1)))[0]
+        further = [c.problem(whole.problem, theta, self.noise(truth, c)) for c in candidates]
+        density = WithFurther(whole.log_density, further)
         rng = self._generator(truth, *(c.name for c in candidates), "draws")
-        few = self._draws[:_FEW].copy()
-        first, needed = WeightedDraws(few, density.new_log_likelihood(few)), _CORRELATED * LEAST_EFFECTIVE
-        wanted = math.ceil(_SPARE * needed / max(first.effective, 1.0) * len(few))
-        if wanted <= len(self._draws):
-            present = self._reweighted(density, first, wanted)
+        # with nothing of its own no random number is taken, and the draws are the present ones
+        draws = whole.drawn(self._draws, rng)
+        few, needed = draws[:_FEW].copy(), _CORRELATED * LEAST_EFFECTIVE
+        first = WeightedDraws(few, density.new_log_likelihood(few))
+        wanted = math.ceil(_SPARE * needed / max(first.effective, 1.0) * len(first.theta))
+        if wanted <= len(draws):
+            present = _reweighted(density, draws, first, wanted)
             if _trusted(present, needed):
                 return self._posterior(present, rng, "reweighting")
-        best: Array = few[int(np.argmax(first.log_weight))]
-        about_truth = self._importance(density, self._start(candidates, theta), self._start(candidates, best), rng)
+        best: Array = first.theta[int(np.argmax(first.log_weight))]
+        starts = (self._start(whole, candidates, theta), self._start(whole, candidates, best))
+        if names not in self._systems:
+            self._systems[names] = coordinate_systems(whole.problem)
+        about_truth = _importance(density, self._systems[names], starts, rng)
         if about_truth is not None and _trusted(about_truth, LEAST_EFFECTIVE):
             return self._posterior(about_truth, rng, "importance sampling")
-        return self._better(self._reweighted(density, first, len(self._draws)), about_truth, rng)
-
-    def _reweighted(self, density: WithFurther, first: WeightedDraws, count: int) -> WeightedDraws:
-        """So many draws of the present posterior, weighted by the likelihood of the new data."""
-        rest = self._draws[len(first.theta) : count]
-        if not len(rest):
-            return first
-        whole = np.concatenate([first.log_weight, density.new_log_likelihood(rest)])
-        return WeightedDraws(self._draws[: len(whole)].copy(), whole)
-
-    def _importance(
-        self, density: WithFurther, at_truth: Start, elsewhere: Start, rng: np.random.Generator
-    ) -> WeightedDraws | None:
-        """Weighted draws from a Student-t about the truth, or a mixture where its tails are too light; None if none.
-
-        The mixtures start from the likeliest of the present draws as well, which may lie at another mode.
-        """
-        best: WeightedDraws | None = None
-        starts: tuple[Start, ...] = (at_truth,)
-        for enough, count in _FITS:
-            if enough is None and best is not None and best.effective >= _ROUGH:
-                break  # a rough figure is there: the best mixture would cost seconds more
-            try:
-                proposal = fit_proposal(density, self._systems, starts, rng, enough=enough)
-            except JointBayesError:
-                continue  # a start at the very edge of the coordinates
-            drawn = WeightedDraws(*proposal.weighted_draws(density, rng, count))
-            if _trusted(drawn, LEAST_EFFECTIVE):
-                return drawn
-            if best is None or drawn.effective > best.effective:
-                best = drawn
-            starts = (at_truth, elsewhere)
-        return best
+        return self._better(_reweighted(density, draws, first, len(draws)), about_truth, rng)
 
     def _better(
         self, present: WeightedDraws, about_truth: WeightedDraws | None, rng: np.random.Generator
@@ -200,12 +177,13 @@ class Simulator:
             return self._posterior(about_truth, rng, "importance sampling")
         return self._posterior(present, rng, "reweighting")
 
-    def _start(self, candidates: Sequence[Candidate], theta: Array) -> Start:
+    def _start(self, whole: WithOwn, candidates: Sequence[Candidate], theta: Array) -> Start:
         """A point, and the linearised covariance there, no wider than the present posterior in any coordinate."""
-        fisher = fisher_information(self._problem, theta)
-        added = sum((measurement_information(c, self._problem, theta) for c in candidates), np.zeros_like(fisher.data))
+        fisher = whole.fisher(theta)
+        added = sum((measurement_information(c, whole.problem, theta) for c in candidates), np.zeros_like(fisher.data))
         covariance = replace(fisher, data=fisher.data + added).covariance()
-        widest = np.minimum(fisher.prior_sd, self._draw_sd)
+        widest = fisher.prior_sd.copy()
+        widest[whole.present_columns] = np.minimum(widest[whole.present_columns], self._draw_sd)
         variance = np.diag(covariance)
         known = np.isfinite(variance)
         shrink = np.minimum(1.0, widest / np.sqrt(np.where(known, variance, widest**2)))
@@ -230,6 +208,40 @@ class Simulator:
 
     def _values(self, theta: Array) -> Array:
         return self._problem.prior.stiffness(theta)[:, self._column]
+
+
+def _reweighted(density: WithFurther, draws: Array, first: WeightedDraws, count: int) -> WeightedDraws:
+    """So many draws of the present posterior, weighted by the likelihood of the new data as the first few are."""
+    rest = draws[len(first.theta) : count]
+    if not len(rest):
+        return first
+    whole = np.concatenate([first.log_weight, density.new_log_likelihood(rest)])
+    return WeightedDraws(draws[: len(whole)].copy(), whole)
+
+
+def _importance(
+    density: WithFurther, systems: Sequence[Coordinates], starts: tuple[Start, Start], rng: np.random.Generator
+) -> WeightedDraws | None:
+    """Weighted draws from a Student-t about the truth, or a mixture where its tails are too light; None if none.
+
+    The mixtures start from the second point as well, the likeliest of the present draws, which may lie at another mode.
+    """
+    best: WeightedDraws | None = None
+    begun = starts[:1]
+    for enough, count in _FITS:
+        if enough is None and best is not None and best.effective >= _ROUGH:
+            break  # a rough figure is there: the best mixture would cost seconds more
+        try:
+            proposal = fit_proposal(density, systems, begun, rng, enough=enough)
+        except JointBayesError:
+            continue  # a start at the very edge of the coordinates
+        drawn = WeightedDraws(*proposal.weighted_draws(density, rng, count))
+        if _trusted(drawn, LEAST_EFFECTIVE):
+            return drawn
+        if best is None or drawn.effective > best.effective:
+            best = drawn
+        begun = starts
+    return best
 
 
 def _trusted(weighted: WeightedDraws, effective: float) -> bool:
