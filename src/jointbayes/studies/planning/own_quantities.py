@@ -106,8 +106,3 @@ class WithOwn:
         return FisherInformation(
             self.problem.names, point, data, np.diag(prior.precision), prior.sd, self.problem.parametrisation
         )
-
-    def of(self, theta: ArrayLike, other: "WithOwn") -> Array:
-        """θ of another selection of the further quantities, shape (n, D'), from θ of all, shape (n, D)."""
-        columns = [self.problem.names.index(name) for name in other.problem.names]
-        return np.asarray(theta, dtype=float)[:, columns]
