@@ -479,3 +479,33 @@ def test_natural_frequencies_cannot_be_planned(tmp_path):
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert "found natural frequencies as data" in result.stderr
+
+
+def test_sets_that_a_plan_states_are_simulated_beside_single_candidates(cheap_posterior):
+    stated = planned_text(
+        ('"5:rz"]\n', '"5:rz"]\ntogether = [["5:rz", "3:y"], ["4 × averages", "3:y"], ["3:y", "5:rz"]]\n')
+    )
+    plan = jb.plan(jb.case_from_text("cheap", stated), cheap_posterior, simulations=2)
+    assert sorted(one.names for one in plan.measurements if len(one.names) > 1) == [
+        ("3:y", "4 × averages"), ("3:y", "5:rz"),
+    ]  # fmt: skip
+    assert all(one.simulation is not None for one in plan.measurements)
+    assert len(plan.measurements) == 5
+
+
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [
+        ('[["3:y", "6:y"]]', 'found "6:y"; expected names of candidates: 3:y, 5:rz, 4 × averages; correct it'),
+        ('[["3:y"]]', "found a list of 1"),
+        ('["3:y"]', 'found the text "3:y" as entry 1'),
+    ],
+)
+def test_a_stated_set_of_what_is_no_candidate_is_refused_in_one_line(value, found, cheap_posterior):
+    text = planned_text(('"5:rz"]\n', f'"5:rz"]\ntogether = {value}\n'))
+    with pytest.raises(jb.CaseError) as refused:
+        jb.plan(jb.case_from_text("cheap", text), cheap_posterior)
+    message = str(refused.value)
+    assert message.startswith("cheap:")
+    assert f"plan.together: {found}" in message
+    assert "\n" not in message

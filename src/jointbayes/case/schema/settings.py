@@ -90,6 +90,14 @@ _F_MAX = Field(description="the highest frequency of a wider band in Hz, a numbe
 _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])
 
 
+_TOGETHER = Field(
+    max_length=8,
+    description="a list of sets of candidates to rank beside single ones, each a list of their names",
+    examples=[[["6:y", "short"]]],
+)
+_Set = Annotated[tuple[str, ...], Strict(False), Field(min_length=2, max_length=8, description="a list of names")]
+
+
 class PlanSpec(Spec):
     """The further measurements that `jointbayes plan` ranks; an empty list stands for the default."""
 
@@ -97,6 +105,7 @@ class PlanSpec(Spec):
     outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
     max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1
+    together: Annotated[tuple[_Set, ...], Strict(False), _TOGETHER] = ()
     averages_factor: Annotated[float, _AVERAGES_FACTOR] = 4.0
     f_max_hz: Annotated[Positive | None, _F_MAX] = None
     added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None

@@ -306,7 +306,7 @@ def plan(
     )  # fmt: skip
     tell(f"first look at {len(candidates)} candidates")
     look = FirstLook(problem, candidates, parameter, simulator.truths[:FIRST])
-    chosen, others, left_out = _chosen(candidates, look, settings.max_measurements)
+    chosen, others, left_out = _chosen(candidates, look, settings.max_measurements, _stated_sets(case, candidates))
     # truths from draws that have not converged would be simulated for nothing
     simulated = _Race(simulator, candidates, tell).run(chosen, simulations if posterior.converged else 0)
     planned = [
@@ -320,16 +320,36 @@ def plan(
     )  # fmt: skip
 
 
+def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:
+    """Sets that the plan of a case states, in the order in which their candidates are named."""
+    found = []
+    for number, names in enumerate(case.spec.plan.together):
+        unknown = [name for name in names if name not in candidates]
+        if unknown:
+            words = f'found "{unknown[0]}"', f"expected names of candidates: {', '.join(candidates)}", "correct it"
+            raise CaseError(case.source.fault(("plan", "together", number), "plan.together", *words))
+        found.append(tuple(name for name in candidates if name in names))
+    return tuple(dict.fromkeys(found))
+
+
 def _chosen(
-    candidates: Mapping[str, Candidate], look: FirstLook, size: int
+    candidates: Mapping[str, Candidate], look: FirstLook, size: int, stated: tuple[Names, ...]
 ) -> tuple[tuple[Linearised, ...], tuple[Linearised, ...], int]:
-    """What is simulated, single candidates that are not, and the number of sets that could come first and are not."""
+    """What is simulated, single candidates that are not, and the number of sets that could come first and are not.
+
+    Sets that are stated are simulated whatever the first look says of them.
+    """
     singles = [look.at((name,)) for name in candidates]
     chosen = worth_simulating(singles, MOST_SINGLES)
     others = tuple(one for one in singles if one not in chosen)
+    chosen = (*chosen, *map(look.at, stated))
     if size < 2 or len(candidates) < 2:
         return chosen, others, 0
-    sets = [look.at(names) for names in sets_of(tuple(candidates), size, lambda names: look.at(names).median)]
+    sets = [
+        look.at(names)
+        for names in sets_of(tuple(candidates), size, lambda names: look.at(names).median)
+        if names not in stated
+    ]
     worth = worth_simulating(sets, MOST_SETS)
     return (*chosen, *worth[:MOST_SETS]), others, len(worth[MOST_SETS:])
 
