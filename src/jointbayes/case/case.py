@@ -22,7 +22,7 @@ from jointbayes.case.files import (
 )
 from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
-from jointbayes.case.schema.case import CaseSpec, parse_case, parse_setups
+from jointbayes.case.schema.case import CaseSpec, parse_case, parse_planned, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.setup_texts import setup_texts
 from jointbayes.case.toml_text import KeyPath, fault_start
@@ -199,6 +199,7 @@ def _build(name: str, source: CaseText, directory: Path, measurement: Measuremen
         _setup(setup, texts[setup], spec, directory, measurement, allow_outside)
         for setup, spec in parse_setups(source).items()
     ]
+    parse_planned(source)  # what is wrong in a proposed set-up is told now
     first = setups[0]
     with _told_of(first.source if len(setups) == 1 else source, first.spec) as tell:
         tell("prior")

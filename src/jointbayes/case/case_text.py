@@ -50,8 +50,8 @@ class CaseText:
         What it is parsed to.
     places
         File and line of each key, table and list entry.
-    setup, own
-        Of a set-up of a case its name, and the keys that stand in its own table.
+    setup, at, own
+        Of a set-up of a case its name, the key of its own table, and the keys that stand in that.
     """
 
     name: str
@@ -59,12 +59,13 @@ class CaseText:
     data: Mapping[str, Any]
     places: Mapping[KeyPath, Place]
     setup: str = ""
+    at: KeyPath = ()
     own: frozenset[KeyPath] = frozenset()
 
     def written(self, path: KeyPath) -> KeyPath:
         """A key as the file has it, or may have it: in the table of the set-up where that says anything of it."""
         known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in self.places), ())
-        return path if not self.setup or (known and known not in self.own) else ("setups", self.setup, *path)
+        return path if not self.setup or (known and known not in self.own) else (*self.at, *path)
 
     def place(self, path: KeyPath) -> Place:
         """File and line of a key, or of the innermost table around it that is written."""

@@ -15,7 +15,7 @@ from typing import Any
 from jointbayes.case.case_text import CaseText, merged
 from jointbayes.case.toml_text import KeyPath
 
-__all__ = ["SETUPS", "setup_texts", "without_inherited"]
+__all__ = ["SETUPS", "planned_texts", "setup_texts", "without_inherited"]
 
 SETUPS = "setups"
 _OF_THE_WHOLE = ("level",)  # keys of a set-up that are none of its case
@@ -33,14 +33,38 @@ def setup_texts(source: CaseText) -> dict[str, CaseText]:
     stated = source.data.get(SETUPS)
     tables = stated if isinstance(stated, Mapping) else {}
     names = [name for name, table in tables.items() if isinstance(table, Mapping)]
-    return {name: _of_setup(source, name) for name in names} or {"": source}
+    return {name: _of_setup(source, stated[name], (SETUPS, name)) for name in names} or {"": source}
 
 
-def _of_setup(source: CaseText, name: str) -> CaseText:
-    at: KeyPath = (SETUPS, name)
-    table = {key: value for key, value in source.data[SETUPS][name].items() if key not in _OF_THE_WHOLE}
-    inside = {path[2:]: place for path, place in source.places.items() if path[:2] == at and len(path) > 2}
-    over = CaseText(source.name, "", _with_own(table), inside, name, frozenset(inside))
+def planned_texts(source: CaseText) -> dict[str, CaseText]:
+    """The text of each set-up that a plan proposes, ``[plan.setups.NAME]``, by its name.
+
+    Raises
+    ------
+    CaseError
+        If a set-up removes what the rest of the file does not have.
+    """
+    plan = source.data.get("plan")
+    stated = plan.get(SETUPS) if isinstance(plan, Mapping) else None
+    tables = stated if isinstance(stated, Mapping) else {}
+    found = {
+        name: _of_setup(source, table, ("plan", SETUPS, name))
+        for name, table in tables.items()
+        if isinstance(table, Mapping)
+    }
+    return {name: replace(one, data=_as_proposed(one.data, name)) for name, one in found.items()}
+
+
+def _as_proposed(data: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The tables of a proposed set-up, which is one beside those of the case."""
+    return {key: value for key, value in data.items() if key not in ("plan", "level")} | {SETUPS: {name: {}}}
+
+
+def _of_setup(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
+    table = {key: value for key, value in stated.items() if key not in _OF_THE_WHOLE}
+    depth = len(at)
+    inside = {path[depth:]: place for path, place in source.places.items() if path[:depth] == at and len(path) > depth}
+    over = CaseText(source.name, "", _with_own(table), inside, str(at[-1]), at, frozenset(inside))
     data, places = merged(source, over)
     places[()] = source.place(at)
     return replace(over, data=data, places=places)

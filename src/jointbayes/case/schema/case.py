@@ -38,13 +38,13 @@ from jointbayes.case.schema.settings import CompareSpec, IdentificationSpec, Pla
 from jointbayes.case.schema.setups import LevelSpec, SetupSpec, between_setups, setups_findings
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
-from jointbayes.case.setup_texts import setup_texts, without_inherited
+from jointbayes.case.setup_texts import planned_texts, setup_texts, without_inherited
 from jointbayes.case.toml_text import KeyPath
 from jointbayes.errors import CaseError
 from jointbayes.joint import Coordinate
 from jointbayes.joint.quantities import prefixed
 
-__all__ = ["CaseSpec", "parse_case", "parse_setups"]
+__all__ = ["CaseSpec", "parse_case", "parse_planned", "parse_setups"]
 
 _TITLE = Field(
     min_length=1,
@@ -210,6 +210,43 @@ def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec
     if faults:
         raise CaseError("\n".join(dict.fromkeys(faults)))
     return specs
+
+
+def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
+    """Read each set-up that the plan of a case proposes by its name; errors are those of `parse_case`."""
+    texts = planned_texts(source)
+    if not texts:
+        return {}
+    specs: dict[str, CaseSpec] = {}
+    faults: list[str] = []
+    for name, one in texts.items():
+        spec, lines, _ = _checked(one)
+        faults += lines
+        if spec is not None:
+            specs[name] = spec
+        faults += [one.fault(loc, show_key(one.written(loc)), *_OWN_JOINT) for loc in _own_joints(spec)]
+    if not faults:
+        for name, finding in between_setups(parse_setups(source) | specs, setup_texts(source) | texts):
+            if name in texts:
+                one, loc = texts[name], finding.loc
+                words = finding.found, f"expected {finding.expected}", finding.remedy
+                faults.append(one.fault(loc, show_key(one.written(loc)), *words))
+    if faults:
+        raise CaseError("\n".join(dict.fromkeys(faults)))
+    return specs
+
+
+_OWN_JOINT = (
+    "found a joint of its own, of which the present data say nothing",
+    "expected one that set-ups share",
+    "remove own, or the set-up from the plan",
+)
+
+
+def _own_joints(spec: CaseSpec | None) -> list[tuple[str, ...]]:
+    """Where a proposed set-up says that a joint is its own."""
+    joints = {} if spec is None else spec.all_joints
+    return [(*(("joints", name) if name else ("joint",)), "own") for name, joint in joints.items() if joint.own]
 
 
 def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, str]]:

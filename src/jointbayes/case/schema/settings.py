@@ -21,6 +21,7 @@ from jointbayes.case.schema.fields import (
 )
 from jointbayes.case.schema.joint import StiffnessSpec
 from jointbayes.case.schema.limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_STEPS, MOST_WALKERS
+from jointbayes.case.schema.setups import PlannedSetupSpec
 from jointbayes.joint import COUPLED, HYPOTHESES
 
 __all__ = ["CompareSpec", "Hypothesis", "IdentificationSpec", "PlanSpec", "ReferenceSpec", "SamplingSpec"]
@@ -105,6 +106,10 @@ class PlanSpec(Spec):
     outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
     max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1
+    setups: Annotated[
+        dict[str, PlannedSetupSpec],
+        Field(description="tests that could be made, a table for each by its name, as [plan.setups.short.structure]"),
+    ] = {}  # noqa: RUF012 (pydantic copies it)
     together: Annotated[tuple[_Set, ...], Strict(False), _TOGETHER] = ()
     averages_factor: Annotated[float, _AVERAGES_FACTOR] = 4.0
     f_max_hz: Annotated[Positive | None, _F_MAX] = None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jointbayes.case.schema.case import CaseSpec
     from jointbayes.case.schema.joint import JointSpec
 
-__all__ = ["LevelSpec", "SetupSpec", "between_setups", "joint_of_setup", "setups_findings"]
+__all__ = ["LevelSpec", "PlannedSetupSpec", "SetupSpec", "between_setups", "joint_of_setup", "setups_findings"]
 
 #: What must be the same in joints that share their quantities.
 ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
@@ -60,6 +60,17 @@ class SetupSpec(Spec):
     virtual_test: Annotated[_Table, _changes("how `simulate` measures")] = None
 
 
+class PlannedSetupSpec(Spec):
+    """A test that could be made: what is different from the rest of the file, whose tables these are."""
+
+    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    structure: Annotated[_Table, _changes("the structure")] = None
+    joint: Annotated[_Table, _changes("the joint")] = None
+    joints: Annotated[_Table, _changes("the joints")] = None
+    uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
+    data: Annotated[_Table, _changes("the data")] = None
+
+
 class LevelSpec(Spec):
     """What the levels of the set-ups are: a torque, a drive level, a temperature."""
 
@@ -87,8 +98,24 @@ def setups_findings(spec: CaseSpec) -> Iterator[Finding]:
         without = next((name for name, level in levels.items() if level is None), "")
         found = f"found no level of set-up {without}" if without else "found no set-ups"
         yield Finding(("level",), found, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
-    if not spec.setups:
+    yield from planned_findings(spec)
+    if not spec.setups and not spec.plan.setups:
         yield from _own_of_one(spec)
+
+
+def planned_findings(spec: CaseSpec) -> Iterator[Finding]:
+    """Yield names of proposed set-ups that are none or a present one's, and data that a plan cannot make."""
+    for name, proposed in spec.plan.setups.items():
+        loc = ("plan", "setups", name)
+        if not _NAME.fullmatch(name):
+            expected = "a name of letters, digits, _ and -, at most 40, a letter first"
+            yield Finding(loc, "found a name that tables and figures cannot show", expected, "rename it")
+        if name in spec.setups:
+            yield Finding(loc, "found the name of a present set-up", "a name of its own", "rename it")
+        if proposed.data is not None and spec.data.kind != "synthetic_frf":
+            found = f'found a table beside data of kind = "{spec.data.kind}"'
+            expected = "a set-up that is measured as the present one"
+            yield Finding((*loc, "data"), found, expected, "remove it; other DOFs are candidates by themselves")
 
 
 def _own_of_one(spec: CaseSpec) -> Iterator[Finding]:

@@ -7,47 +7,65 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.build import family_of, noise_law, recipe_of
+from jointbayes.case.build import noise_law, recipe_of
 from jointbayes.case.case import Case
+from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import SyntheticFrfSpec
+from jointbayes.case.schema.settings import PlanSpec
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
+from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
+from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
+from jointbayes.studies.planning.proposed import proposed_setups
 
 __all__ = ["candidates_of"]
 
 Array = NDArray[np.float64]
 _G = 1e-3
+_DOFS = ("outputs", "inputs")
 
 
 def candidates_of(case: Case) -> tuple[Candidate, ...]:
     """All single candidates of a case, in the order in which its plan names them.
 
-    Each DOF that could be measured and is not, with the present inputs; each that could be excited and is not, with
-    the present outputs; both new at once where the plan names inputs; more averages; a wider band; an added mass. A
-    pair of DOFs that by reciprocity says what an earlier candidate says is left out where no accelerometer has mass.
+    On each set-up: each DOF that could be measured and is not, with the present inputs; each that could be excited and
+    is not, with the present outputs; both new at once where the plan names inputs; more averages; a wider band; an
+    added mass. A pair of DOFs that by reciprocity says what an earlier candidate says is left out where no
+    accelerometer has mass. Then the set-ups that the plan proposes. Of several set-ups the names of candidates begin
+    with theirs.
 
     Raises
     ------
     CaseError
-        If the data are natural frequencies.
+        If the data are natural frequencies, or a proposed set-up cannot be.
     """
-    if not isinstance(case.problem.measurement, FrfMeasurement):
-        raise CaseError(
-            f"{case.name}: found natural frequencies as data; a plan expects FRFs, whose noise and band it can vary; "
-            'write [data] with kind = "synthetic_frf" or "measured_frf"'
-        )
-    return _Maker(case, case.problem.measurement).all()
+    specs = {one.name: one.spec for one in case.setups} or {"": case.spec}
+    stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
+    found: list[Candidate] = []
+    for part in case.problem.parts:
+        if not isinstance(part.measurement, FrfMeasurement):
+            of = f"set-up {part.setup}" if part.setup else case.name
+            raise CaseError(
+                f"{of}: found natural frequencies as data; a plan expects FRFs, whose noise and band it can vary; "
+                'write [data] with kind = "synthetic_frf" or "measured_frf"'
+            )
+        spec = specs.get(part.setup, case.spec)
+        # a set-up that lacks one of the plan's DOFs reads none of the plan
+        dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}
+        planned = spec.model_copy(update={"plan": stated.model_copy(update=dofs)})
+        found += _Maker(planned, part, part.measurement).all()
+    return (*found, *proposed_setups(case))
 
 
 class _Maker:
-    """Makes candidates from one case; noise at other DOFs is as stated, or like that of the measured FRFs."""
+    """Makes candidates on one set-up; noise at other DOFs is as stated, or like that of the measured FRFs."""
 
-    def __init__(self, case: Case, measurement: FrfMeasurement) -> None:
-        data = case.spec.data
-        self._case, self._data, self._spec = case, measurement.frf, case.spec
-        self._recipe = recipe_of(case.spec.structure, data, case.problem.measurement)
+    def __init__(self, spec: CaseSpec, problem: Problem, measurement: FrfMeasurement) -> None:
+        data = spec.data
+        self._problem, self._data, self._spec = problem, measurement.frf, spec
+        self._recipe = recipe_of(spec.structure, data, measurement)
         self._law: VarianceLaw = estimated_law(measurement)
         self._step_hz: float | None = None
         if isinstance(data, SyntheticFrfSpec):
@@ -63,10 +81,24 @@ class _Maker:
             if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
                 found.append(candidate)
                 seen |= pairs
-        noise = self._case.problem.noise
+        noise = self._problem.noise
         if noise is None or noise.averages_out:
-            found.append(repeated(self._case.problem, self._spec.plan.averages_factor))
-        return (*found, *self._band(), *self._mass())
+            found.append(repeated(self._problem, self._spec.plan.averages_factor))
+        return tuple(map(self._on_setup, (*found, *self._band(), *self._mass())))
+
+    def _on_setup(self, candidate: Candidate) -> Candidate:
+        """A candidate with the name of its set-up, if it is one of several."""
+        name = self._problem.setup
+        if not name:
+            return candidate
+        words = f"{candidate.words} in set-up {name}"
+        return replace(candidate, name=f"{name} {candidate.name}", words=words, setup=name)
+
+    def _family(self, recipe: StructureRecipe) -> StructureFamily:
+        """Structures of a recipe that the prior thinks possible."""
+        known = self._problem.prior.nuisances
+        names, columns = self._problem.structures.names, self._problem.structural_columns
+        return family_of_recipe(recipe, {name: known[i].range for name, i in zip(names, columns, strict=True)})
 
     def _at_dofs(self) -> Iterator[Candidate]:
         here, struck = self._data.outputs, self._data.inputs
@@ -89,17 +121,16 @@ class _Maker:
             dof for dof in outputs if dof not in self._recipe.accelerometer_dofs
         )
         recipe = replace(self._recipe, accelerometer_dofs=loaded)
-        problem = self._case.problem
-        structure = problem.structure
+        structure = self._problem.structure
         if recipe.accelerometer_mass > 0 and kind != "hammer":
-            structure = family_of(recipe, problem.prior)
+            structure = self._family(recipe)
         ports = Ports(self._lines, outputs, inputs)
         placed = (outputs if kind != "hammer" else ()) + (inputs if kind != "accelerometer" else ())
         where = self._positions(placed)
         return Candidate(name, kind, words, structure, ports, self._data.quantity, self._law, position=where)
 
     def _band(self) -> Iterator[Candidate]:
-        top, data, problem = self._spec.plan.f_max_hz, self._data, self._case.problem
+        top, data, problem = self._spec.plan.f_max_hz, self._data, self._problem
         if top is None or self._step_hz is None:
             return
         steps = math.floor((top - float(self._lines[0])) / self._step_hz + 1e-9)
@@ -122,12 +153,12 @@ class _Maker:
         translations = tuple(dof for dof in self._data.outputs if ":r" not in dof)
         if grams is None or not translations:
             return
-        data, problem = self._data, self._case.problem
+        data = self._data
         yield Candidate(
             f"+{grams:g} g",
             "mass",
             f"a mass of {grams:g} g at {' and '.join(translations)}",
-            family_of(replace(self._recipe, added_mass=grams * _G), problem.prior),
+            self._family(replace(self._recipe, added_mass=grams * _G)),
             Ports(self._lines, data.outputs, data.inputs),
             data.quantity,
             self._law,

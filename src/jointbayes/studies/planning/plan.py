@@ -285,9 +285,10 @@ def plan(
         If the prior thinks the assumed joint impossible.
     """
     tell = progress or (lambda line: None)
-    if case.problem.measured_bodies:
+    bodies = [body.name for part in case.problem.parts for body in part.measured_bodies]
+    if bodies:
         raise CaseError(
-            f"{case.name}: found the measured body {case.problem.measured_bodies[0].name}; expected a structure that "
+            f"{case.name}: found the measured body {bodies[0]}; expected a structure that "
             "is modelled throughout, since FRFs of a body say nothing of other lines and DOFs; plan with a model of it"
         )
     candidates = {c.name: c for c in candidates_of(case)}
