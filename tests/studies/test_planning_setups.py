@@ -12,10 +12,12 @@ from jointbayes.measurement import FrfMeasurement, RelativeNoise
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook
 from jointbayes.studies.planning.own_quantities import WithOwn, own_of
+from jointbayes.studies.planning.report import plan_lines
 from jointbayes.studies.planning.simulation import WithFurther
-from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix
+from tests.conftest import CLAMP, PAIR, TABLE_3, cheap_text, pair_matrix
 
 LINES = np.arange(20.0, 2000.0, 10.0)
 LAW = RelativeNoise(0.02, 0.01)
@@ -105,3 +107,139 @@ def test_draws_of_what_only_a_proposed_set_up_has_are_those_of_its_prior():
     own = drawn[:, whole.own_columns[0]]
     assert (own.mean(), own.std()) == (pytest.approx(0.0, abs=1e-4), pytest.approx(0.002, rel=0.05))
     np.testing.assert_array_equal(WithOwn(problem, ()).drawn(known, np.random.default_rng(1)), known)
+
+
+PLANNED = """
+[uncertain.length]
+sd_mm = 0.1
+own = true
+
+[uncertain.length_offset]
+sd_mm = 1.9
+
+[plan]
+parameter = "k12"
+outputs = ["3:y"]
+together = [["short", "3:y"]]
+
+[plan.setups.short.structure]
+length_mm = 200.0
+
+[plan.setups.heavy]
+structure.accelerometer_mass_g = 2000.0
+uncertain.density.sd_percent = 1.0
+data.outputs = ["5:y", "2:y"]
+"""
+
+
+def planned_case(text=PLANNED):
+    return jb.case_from_text("planned", cheap_text() + text)
+
+
+def test_a_case_proposes_set_ups_with_what_is_different_and_what_is_their_own():
+    case = planned_case()
+    by_name = {one.name: one for one in candidates_of(case)}
+    assert list(by_name) == ["3:y", "4 × averages", "short", "heavy"]
+    short, heavy = by_name["short"], by_name["heavy"]
+    assert short.words == "the set-up short (length_mm = 200.0)"
+    assert (short.kind, short.position, short.setup) == ("setup", "200 mm", "short")
+    assert [(one.name, one.nominal, one.prior.sd) for one in short.own] == [("short.length", 200.0, 0.1 / 200)]
+    assert [one.name for one in heavy.own] == ["heavy.density", "heavy.length"]
+    assert heavy.words == 'the set-up heavy (accelerometer_mass_g = 2000.0, outputs = ["5:y", "2:y"])'
+    assert heavy.ports.outputs == ("5:y", "2:y")
+    # the structure is that of a case with this table, 2 kg at each measured translation
+    recipe = heavy.structure.recipe
+    assert (recipe.accelerometer_mass, recipe.accelerometer_dofs) == (2.0, ("5:y", "2:y"))
+    whole = WithOwn(case.problem, own_of((short,)))
+    assert whole.problem.names == ("k11", "k12", "k22", "length", "length_offset", "short.length")
+
+
+def test_a_proposed_set_up_is_what_the_same_table_would_be_as_a_set_up():
+    case = planned_case()
+    text = cheap_text() + PLANNED.split("[plan]")[0] + "[setups.now]\n[setups.short.structure]\nlength_mm = 200.0\n"
+    several = jb.case_from_text("several", text)
+    short = next(one for one in candidates_of(case) if one.name == "short")
+    whole = WithOwn(case.problem, own_of((short,)))
+    theta = np.concatenate([np.log(TABLE_3), [0.0, 0.001, 0.0004]])
+    proposed = short.problem(whole.problem, theta)
+    part = several.problem.part("short")
+    names = [{"length": "now.length"}.get(name, name) for name in proposed.names]
+    at = theta[[names.index(name) for name in several.problem.names]]
+    exact = proposed.measurement.frf.values
+    found = part.receptance_model(short.ports).receptance(
+        part.prior.matrix(at), part.structural(part.prior.factors(at))
+    )[0]
+    np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12 * np.abs(exact).max())
+
+
+def test_candidates_on_several_present_set_ups_are_named_after_them():
+    text = PLANNED.replace(
+        "[plan.setups.heavy]", "[setups.long]\n[setups.brief.structure]\nlength_mm = 150.0\n[plan.setups.heavy]"
+    )
+    text = text.replace('together = [["short", "3:y"]]', 'together = [["short", "long 3:y"]]')
+    case = planned_case(text)
+    found = {one.name: one for one in candidates_of(case)}
+    assert list(found) == ["long 3:y", "long 4 × averages", "brief 3:y", "brief 4 × averages", "short", "heavy"]
+    assert found["brief 3:y"].words.endswith("(3:y, 75 mm) in set-up brief")
+    theta = case.problem.prior.mean.copy()
+    theta[:3] = np.log(TABLE_3)
+    look = FirstLook(case.problem, found, "k12", theta[None])
+    short = "[plan.setups.short.structure]\nlength_mm = 200.0\n"
+    several = planned_case(text.replace(short, "") + short.replace("plan.", ""))
+    assert several.problem.names == (*case.problem.names, "short.length")
+    expected = fisher_information(replace_data(several, theta), np.append(theta, 0.0))
+    assert look.at(("short",)).median == pytest.approx(expected.sd()["k12"], rel=0.02)
+
+
+def replace_data(case, theta):
+    """Exact data for the last set-up, the others as they are."""
+    *known, last = case.problem.setups
+    part = case.problem.part(last.name)
+    point = np.append(theta, 0.0)
+    frf = last.measurement.frf
+    ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+    values = part.receptance_model(ports).receptance(
+        part.prior.matrix(point), part.structural(part.prior.factors(point))
+    )[0]
+    law = RelativeNoise(case.spec.data.noise.relative, case.spec.data.noise.floor)
+    exact = FrfMeasurement(replace(frf, values=values), law.variance(values))
+    return replace(case.problem, setups=(*known, replace(last, measurement=exact)))
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("[plan.setups.a.structure]\nlenght_mm = 3.0", "plan.setups.a.structure.lenght_mm: unknown key"),
+        ("[plan.setups.a.structure]\nlength_mm = -3.0", "plan.setups.a.structure.length_mm: found -3.0;"),
+        ("[plan.setups.a.joint]\nown = true", "plan.setups.a.joint.own: found a joint of its own, of which"),
+        ('[plan.setups.a.data]\noutputs = ["9:y"]', 'plan.setups.a.data.outputs: "9:y": there is no node 9'),
+        ('[plan.setups.a]\nremove = ["uncertain.lenght"]', 'plan.setups.a.remove: found "uncertain.lenght", which'),
+        ("[plan.setups.a.noise]\nscale = 1", "plan.setups.a.noise: unknown table; expected one of remove, structure"),
+        ('[plan.setups."a b".structure]\nlength_mm = 3.0', 'plan.setups."a b": found a name that tables and figures'),
+        ("[plan.setups.a.structure]\nlength_mm = 1.0", "plan.setups.a: uncertain structure: found a length_offset"),
+    ],
+)  # fmt: skip
+def test_a_set_up_that_cannot_be_is_refused_in_one_line(table, message):
+    with pytest.raises(jb.CaseError) as refused:
+        candidates_of(planned_case(f"{PLANNED}\n{table}\n"))
+    text = str(refused.value)
+    assert text.startswith("planned:")
+    assert message in text
+    assert "\n" not in text
+
+
+def test_a_plan_simulates_proposed_set_ups_and_sets_of_them(cheap_posterior):
+    """The cheap posterior knows its beam exactly; a set-up has an own density and overhang beside it."""
+    text = PLANNED.split("[plan]")[1].replace(
+        "[plan.setups.heavy]", "[plan.setups.heavy]\nuncertain.length.sd_mm = 0.1"
+    )
+    case = planned_case(f"[plan]{text}[plan.setups.short.uncertain.length]\nsd_mm = 0.1\n")
+    plan = jb.plan(case, cheap_posterior, seed=3, simulations=2)
+    names = {one.names for one in plan.measurements}
+    assert names == {("3:y",), ("4 × averages",), ("short",), ("heavy",), ("3:y", "short")}
+    assert all(one.ranked for one in plan.measurements)
+    by_names = {one.names: one.sd_after for one in plan.measurements}
+    assert by_names["3:y", "short"] < by_names["short",]
+    lines = "\n".join(plan_lines(plan))
+    assert "3:y + short" in lines
+    assert "the set-up heavy (accelerometer_mass_g" in " ".join(one.words for one in plan.measurements)
