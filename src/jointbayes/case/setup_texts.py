@@ -32,8 +32,10 @@ def setup_texts(source: CaseText) -> dict[str, CaseText]:
     """
     stated = source.data.get(SETUPS)
     tables = stated if isinstance(stated, Mapping) else {}
-    names = [name for name, table in tables.items() if isinstance(table, Mapping)]
-    return {name: _of_setup(source, stated[name], (SETUPS, name)) for name in names} or {"": source}
+    found = {
+        name: _of_setup(source, table, (SETUPS, name)) for name, table in tables.items() if isinstance(table, Mapping)
+    }
+    return found or {"": source}
 
 
 def planned_texts(source: CaseText) -> dict[str, CaseText]:

@@ -128,7 +128,8 @@ class Simulator:
             order[truths : truths + _ALL]
         ]  # a truth must not be among the draws that are reweighted
         self._draw_sd = draws.std(axis=0)
-        self._problem, self._systems = problem, {(): tuple(systems)}
+        self._problem = problem
+        self._systems: dict[tuple[str, ...], Sequence[Coordinates]] = {(): tuple(systems)}
         self._column = problem.parametrisation.stiffness_names.index(quantity)
         self._prior_values = self._values(problem.prior.sample(rng, _RESAMPLED))
         self._seed = int(rng.integers(2**32))
@@ -227,7 +228,7 @@ def _importance(
     The mixtures start from the second point as well, the likeliest of the present draws, which may lie at another mode.
     """
     best: WeightedDraws | None = None
-    begun = starts[:1]
+    begun: tuple[Start, ...] = starts[:1]
     for enough, count in _FITS:
         if enough is None and best is not None and best.effective >= _ROUGH:
             break  # a rough figure is there: the best mixture would cost seconds more
