@@ -393,8 +393,8 @@ PARAMETER_KEYS = {
 }  # fmt: skip
 KEYS = {
     "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",
-    "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "nuisances", "check",
-    "identifiability", "mesh", "measured_bodies", "warnings",
+    "natural_frequencies_hz", "fit", "sampler", "versions", "data_sha256", "measurement", "setups", "nuisances",
+    "check", "identifiability", "mesh", "measured_bodies", "warnings",
 }  # fmt: skip
 
 

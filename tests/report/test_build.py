@@ -15,7 +15,7 @@ from jointbayes.case.case import case_from_text
 from jointbayes.posterior import Identifiability, summarise
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
-from jointbayes.report.build import SECTIONS
+from jointbayes.report.build import SECTIONS, SECTIONS_OF_DATA
 from jointbayes.report.format import number, rounded, rounded_interval
 from jointbayes.report.model import Callout, Code, Paragraph, Table
 from jointbayes.report.sections.lead import coupling_sentence
@@ -150,15 +150,19 @@ def test_the_audit_has_its_four_findings_only_where_it_is_asked_for(whole, cheap
 
 
 def test_every_file_of_a_section_is_in_the_report():
-    files = {info.name for info in pkgutil.iter_modules(jointbayes.report.sections.__path__)} - {"lead"}
-    assert files == {section.__module__.rsplit(".", 1)[1] for section in SECTIONS}
+    files = {info.name for info in pkgutil.iter_modules(jointbayes.report.sections.__path__)} - {"lead", "setups"}
+    assert files == {section.__module__.rsplit(".", 1)[1] for section in (*SECTIONS_OF_DATA, *SECTIONS)}
 
 
 def test_sections_stand_in_the_order_in_which_they_are_listed(whole, cheap_posterior):
     inputs = ReportInputs(of_case(cheap_posterior, reference=TABLE_3, paper_audit=True))
-    written = [one for one in (section(inputs) for section in SECTIONS) if one is not None]
+    sections = [
+        *(section(inputs.setups[0]) for section in SECTIONS_OF_DATA),
+        *(section(inputs) for section in SECTIONS),
+    ]
+    written = [one for one in sections if one is not None]
     assert [one.identifier for one in written] == [one.identifier for one in whole.sections]
-    assert len(written) < len(SECTIONS)  # nothing was measured to files, nothing else was uncertain
+    assert len(written) < len(sections)  # nothing was measured to files, nothing else was uncertain
 
 
 def test_every_figure_says_what_it_shows(whole):

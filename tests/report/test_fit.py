@@ -56,7 +56,7 @@ def drawn(posterior, initial=INITIAL):
     """The interactive curves of the magnitude by name."""
     inputs = ReportInputs(replace(posterior, problem=replace(posterior.problem, initial=initial)))
     inputs.__dict__["summary"] = inputs.posterior.summary()  # without profiles, which this section does not need
-    section = fit_section(inputs)
+    section = fit_section(inputs.setups[0])
     (figure,) = (b for b in section.blocks if isinstance(b, Figure) and b.identifier == "frf-0-0")
     return {series.name: series for series in figure.plot.series}
 

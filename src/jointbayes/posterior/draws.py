@@ -41,8 +41,9 @@ class PosteriorDraws:
     problem
         Structure, joint, data and prior.
     tree
-        Groups ``posterior``, ``sample_stats`` (log density), ``prior`` and ``observed_data``; draws have
-        dimensions chain × draw, one chain per walker, with the walker's ensemble as a coordinate.
+        Groups ``posterior``, ``sample_stats`` (log density), ``prior`` and ``observed_data``, of several set-ups one of
+        the last for each, ``observed_data_long``; draws have dimensions chain × draw, one chain per walker, with the
+        walker's ensemble as a coordinate.
     estimate
         MAP with Laplace covariance.
     mode_theta, mode_log_density
@@ -221,12 +222,21 @@ class PosteriorDraws:
         """What the errors of measured bodies do to the result; None where the structure is modelled throughout."""
         return noise_of_bodies(self.problem, self.estimate.theta)
 
-    @cached_property
+    @property
     def diagnosis(self) -> Diagnosis:
-        """How far the MAP is from the data in an engineer's measure, and what its residuals point to."""
+        """How far the MAP is from the data in an engineer's measure, and what its residuals point to.
+
+        Of several set-ups that of the one which the model explains worst.
+        """
+        names = [part.setup for part in self.problem.parts]
+        return self.diagnoses[names.index(self.check.setup)]
+
+    @cached_property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """The diagnosis of each set-up."""
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
-        part = self.problem.part(self.check.setup)
-        return diagnose(part, theta, np.random.default_rng([self.record.seed, 4]))
+        each = ((part, np.random.default_rng([self.record.seed, 4])) for part in self.problem.parts)
+        return tuple(diagnose(part, theta, rng) for part, rng in each)
 
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds a joint, shape (q,).

@@ -102,7 +102,8 @@ class NoiseOfBodies:
 
 def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     """The part of measured bodies in the noise at θ, shape (d,); None where nothing of the structure is measured."""
-    problem = problem.part(None)
+    # of several set-ups the first with such a body
+    problem = next((part for part in problem.parts if part.measured_bodies), problem.part(None))
     bodies, measurement = problem.measured_bodies, problem.measurement
     if not bodies or not isinstance(measurement, FrfMeasurement):
         return None

@@ -8,6 +8,7 @@ import xarray as xr
 
 from jointbayes.inference import Problem
 from jointbayes.posterior.brief import Cell, brief
+from jointbayes.posterior.curve import Curve, curve_of
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, values_tree, write_tree
 from jointbayes.posterior.stored_problem import with_problem
@@ -34,6 +35,23 @@ class Posterior(JudgedPosterior):
         warnings = () if self.case is None else tuple(map(str, self.case.warnings))
         guess = self.problem.first_guess.tolist()
         return summarise(self, guess, self.measured_frequencies_hz, knowledge, warnings)
+
+    def curve(self, name: str, probability: float = 0.95) -> Curve:
+        """A quantity over the levels of the set-ups: its median and interval at each.
+
+        Parameters
+        ----------
+        name
+            The quantity as each set-up calls it: ``"k11"`` of ``"low.k11"`` and ``"high.k11"``.
+        probability
+            Inside the interval at each level.
+
+        Raises
+        ------
+        ModelError
+            If set-ups have no levels, or none has this quantity for itself.
+        """
+        return curve_of(self, name, probability)
 
     def brief(self) -> dict[str, Cell]:
         """One row of a table of many cases: fit, and estimate, interval and verdict of each quantity, by column.
@@ -121,9 +139,12 @@ class Posterior(JudgedPosterior):
         record = stored.record
         require_agreement(problem, record, stored.where)
         draws = stored.draws(problem)
+        observed = {part.setup: part.measurement for part in problem.parts}
+        if not problem.setups:
+            observed = {"": stored.measurement}
         return cls(
             problem,
-            values_tree(problem, stored.measurement, draws.values, draws.log_density, draws.ensemble, draws.before),
+            values_tree(problem, observed, draws.values, draws.log_density, draws.ensemble, draws.before),
             record.estimate,
             record.mode_theta,
             record.mode.log_density,

@@ -96,14 +96,15 @@ class SampledCase(Protocol):
         ...
 
 
-def data_sha256(measurement: Measurement) -> str:
-    """Fingerprint of the numbers that were analysed."""
+def data_sha256(*measurements: Measurement) -> str:
+    """Fingerprint of the numbers that were analysed, those of all set-ups."""
     digest = hashlib.sha256()
-    arrays: tuple[NDArray[Any], ...]
-    if isinstance(measurement, ModalMeasurement):
-        arrays = measurement.arrays
-    else:
-        arrays = (measurement.frf.frequency_hz, measurement.frf.values, measurement.variance)
+    arrays: list[NDArray[Any]] = []
+    for measurement in measurements:
+        if isinstance(measurement, ModalMeasurement):
+            arrays += measurement.arrays
+        else:
+            arrays += [measurement.frf.frequency_hz, measurement.frf.values, measurement.variance]
     for array in arrays:
         digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()

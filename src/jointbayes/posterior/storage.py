@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -23,6 +24,7 @@ __all__ = [
     "draws_tree",
     "estimate_record",
     "log_prior_of_joint",
+    "observed_group",
     "value_units",
     "values_tree",
     "write_tree",
@@ -39,9 +41,8 @@ Array = NDArray[np.float64]
 def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTree:
     """Groups posterior, sample_stats, prior and observed_data from draws of θ."""
     before = _values(problem, prior_theta[None])
-    return values_tree(
-        problem, problem.measurement, _values(problem, draws.theta), draws.log_density, draws.ensemble, before
-    )
+    observed = {part.setup: part.measurement for part in problem.parts}
+    return values_tree(problem, observed, _values(problem, draws.theta), draws.log_density, draws.ensemble, before)
 
 
 def _values(problem: Problem, theta: Array) -> Array:
@@ -57,16 +58,21 @@ def value_units(problem: Problem) -> dict[str, str]:
 
 
 def values_tree(
-    problem: Problem, measurement: Measurement, values: Array, log_density: Array, ensemble: NDArray[Any], before: Array
+    problem: Problem,
+    observed: Mapping[str, Measurement],
+    values: Array,
+    log_density: Array,
+    ensemble: NDArray[Any],
+    before: Array,
 ) -> xr.DataTree:
-    """Groups posterior, sample_stats, prior and observed_data.
+    """Groups posterior, sample_stats, prior and observed_data, of several set-ups one observed_data_NAME for each.
 
     Parameters
     ----------
     problem
         Gives names and units.
-    measurement
-        The data.
+    observed
+        The data of each set-up by its name, which is empty for a lone test.
     values, log_density, ensemble
         Of the draws, shape (chains, draws, quantities), (chains, draws) and (chains,).
     before
@@ -78,11 +84,18 @@ def values_tree(
         "/posterior": posterior,
         "/sample_stats": stats,
         "/prior": _values_dataset(problem, before),
-        "/observed_data": _observed(measurement),
     }
-    if measurement.provenance is not None and measurement.joint_frf is not None:
-        groups[JOINT_FRF] = _frf_dataset(measurement.joint_frf)  # the files may be gone later
+    for setup, measurement in observed.items():
+        groups[f"/{observed_group(setup)}"] = _observed(measurement)
+    lone = observed.get("")
+    if lone is not None and lone.provenance is not None and lone.joint_frf is not None:
+        groups[JOINT_FRF] = _frf_dataset(lone.joint_frf)  # the files may be gone later
     return xr.DataTree.from_dict(groups)
+
+
+def observed_group(setup: str) -> str:
+    """Group of the data of a set-up; a lone test has no name."""
+    return f"observed_data_{setup.replace('/', '_')}" if setup else "observed_data"
 
 
 def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:

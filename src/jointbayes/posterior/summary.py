@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
@@ -18,6 +17,15 @@ from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.noise_of_bodies import NoiseOfBodies
 from jointbayes.posterior.rounding import in_columns, number, rounded, rounded_interval
 from jointbayes.posterior.run_record import RunRecord, data_sha256
+from jointbayes.posterior.setup_summary import (
+    FitSummary,
+    NaturalFrequencies,
+    SetupSummary,
+    check_json,
+    fit_json,
+    fit_of,
+    setup_summaries,
+)
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 
 __all__ = [
@@ -26,6 +34,7 @@ __all__ = [
     "MapSummary",
     "NaturalFrequencies",
     "NuisanceSummary",
+    "SetupSummary",
     "StiffnessSummary",
     "Summary",
     "summarise",
@@ -84,26 +93,6 @@ class MapSummary:
     starts: tuple[tuple[str, bool], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class NaturalFrequencies:
-    """Natural frequencies, Hz: measured if they were, with the first guess of the joint, at the MAP, and over draws."""
-
-    measured: tuple[float, ...] | None
-    initial: tuple[float, ...]
-    map: tuple[float, ...]
-    interval95: tuple[Interval, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class FitSummary:
-    """How well the MAP fits the data: squared residuals over σ² as stated, and the log likelihood."""
-
-    n_data: int
-    chi2_per_line: float
-    log_likelihood_map: float
-    synthetic_data: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Summary:
     """The numbers of a run; `str` makes a table of them, `to_json` what ``summary.json`` holds.
@@ -130,6 +119,9 @@ class Summary:
         What `gather_knowledge` found; None where it was not asked.
     data_sha256
         Fingerprint of the data.
+    setups
+        What is said of the data of each set-up, by its name; of a lone test under an empty name. Fit, check, diagnosis
+        and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
     """
 
     record: RunRecord
@@ -146,6 +138,7 @@ class Summary:
     measured_bodies: NoiseOfBodies | None
     knowledge: Knowledge | None
     data_sha256: str
+    setups: Mapping[str, SetupSummary]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
@@ -174,7 +167,7 @@ class Summary:
             "[[Fit at the MAP]]",
             f"    {fit.n_data} values{synthetic}; squared residual over the stated noise {number(fit.chi2_per_line)} "
             "per value (1 is expected)",
-            f"    {self.check.sentence}",
+            *(f"    {one.check.sentence}" for one in self.setups.values()),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
             *(f"    Warning: {warning}" for warning in self.warnings),
@@ -196,18 +189,8 @@ class Summary:
             "nuisances": {name: asdict(n) for name, n in self.nuisances.items()},
             "map": asdict(self.map) | {"starts": [{"name": n, "reached_mode": r} for n, r in self.map.starts]},
             "natural_frequencies_hz": asdict(frequencies),
-            "fit": asdict(self.fit)
-            | {
-                "resonances": [
-                    {"measured_hz": m.measured_hz, "map_hz": m.predicted_hz, "error_percent": m.error_percent}
-                    for m in self.diagnosis.modes
-                ],
-                "frf_correlation": [
-                    {"output": p.output, "input": p.input, "correlation": p.correlation, "level": p.level}
-                    for p in self.diagnosis.pairs
-                ],
-            },
-            "check": _check_json(self.check, self.diagnosis),
+            "fit": fit_json(self.fit, self.diagnosis),
+            "check": check_json(self.check, self.diagnosis),
             "mesh": None if self.mesh is None else self.mesh.as_json(),
             "measured_bodies": None if self.measured_bodies is None else self.measured_bodies.as_json(),
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
@@ -215,6 +198,7 @@ class Summary:
             "versions": record.versions,
             "data_sha256": self.data_sha256,
             "measurement": record.provenance,
+            "setups": {name: one.as_json() for name, one in self.setups.items() if name},
         }
         return _json_ready(summary)
 
@@ -241,7 +225,8 @@ def summarise(
     warnings
         What in the case is probably a slip, see `Case.warnings`.
     """
-    estimate = posterior.estimate
+    estimate, problem = posterior.estimate, posterior.problem
+    setups = setup_summaries(posterior, initial, measured_frequencies_hz)
     return Summary(
         record=posterior.record,
         warnings=tuple(warnings),
@@ -259,14 +244,15 @@ def summarise(
             mode_distance_sd=posterior.mode_distance,
             starts=tuple((s.name, s.reached_mode) for s in estimate.starts),
         ),
-        natural_frequencies_hz=_frequencies(posterior, initial, measured_frequencies_hz),
-        fit=_fit(posterior),
+        natural_frequencies_hz=next(iter(setups.values())).natural_frequencies_hz,
+        fit=fit_of(problem, estimate.theta),
         check=posterior.check,
         diagnosis=posterior.diagnosis,
         mesh=posterior.mesh,
         measured_bodies=posterior.noise_of_bodies,
         knowledge=knowledge,
-        data_sha256=data_sha256(posterior.problem.measurement),
+        data_sha256=data_sha256(*(part.measurement for part in problem.parts)),
+        setups=setups,
     )
 
 
@@ -312,40 +298,6 @@ def _nuisance(posterior: JudgedPosterior, index: int) -> NuisanceSummary:
     )
 
 
-def _frequencies(
-    posterior: JudgedPosterior, initial: Sequence[float], measured: Sequence[float] | None
-) -> NaturalFrequencies:
-    count = len(measured) if measured else 3
-    problem, theta = posterior.problem, posterior.estimate.theta
-    fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
-
-    def at(stiffness: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
-        return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
-
-    ends = np.quantile(posterior.predict_natural_frequencies(count), [0.025, 0.975], axis=0).T
-    return NaturalFrequencies(
-        measured=tuple(measured) if measured else None,
-        initial=at(initial),
-        map=at(problem.prior.stiffness(theta)),
-        interval95=tuple(map(tuple, ends.tolist())),
-    )
-
-
-def _fit(posterior: JudgedPosterior) -> FitSummary:
-    problem, theta = posterior.problem, posterior.estimate.theta
-    likelihood = problem.log_posterior.likelihood
-    z = problem.log_posterior.standardised(theta)
-    # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
-    whole = 2.0 if problem.residual_kind == "log_magnitude" else 1.0
-    measurement = problem.measurement
-    return FitSummary(
-        n_data=likelihood.n_data,
-        chi2_per_line=whole * float((np.abs(z) ** 2).sum()) / likelihood.n_data,
-        log_likelihood_map=float(problem.log_posterior.log_likelihood(theta)[0]),
-        synthetic_data=isinstance(measurement, FrfMeasurement) and measurement.synthetic,
-    )
-
-
 def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
     known = p.known
     return {
@@ -368,22 +320,6 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
         "r_hat": p.r_hat,
         "ess_bulk": p.ess_bulk,
         "ess_tail": p.ess_tail,
-    }
-
-
-def _check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
-    return {
-        "explains": check.explains,
-        "finding": check.finding,
-        "sentence": check.sentence,
-        "causes": [] if check.explains else list(diagnosis.causes),
-        "diagnosis": None if check.explains else diagnosis.sentence,
-        "chi2_per_line": check.chi2_per_line,
-        "chi2_band95": list(check.chi2_band),
-        "chi2_p_value": check.chi2_p_value,
-        "whiteness_p_value": check.whiteness_p_value,
-        "lag1": check.lag1,
-        "largest_residual_sd": check.largest,
     }
 
 

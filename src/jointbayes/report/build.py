@@ -1,9 +1,12 @@
 """The report of a run: from a posterior to formatted text, tables and figures."""
 
 import datetime
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.model import Report
+from jointbayes.report.model import Report, Section
+from jointbayes.report.sections.curve import curve_section
 from jointbayes.report.sections.fit import fit_section
 from jointbayes.report.sections.frequencies import frequency_section
 from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
@@ -18,18 +21,25 @@ from jointbayes.report.sections.paper import audit_section, paper_section
 from jointbayes.report.sections.posterior import posterior_section
 from jointbayes.report.sections.sampling import sampling_section
 from jointbayes.report.sections.settings import settings_section
+from jointbayes.report.sections.setups import overview_section, setup_section
 from jointbayes.report.sections.starts import starts_section
 
-__all__ = ["SECTIONS", "build_report"]
+__all__ = ["SECTIONS", "SECTIONS_OF_DATA", "build_report"]
 
-#: In the order of the report. Each takes `ReportInputs` and returns None where it has nothing to say.
-SECTIONS = (
+Inputs = TypeVar("Inputs")
+
+#: On the data of one set-up, in the order of the report. Each takes `SetupInputs`, returns None with nothing to say.
+SECTIONS_OF_DATA = (
     measurement_section,
-    measured_bodies_section,
     fit_section,
     frequency_section,
     modes_section,
     joint_in_modes_section,
+)
+#: On all set-ups together. Each takes `ReportInputs`.
+SECTIONS = (
+    measured_bodies_section,
+    curve_section,
     posterior_section,
     nuisance_section,
     knowledge_section,
@@ -49,7 +59,19 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
         lead=lead(inputs),
-        sections=tuple(written for section in SECTIONS if (written := section(inputs)) is not None),
+        sections=(*_of_data(inputs), *_written(SECTIONS, inputs)),
         date=date,
         version=inputs.posterior.record.versions["jointbayes"],
     )
+
+
+def _of_data(inputs: ReportInputs) -> list[Section]:
+    """The sections on the data; of several set-ups a table of all, and one section for each."""
+    if len(inputs.setups) == 1:
+        return _written(SECTIONS_OF_DATA, inputs.setups[0])
+    each = enumerate(inputs.setups, 1)
+    return [overview_section(inputs), *(setup_section(n, one, _written(SECTIONS_OF_DATA, one)) for n, one in each)]
+
+
+def _written(sections: Iterable[Callable[[Inputs], Section | None]], inputs: Inputs) -> list[Section]:
+    return [written for section in sections if (written := section(inputs)) is not None]

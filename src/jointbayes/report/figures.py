@@ -23,6 +23,7 @@ __all__ = [
     "frequency_errors",
     "frf_overlay",
     "histories",
+    "level_curve",
     "mode_shape",
     "profiles",
     "residual_norm",
@@ -294,6 +295,22 @@ def mode_shape(labels: Sequence[str], measured: Array, sd: Array, best: Array, l
         legend_above(axes)
 
     return svg(draw, 6.2, 2.6)
+
+
+def level_curve(level: Array, median: Array, low: Array, high: Array, x_label: str, y_label: str) -> str:
+    """A quantity over levels, each array of shape (levels,): median and band."""
+
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas)[0, 0]
+        axes.fill_between(level, low, high, color=_BLUE, alpha=0.15, lw=0)
+        axes.vlines(level, low, high, color=_BLUE, lw=1.5)
+        axes.plot(level, median, "o-", ms=4, lw=1, color=_BLUE)
+        if low.min() > 0 and high.max() > 30 * low.min():
+            logarithmic(axes)
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
+
+    return svg(draw, 6.2, 3.0)
 
 
 def frequency_errors(measured: Array, sd: Array | None, rows: dict[str, Any]) -> str:

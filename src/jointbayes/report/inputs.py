@@ -6,11 +6,32 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
+from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.markup import foreign
 
-__all__ = ["ReportInputs"]
+__all__ = ["ReportInputs", "SetupInputs"]
+
+
+@dataclass(frozen=True)
+class SetupInputs:
+    """What the sections on the data of one set-up are written from.
+
+    Parameters
+    ----------
+    posterior
+        Of all set-ups.
+    part
+        The problem of this one.
+    said
+        The numbers of its data.
+    """
+
+    posterior: Posterior
+    part: Problem
+    said: SetupSummary
 
 
 @dataclass(frozen=True)
@@ -24,6 +45,12 @@ class ReportInputs:
     """
 
     posterior: Posterior
+
+    @property
+    def setups(self) -> tuple[SetupInputs, ...]:
+        """Each set-up; a lone test is one."""
+        parts, said = self.posterior.problem.parts, self.summary.setups
+        return tuple(SetupInputs(self.posterior, part, said[part.setup]) for part in parts)
 
     @cached_property
     def knowledge(self) -> Knowledge:

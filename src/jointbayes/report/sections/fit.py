@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.frf import FrfSet, Ports, Quantity
+from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -13,7 +14,7 @@ from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.posterior.rounding import signed
 from jointbayes.report import figures
 from jointbayes.report.format import number
-from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series, Table
 
@@ -24,21 +25,20 @@ MOST_FIGURES, MOST_ROWS = 8, 20
 _PER_TIME = {"receptance": "", "mobility": "s ", "accelerance": "s² "}
 
 
-def fit_section(inputs: ReportInputs) -> Section:
+def fit_section(inputs: SetupInputs) -> Section:
     """Measured against predicted."""
-    posterior, summary = inputs.posterior, inputs.summary
-    fit = summary.fit
+    said, fit = inputs.said, inputs.said.fit
     text = (
         f"At the MAP the squared residual is {number(fit.chi2_per_line, 4)} times what the stated noise predicts, "
         f"over {fit.n_data} values (1 is expected)."
     )
-    blocks: list[Block] = [Paragraph(text), Paragraph(posterior.check.sentence)]
-    measurement = posterior.problem.measurement
+    blocks: list[Block] = [Paragraph(text), Paragraph(said.check.sentence)]
+    measurement = inputs.part.measurement
     if isinstance(measurement, FrfMeasurement):
-        blocks.append(_residuals(measurement, posterior.check))
-    blocks += _measure(summary.diagnosis)
+        blocks.append(_residuals(measurement, said.check))
+    blocks += _measure(said.diagnosis)
     if isinstance(measurement, FrfMeasurement):
-        blocks += _frf_figures(posterior, measurement, summary.diagnosis)
+        blocks += _frf_figures(inputs.posterior, inputs.part, said.diagnosis)
     return Section("fit", "Measured and predicted", tuple(blocks))
 
 
@@ -84,8 +84,10 @@ def _measure(diagnosis: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, diagnosis: Diagnosis) -> list[Block]:
-    frf, problem = measurement.frf, posterior.problem
+def _frf_figures(posterior: Posterior, problem: Problem, diagnosis: Diagnosis) -> list[Block]:
+    measurement = problem.measurement
+    assert isinstance(measurement, FrfMeasurement)
+    frf = measurement.frf
     shown = _shown(frf, diagnosis)
     every = len(frf.outputs) * len(frf.inputs)
     blocks: list[Block] = []
@@ -100,7 +102,7 @@ def _frf_figures(posterior: Posterior, measurement: FrfMeasurement, diagnosis: D
         )
         blocks.append(Paragraph(text))
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    band = posterior.predict_frf(None if len(shown) == every else ports)
+    band = posterior.predict_frf(None if len(shown) == every else ports, setup=problem.setup or None)
     theta, prior = posterior.estimate.theta, problem.prior
     # the first guess is one of the joint: all else is as at the MAP, so that the two curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * 2)

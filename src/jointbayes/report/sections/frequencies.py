@@ -4,15 +4,15 @@ import numpy as np
 
 from jointbayes.measurement import ModalMeasurement
 from jointbayes.report import figures
-from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.model import Block, Figure, Section, Table
 
 __all__ = ["frequency_section"]
 
 
-def frequency_section(inputs: ReportInputs) -> Section | None:
+def frequency_section(inputs: SetupInputs) -> Section | None:
     """Natural frequencies: measured, first guess, MAP, interval; None where the model has none."""
-    frequencies = inputs.summary.natural_frequencies_hz
+    frequencies = inputs.said.natural_frequencies_hz
     if not frequencies.map:
         return None
     measured = frequencies.measured
@@ -28,14 +28,14 @@ def frequency_section(inputs: ReportInputs) -> Section | None:
     if measured:
         head.insert(1, "Measured (Hz)")
     blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
-    measurement = inputs.posterior.problem.measurement
+    measurement = inputs.part.measurement
     if measured:
         sd = measurement.sd_hz if isinstance(measurement, ModalMeasurement) else None
         low, high = np.array(frequencies.interval95).T
         series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
         svg = figures.frequency_errors(np.array(measured), sd, series)
         caption = "Predicted natural frequencies against the measured ones."
-        if inputs.summary.fit.synthetic_data:
+        if inputs.said.fit.synthetic_data:
             caption += " The FRF data are synthetic, so that these measured frequencies were not fitted."
         worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies.map, measured, strict=True))
         alt = f"Deviation of predicted natural frequencies by mode; the largest at the MAP is {worst:.2f} per cent."

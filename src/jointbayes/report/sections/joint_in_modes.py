@@ -10,7 +10,7 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.rounding import signed
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.format import number
-from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, Section, Table
 
@@ -23,10 +23,10 @@ _KNOWN_PERCENT = 0.1  # to which a test usually knows a natural frequency
 _MOST_MODES = 12
 
 
-def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
+def joint_in_modes_section(inputs: SetupInputs) -> Section | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
-    problem = inputs.posterior.problem
-    names = tuple(quantity.name for quantity in problem.quantities if quantity.role == "stiffness")
+    problem = inputs.part
+    names = tuple(problem.quantities[i].name for i in _stiffnesses(problem))
     modes, best, rigid, change = _in_band(problem, inputs.posterior.estimate.theta)
     if not modes.size:
         return None
@@ -53,7 +53,7 @@ def joint_in_modes_section(inputs: ReportInputs) -> Section | None:
         note=note,
     )
     said = _sentence(modes, names, change)
-    if not inputs.posterior.check.explains:
+    if not inputs.said.check.explains:
         said = f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
     return Section("joint-in-modes", "Which modes show the joint", (Paragraph(said), table))
 
@@ -72,6 +72,11 @@ def _sentence(modes: NDArray[np.intp], names: tuple[str, ...], change: Array) ->
     )
 
 
+def _stiffnesses(problem: Problem) -> list[int]:
+    """Which quantities are stiffnesses of a joint of this set-up."""
+    return [i for i, quantity in enumerate(problem.quantities) if quantity.role == "stiffness" and quantity.places]
+
+
 def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
     """Numbers of the modes within the data's band, natural frequencies with the joint and with a rigid one, Hz.
 
@@ -86,7 +91,7 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
     if count < 1:  # a rigid joint would leave no mode
         return np.empty(0, dtype=np.intp), *np.empty((2, 0)), np.empty((0, 0))
     k = problem.prior.stiffness(theta)
-    steps = _STEP * np.eye(k.size)[[quantity.role == "stiffness" for quantity in problem.quantities]]
+    steps = _STEP * np.eye(k.size)[_stiffnesses(problem)]
     joints = np.stack([k, problem.parametrisation.rigid, *(k * (1 + steps)), *(k * (1 - steps))])
     found = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))
     inside = (found[0] >= low) & (found[0] <= high)

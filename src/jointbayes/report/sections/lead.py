@@ -20,12 +20,12 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
     summary = inputs.summary
     return (
         *(Callout("caution", f"**Check the case file.** {foreign(str(warning))}.") for warning in summary.warnings),
-        *mode_table(inputs.posterior),
+        *(mode_table(inputs.setups[0]) if len(inputs.setups) == 1 else ()),
         *_banners(inputs),
         _verdict_table(inputs),
         Paragraph(verdict_sentences(summary)),
         *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
-        *([Paragraph(_bold_head(summary.check.sentence))] if summary.check.finding == "explained" else []),
+        *_explained(summary),
     )
 
 
@@ -64,6 +64,18 @@ def _banners(inputs: ReportInputs) -> list[Block]:
             )
         )
     return banners
+
+
+def _explained(summary: Summary) -> list[Block]:
+    """That the model explains all data, where it does; of several set-ups with the one that it explains worst."""
+    if summary.check.finding != "explained":
+        return []
+    if len(summary.setups) == 1:
+        return [Paragraph(_bold_head(summary.check.sentence))]
+    if not all(one.check.explains for one in summary.setups.values()):
+        return []
+    all_of = f"**The model explains the data of all {len(summary.setups)} set-ups.**"
+    return [Paragraph(f"{all_of} {summary.check.sentence}")]
 
 
 def _check_banners(summary: Summary) -> list[Block]:

@@ -7,10 +7,9 @@ import numpy as np
 
 from jointbayes.measurement.channels import ChannelUse
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
-from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
 from jointbayes.report.format import number
-from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
 
@@ -19,12 +18,12 @@ __all__ = ["measurement_section", "mode_table"]
 _MOST_CHANNELS = 40  # in the table
 
 
-def mode_table(posterior: Posterior) -> tuple[Block, ...]:
+def mode_table(inputs: SetupInputs) -> tuple[Block, ...]:
     """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
-    provenance = posterior.problem.measurement.provenance
+    provenance = inputs.part.measurement.provenance
     if provenance is None or not provenance.modes:
         return ()
-    predicted = _predicted(posterior, provenance.modes)
+    predicted = _predicted(inputs, provenance.modes)
     rows = tuple(
         (
             str(i),
@@ -45,9 +44,9 @@ def mode_table(posterior: Posterior) -> tuple[Block, ...]:
     return (Table("Measured natural frequencies and damping", head, rows, note=note),)
 
 
-def _predicted(posterior: Posterior, modes: Sequence[MeasuredMode]) -> list[float]:
+def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float]:
     """The model's natural frequency nearest to each measured one; NaN where the model has none."""
-    problem, theta = posterior.problem, posterior.estimate.theta
+    problem, theta = inputs.part, inputs.posterior.estimate.theta
     measured = np.array([mode.frequency_hz for mode in modes])
     if not problem.most_modes:
         return [float("nan")] * len(measured)
@@ -56,9 +55,9 @@ def _predicted(posterior: Posterior, modes: Sequence[MeasuredMode]) -> list[floa
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 
-def measurement_section(inputs: ReportInputs) -> Section | None:
+def measurement_section(inputs: SetupInputs) -> Section | None:
     """Files, channels, variance, what was changed, and what is doubtful."""
-    p = inputs.posterior.problem.measurement.provenance
+    p = inputs.part.measurement.provenance
     if p is None:
         return None
     averages = f", {p.averages} averages" if p.averages else ""

@@ -11,7 +11,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
 from jointbayes.report import figures
 from jointbayes.report.format import interval, number
-from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Section, Table
 
@@ -42,21 +42,14 @@ class _Compared:
         return (number(self.measured[at], 4), number(self.sd[at], 2), number(self.best[at], 4), signed(away), ends)
 
 
-def modes_section(inputs: ReportInputs) -> Section | None:
+def modes_section(inputs: SetupInputs) -> Section | None:
     """Measured against predicted modes; None where the data are others."""
-    problem = inputs.posterior.problem
-    blocks = [block for i, part in enumerate(problem.parts, 1) for block in _blocks(inputs.posterior, part, i)]
-    return Section("modes", "Modes", tuple(blocks)) if blocks else None
-
-
-def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> list[Block]:
-    """Tables and figures of one set-up; none where its data are others."""
+    posterior, problem = inputs.posterior, inputs.part
     measured = problem.measurement
     if not isinstance(measured, ModeMeasurement):
-        return []
+        return None
     prediction = ModePrediction(problem.structures, problem.joints, measured)
     parts, likeness, places = _compared(posterior, problem, prediction)
-    of_setup = f" of {foreign(problem.setup)}" if problem.setup else ""
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
     for name, part in parts.items():
@@ -65,9 +58,7 @@ def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> lis
     repetitions = len(measured.frequency.values)
     note = f"Means over {repetitions} repetitions, weighted by their precision, and their standard deviations. "
     note = (note if repetitions > 1 else "") + "Frequencies are undamped ones."
-    blocks: list[Block] = [
-        Table(f"Modes{of_setup}, measured and predicted", ("Quantity", *head), tuple(rows), note=note)
-    ]
+    blocks: list[Block] = [Table("Modes, measured and predicted", ("Quantity", *head), tuple(rows), note=note)]
     if "shape" in parts and measured.shapes is not None:
         shape, dofs = parts["shape"], measured.shapes.dofs
         each = [
@@ -76,9 +67,7 @@ def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> lis
             for j, dof in enumerate(dofs)
         ]
         more = f"The first {_MOST_ROWS} of {len(each)}." if len(each) > _MOST_ROWS else ""
-        blocks.append(
-            Table(f"Components of mode shapes{of_setup}", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more)
-        )
+        blocks.append(Table("Components of mode shapes", ("Component", *head), tuple(each[:_MOST_ROWS]), note=more))
         matched = tuple(
             (str(n), str(place + 1), number(one, 4))
             for n, place, one in zip(measured.numbers, places, likeness, strict=True)
@@ -86,9 +75,9 @@ def _blocks(posterior: Posterior, problem: Problem, number_of_setup: int) -> lis
         how = "the number that the data state" if measured.match == "number" else "the nearest shape"
         note = f"Matched by {how}, at the MAP. Modal assurance criterion: 1 where the two shapes are proportional."
         of_match = ("Measured mode", "Mode of the model", "Modal assurance criterion")
-        blocks.append(Table(f"Matched modes{of_setup}", of_match, matched, note=note))
-        blocks += _figures(measured, shape, f"{number_of_setup}-" if problem.setup else "")
-    return blocks
+        blocks.append(Table("Matched modes", of_match, matched, note=note))
+        blocks += _figures(measured, shape)
+    return Section("modes", "Modes", tuple(blocks))
 
 
 def _compared(
@@ -118,12 +107,12 @@ def _compared(
     return parts, likeness, places[0]
 
 
-def _figures(measured: ModeMeasurement, shape: _Compared, setup: str) -> list[Block]:
+def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
     """Each mode's components, measured and predicted."""
     assert measured.shapes is not None
     found: list[Block] = []
     for i, n in enumerate(measured.numbers[:_MOST_FIGURES]):
-        name = f"mode-shape-{setup}{n}"
+        name = f"mode-shape-{n}"
         values = (shape.measured[i], shape.sd[i], shape.best[i], shape.low[i], shape.high[i])
         labels = [foreign(dof) for dof in measured.shapes.dofs]
         caption = f"Shape of mode {n} over its component at {foreign(measured.references[i])}: measured with 95 %, "

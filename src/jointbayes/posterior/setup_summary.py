@@ -1,0 +1,169 @@
+"""What a run says of the data of each set-up: fit, check, misfit in an engineer's measure, natural frequencies."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.inference import Level, Problem
+from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.diagnosis import Diagnosis
+from jointbayes.posterior.run_record import data_sha256
+from jointbayes.posterior.verdicts import JudgedPosterior
+
+__all__ = [
+    "FitSummary",
+    "NaturalFrequencies",
+    "SetupSummary",
+    "check_json",
+    "fit_json",
+    "fit_of",
+    "setup_summaries",
+]
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class NaturalFrequencies:
+    """Natural frequencies, Hz: measured if they were, with the first guess of the joint, at the MAP, and over draws."""
+
+    measured: tuple[float, ...] | None
+    initial: tuple[float, ...]
+    map: tuple[float, ...]
+    interval95: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FitSummary:
+    """How well the MAP fits the data: squared residuals over σ² as stated, and the log likelihood."""
+
+    n_data: int
+    chi2_per_line: float
+    log_likelihood_map: float
+    synthetic_data: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetupSummary:
+    """What a run says of the data of one set-up; `level` and what it was are those of the test, if it had any."""
+
+    level: Level | None
+    fit: FitSummary
+    check: PredictiveCheck
+    diagnosis: Diagnosis
+    natural_frequencies_hz: NaturalFrequencies
+    data_sha256: str
+    measurement: Mapping[str, Any] | None
+
+    def as_json(self) -> dict[str, Any]:
+        """What ``setups.NAME`` of ``summary.json`` holds."""
+        return {
+            "level": None if self.level is None else asdict(self.level),
+            "natural_frequencies_hz": asdict(self.natural_frequencies_hz),
+            "fit": fit_json(self.fit, self.diagnosis),
+            "check": check_json(self.check, self.diagnosis),
+            "data_sha256": self.data_sha256,
+            "measurement": self.measurement,
+        }
+
+
+def setup_summaries(
+    posterior: JudgedPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
+) -> dict[str, SetupSummary]:
+    """What is said of each set-up by its name; of a lone test by an empty one, with frequencies measured beside it."""
+    parts = posterior.problem.parts
+    if len(parts) == 1:
+        return {parts[0].setup: _setup(posterior, 0, initial, measured_frequencies_hz)}
+    return {part.setup: _setup(posterior, n, initial, _measured(part.measurement)) for n, part in enumerate(parts)}
+
+
+def _measured(measured: Measurement) -> list[float] | None:
+    """Natural frequencies that are the data, if they are the lowest ones."""
+    return measured.frequency_hz.tolist() if isinstance(measured, ModalMeasurement) and measured.lowest else None
+
+
+def _setup(
+    posterior: JudgedPosterior, number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
+) -> SetupSummary:
+    part = posterior.problem.parts[number]
+    measured = part.measurement
+    level = next((one.level for one in posterior.problem.setups if one.name == part.setup), None)
+    return SetupSummary(
+        level,
+        fit_of(part, posterior.estimate.theta),
+        posterior.checks[number],
+        posterior.diagnoses[number],
+        _frequencies(posterior, part, initial, measured_hz),
+        data_sha256(measured),
+        measured.provenance.as_json() if measured.provenance else None,
+    )
+
+
+def _frequencies(
+    posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None
+) -> NaturalFrequencies:
+    count, theta = len(measured) if measured else 3, posterior.estimate.theta
+    fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
+
+    def at(stiffness: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+        return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
+
+    predicted = posterior.predict_natural_frequencies(count, setup=problem.setup or None)
+    ends = np.quantile(predicted, [0.025, 0.975], axis=0).T
+    return NaturalFrequencies(
+        measured=tuple(measured) if measured else None,
+        initial=at(initial),
+        map=at(problem.prior.stiffness(theta)),
+        interval95=tuple(map(tuple, ends.tolist())),
+    )
+
+
+def fit_of(problem: Problem, theta: NDArray[np.float64]) -> FitSummary:
+    """How well θ, shape (d,), fits the data of all set-ups of a problem."""
+    n_data, total = problem.log_posterior.likelihood.n_data, 0.0
+    for part in problem.parts:
+        # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
+        whole = 2.0 if part.residual_kind == "log_magnitude" else 1.0
+        total += whole * float((np.abs(part.log_posterior.standardised(theta)) ** 2).sum())
+    measurements = [part.measurement for part in problem.parts]
+    return FitSummary(
+        n_data=n_data,
+        chi2_per_line=total / n_data,
+        log_likelihood_map=float(problem.log_posterior.log_likelihood(theta)[0]),
+        synthetic_data=any(isinstance(one, FrfMeasurement) and one.synthetic for one in measurements),
+    )
+
+
+def fit_json(fit: FitSummary, diagnosis: Diagnosis) -> dict[str, Any]:
+    """What ``fit`` of ``summary.json`` holds."""
+    return asdict(fit) | {
+        "resonances": [
+            {"measured_hz": m.measured_hz, "map_hz": m.predicted_hz, "error_percent": m.error_percent}
+            for m in diagnosis.modes
+        ],
+        "frf_correlation": [
+            {"output": p.output, "input": p.input, "correlation": p.correlation, "level": p.level}
+            for p in diagnosis.pairs
+        ],
+    }
+
+
+def check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
+    """What ``check`` of ``summary.json`` holds."""
+    return {
+        "explains": check.explains,
+        "finding": check.finding,
+        "sentence": check.sentence,
+        "causes": [] if check.explains else list(diagnosis.causes),
+        "diagnosis": None if check.explains else diagnosis.sentence,
+        "chi2_per_line": check.chi2_per_line,
+        "chi2_band95": list(check.chi2_band),
+        "chi2_p_value": check.chi2_p_value,
+        "whiteness_p_value": check.whiteness_p_value,
+        "lag1": check.lag1,
+        "largest_residual_sd": check.largest,
+    }

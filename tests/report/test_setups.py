@@ -1,0 +1,245 @@
+"""Several set-ups in posterior, summary, file and report: each has its data, its check, its fit, and its place."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import jointbayes as jb
+from jointbayes.errors import ModelError
+from jointbayes.posterior import Posterior, RunRecord, data_sha256
+from jointbayes.posterior.fingerprint import run_fingerprint
+from jointbayes.posterior.storage import draws_tree
+from jointbayes.report.build import SECTIONS_OF_DATA
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.model import Figure, Paragraph, Table
+from jointbayes.report.sections.curve import curve_section
+from jointbayes.report.sections.lead import lead
+from jointbayes.report.sections.setups import overview_section, setup_section
+from jointbayes.sampling import Draws
+from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.conftest import TABLE_3
+
+HEARD = """
+[setups.heard]
+remove = ["data"]
+[setups.heard.structure]
+length_mm = 200.0
+[setups.heard.data]
+kind = "natural_frequencies"
+frequencies_hz = [437.5, 2623.0]
+sd_relative = 0.0
+sd_hz = 3.0
+"""
+TORQUES = """
+[level]
+name = "torque"
+unit = "N m"
+[setups.tight]
+level = 20.0
+[setups.tight.data.truth]
+k22 = 2.2e6
+[setups.loose]
+level = 5.0
+[setups.loose.data.truth]
+k22 = 0.6e6
+[setups.usual]
+level = 10.0
+"""
+SAMPLER = {
+    "ensembles": 4, "walkers": 4, "steps": 50, "max_steps": 50, "burn_in": 0, "thin": 1, "acceptance": 0.5,
+    "move_acceptance": {}, "proposal_efficiency": 0.5, "evaluations": 1, "singular": 0,
+    "seconds": 1.0, "ess_per_second": 1.0,
+}  # fmt: skip
+VERSIONS = {"jointbayes": "0"}
+OWN = BASE.replace("[joint]", "[joint]\nown = true")
+
+
+def posterior_of(case, sd=0.01, spread=0.002):
+    """Made-up draws about the truth: only where they go matters here."""
+    problem, rng = case.problem, np.random.default_rng(1)
+    truth = [one.spec.data.truth.by_name for one in case.setups if hasattr(one.spec.data, "truth")]
+    own = len(problem.parametrisation.stiffness_names) > 3
+    joints = [list(k.values()) for k in truth] if own else [TABLE_3]
+    middle = np.concatenate([*np.log(joints), np.zeros(len(problem.prior.nuisances))])
+    widths = np.concatenate([np.full(3 * len(joints), sd), 0.1 * problem.prior.sd[3 * len(joints) :]])
+    theta = middle + widths * rng.normal(size=(4, 25, middle.size))
+    density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
+    tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))
+    stiffness = problem.prior.stiffness(middle)
+    at = float(problem.log_posterior(middle)[0])
+    estimate = jb.MapEstimate(middle, stiffness, np.diag(widths**2), at, ())
+    sampler = SAMPLER | {key: dict.fromkeys(problem.names, 1.0) for key in ("tau", "ess")}
+    record = RunRecord(case.name, case.text, 1, True, "made up", sampler, dict.fromkeys(problem.names, 1.0), VERSIONS)
+    return Posterior(problem, tree, estimate, middle, at, record, case)
+
+
+@pytest.fixture(scope="module")
+def overhangs():
+    return posterior_of(jb.case_from_text("overhangs", BASE + CLAMP_EDGE + TWO + HEARD))
+
+
+@pytest.fixture(scope="module")
+def torques():
+    return posterior_of(jb.case_from_text("torques", OWN + TORQUES))
+
+
+def inputs_of(posterior):
+    inputs = ReportInputs(posterior)
+    inputs.__dict__["summary"] = posterior.summary()  # without what no set-up has for itself
+    return inputs
+
+
+def test_the_summary_says_of_each_set_up_what_it_says_of_a_lone_test(overhangs):
+    summary = json.loads(json.dumps(overhangs.summary().to_json(), allow_nan=False))
+    assert list(summary["setups"]) == ["long", "short", "heard"]
+    parts = overhangs.problem.parts
+    for part, said in zip(parts, summary["setups"].values(), strict=True):
+        z = part.log_posterior.standardised(overhangs.estimate.theta)
+        assert said["fit"]["n_data"] == z[0].size
+        assert_allclose(said["fit"]["chi2_per_line"], (np.abs(z) ** 2).mean(), rtol=1e-12)
+        assert said["data_sha256"] == data_sha256(part.measurement)
+        assert said["check"]["sentence"].startswith(f"Set-up {part.setup}: ")
+        best = part.natural_frequencies_hz(TABLE_3, len(said["natural_frequencies_hz"]["map"]))[0]
+        assert_allclose(said["natural_frequencies_hz"]["map"], best, rtol=1e-12)
+    assert summary["setups"]["heard"]["natural_frequencies_hz"]["measured"] == [437.5, 2623.0]
+    assert summary["setups"]["long"]["natural_frequencies_hz"]["measured"] is None
+    n_data = [said["fit"]["n_data"] for said in summary["setups"].values()]
+    assert summary["fit"]["n_data"] == sum(n_data)
+    chi2 = [said["fit"]["chi2_per_line"] for said in summary["setups"].values()]
+    assert_allclose(summary["fit"]["chi2_per_line"], np.average(chi2, weights=n_data), rtol=1e-12)
+    assert summary["data_sha256"] == data_sha256(*(part.measurement for part in parts))
+    assert len({summary["data_sha256"], *(said["data_sha256"] for said in summary["setups"].values())}) == 4
+
+
+def test_a_lone_test_has_no_set_ups_in_its_summary():
+    posterior = posterior_of(jb.case_from_text("alone", BASE))
+    assert posterior.summary().to_json()["setups"] == {}
+    assert set(posterior.tree.children) == {"posterior", "sample_stats", "prior", "observed_data"}
+
+
+def test_a_posterior_of_set_ups_comes_back_from_its_file(overhangs, tmp_path):
+    overhangs.save(tmp_path / "posterior.nc")
+    loaded = jb.load_posterior(tmp_path / "posterior.nc")
+    names = ["observed_data_long", "observed_data_short", "observed_data_heard"]
+    assert set(names) <= set(loaded.tree.children)
+    for name, part in zip(names, overhangs.problem.parts, strict=True):
+        stored = loaded.tree[name].to_dataset()
+        if name.endswith("heard"):
+            assert stored["natural_frequency"].values.tolist() == [437.5, 2623.0]
+        else:
+            assert_array_equal(stored["frf_real"] + 1j * stored["frf_imag"], part.measurement.frf.values)
+    assert_array_equal(loaded.theta, overhangs.theta)
+    assert [one.name for one in loaded.case.setups] == ["long", "short", "heard"]
+    assert loaded.summary().to_json()["setups"] == overhangs.summary().to_json()["setups"]
+
+
+def test_set_ups_with_measurement_files_are_kept_with_their_data(tmp_path):
+    """The files may be gone when the posterior is read."""
+    case = jb.case_from_text("source", BASE)
+    measured = case.problem.measurement
+    for name in ("one", "two"):
+        jb.write_frf(measured.frf, tmp_path / f"{name}.npz", "npz")
+    text = BASE.split("[data]")[0]
+    for name in ("one", "two"):
+        text += f"""
+[setups.{name}.data]
+kind = "measured_frf"
+file = ["{name}.npz"]
+channels = {{"11:y" = "11:y"}}
+variance = {{source = "relative", relative = 0.03, floor = 0.01}}
+"""
+    case = jb.case_from_text("files", text, directory=tmp_path)
+    middle = posterior_of(jb.case_from_text("alone", BASE))
+    draws = Draws(middle.theta.reshape(4, 25, 3), middle.log_density * 0, np.arange(4))
+    density = case.problem.log_posterior(middle.theta).reshape(4, 25)
+    tree = draws_tree(case.problem, dataclasses.replace(draws, log_density=density), middle.theta)
+    record = dataclasses.replace(middle.record, case_text=case.text, case_name="files")
+    estimate = dataclasses.replace(
+        middle.estimate, log_posterior=float(case.problem.log_posterior(middle.mode_theta)[0])
+    )
+    posterior = Posterior(case.problem, tree, estimate, middle.mode_theta, estimate.log_posterior, record, case)
+    posterior.save(tmp_path / "posterior.nc")
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.npz").unlink()
+    loaded = jb.load_posterior(tmp_path / "posterior.nc")
+    for part, other in zip(loaded.problem.parts, case.problem.parts, strict=True):
+        assert_array_equal(part.measurement.frf.values, other.measurement.frf.values)
+        assert part.measurement.provenance.files == other.measurement.provenance.files
+
+
+def test_what_a_run_is_of_changes_with_the_data_and_the_tables_of_any_set_up():
+    def parts(text):
+        case = jb.case_from_text("case", text)
+        return run_fingerprint(case.problem, case, 1, case.sampler)
+
+    first = parts(BASE + TWO)
+    assert parts(BASE + TWO) == first
+    for other in (TWO.replace("200.0", "201.0"), TWO + "[setups.third]\n", TWO.replace("long", "tall")):
+        assert parts(BASE + other) != first
+    changed = {name for name, value in parts(BASE + TWO.replace("200.0", "201.0")).items() if first.get(name) != value}
+    assert changed == {"data", "setups.short.structure.length_mm"}
+
+
+def test_the_report_has_a_section_for_each_set_up(overhangs):
+    inputs = inputs_of(overhangs)
+    (table,) = overview_section(inputs).blocks
+    assert [row[0] for row in table.rows] == ["long", "short", "heard"]
+    assert "2 natural frequencies" in table.rows[2][1]
+    sections = [
+        setup_section(n, one, [made for section in SECTIONS_OF_DATA if (made := section(one)) is not None])
+        for n, one in enumerate(inputs.setups, 1)
+    ]
+    assert [one.title for one in sections] == [f"Set-up {row[0]}" for row in table.rows]
+    figures = [block.identifier for one in sections for block in one.blocks if isinstance(block, Figure)]
+    assert len(set(figures)) == len(figures)
+    assert {"setup-1-frf-0-0", "setup-2-frf-1-0", "setup-3-frequencies-plot"} <= set(figures)
+    assert "setup-1-frf-1-0" not in figures  # its second output is measured in the other set-up only
+    for section, part in zip(sections, overhangs.problem.parts, strict=True):
+        said = [block.text for block in section.blocks if isinstance(block, Paragraph)]
+        assert sum(text.startswith("Set-up ") for text in said) == 1
+        frequencies = next(b for b in section.blocks if isinstance(b, Table) and b.caption.startswith("Natural"))
+        assert f"{part.natural_frequencies_hz(TABLE_3, 1)[0, 0]:.2f}" in frequencies.rows[0]
+
+
+def test_page_one_says_whether_all_set_ups_are_explained(overhangs):
+    texts = [block.text for block in lead(inputs_of(overhangs)) if isinstance(block, Paragraph)]
+    assert texts[-1].startswith("**The model explains the data of all 3 set-ups.** Set-up ")
+
+
+def test_a_curve_has_the_quantity_of_each_set_up_in_the_order_of_the_levels(torques):
+    curve = torques.curve("k22")
+    assert curve.level.tolist() == [5.0, 10.0, 20.0]
+    assert curve.setups == ("loose", "usual", "tight")
+    assert curve.quantities == ("loose.k22", "usual.k22", "tight.k22")
+    for i, name in enumerate(curve.quantities):
+        assert (curve.low[i], curve.high[i]) == torques.interval(name)
+        assert curve.median[i] == np.median(torques.values(name))
+    assert_allclose(curve.median, [0.6e6, 1.52e6, 2.2e6], rtol=0.01)
+    ratio = torques.values("tight.k22") / torques.values("loose.k22")
+    assert_allclose(curve.ratio, np.quantile(ratio, [0.5, 0.025, 0.975]))
+    assert curve.sentence.startswith("k22 at 20 N m over that at 5 N m: median 3.6")
+    assert curve.sentence.endswith("it rises.")
+    narrow = torques.curve("k22", 0.5)
+    assert (narrow.low > curve.low).all()
+    assert (narrow.high < curve.high).all()
+    assert torques.curve("k11").sentence.endswith("the data show no change.")
+
+
+def test_the_curve_is_a_table_and_a_figure_of_each_quantity(torques, overhangs):
+    section = curve_section(inputs_of(torques))
+    assert [block.identifier for block in section.blocks if isinstance(block, Figure)] == [
+        f"curve-{i}" for i in (1, 2, 3)
+    ]
+    tables = [block for block in section.blocks if isinstance(block, Table)]
+    assert [row[0] for row in tables[2].rows] == ["5", "10", "20"]
+    assert curve_section(inputs_of(overhangs)) is None
+
+
+@pytest.mark.parametrize(("name", "which"), [("k22", "overhangs"), ("k99", "torques")])
+def test_what_is_no_curve_is_refused_in_one_line(name, which, request):
+    with pytest.raises(ModelError, match=r"curve: found .*; expected .*; give") as caught:
+        request.getfixturevalue(which).curve(name)
+    assert "\n" not in str(caught.value)
