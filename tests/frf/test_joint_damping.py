@@ -103,3 +103,42 @@ def test_a_joint_between_bodies_dissipates_by_relative_motion_alone():
     damped = model.receptance(springs.matrix([1e-9, 50.0])[None])[0]
     np.testing.assert_allclose(damped, free, rtol=1e-5)
     assert PAIR.damped is False
+
+
+MANY = Joints((*TWO.joints, Joint(("6:y",), name="middle")))
+KINDS = {"left": KIND, "right": SPRINGS, "middle": parametrisation_named("springs", ("y",))}
+INSIDE = Ports(np.arange(20.0, 2000.0, 15.0), ("3:y", "8:y"), ("9:y", "4:rz"))
+
+
+def many_misfit(data_of):
+    """χ² by joint matrices of three damped joints, and the receptances that they have in a dense solve."""
+    structure, kinds = rod(damping=LossFactor(0.02)), blocks_of(KINDS)
+    exact = DirectSolve(structure, MANY, INSIDE)
+    data = exact.receptance(kinds.matrix(data_of))[0]
+    weight = 1 / (0.03 * np.abs(data))
+    model = receptance_model(structure, MANY, INSIDE)
+    return (
+        model,
+        model.misfit(data, weight).chi2,
+        lambda k: np.sum(np.abs(exact.receptance(kinds.matrix(k))[0] - data) ** 2 * weight**2),
+    )
+
+
+def test_the_squares_of_many_damped_joints_are_those_of_the_assembled_structure():
+    k = np.array([*K_BOTH, 3e6])
+    _, chi2, expected = many_misfit(k)
+    other = k * np.exp(np.random.default_rng(1).normal(0, 0.3, size=(5, k.size)))
+    other[3, [0, 1, 2]] = 5e7, 1.7320508e6, 6e4  # coupled to the last digit
+    other[4, 6] = 1e-70  # a spring that is not there
+    found = chi2(blocks_of(KINDS).matrix(other))
+    np.testing.assert_allclose(found, [expected(one) for one in other], rtol=1e-6)
+
+
+def test_the_slope_of_many_damped_joints_is_that_of_differences():
+    k = np.array([*K_BOTH, 3e6])
+    model, *_ = many_misfit(k)
+    kinds, theta = blocks_of(KINDS), blocks_of(KINDS).coordinates(k)
+    value, slopes = model.tangent(kinds.matrix(k), kinds.changes(theta))
+    for column, slope in zip(1e-5 * np.eye(theta.size), slopes, strict=True):
+        up, down = (model.receptance(kinds.matrix(kinds.stiffness(theta + s * column)))[0] for s in (1, -1))
+        np.testing.assert_allclose(slope, (up - down) / 2e-5, rtol=0, atol=1e-6 * np.abs(value).max())

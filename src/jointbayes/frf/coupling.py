@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import add_joint, chi2_of, dynamic_stiffness, is_damped
+from jointbayes.frf.damped import add_joint, chi2_of, compliance_by_line, is_damped, split
 from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.compiled import compiled
-from jointbayes.frf.kernels.multi_dof import MultiDofCoupling
+from jointbayes.frf.kernels.multi_dof import MultiDofCoupling, MultiDofMisfit
 from jointbayes.frf.kernels.pair import PairCoupling
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes
@@ -201,10 +201,18 @@ class LowRankCoupling:
 
     def _damped_tangent(self, matrix: Array, directions: Array, factors: Array) -> tuple[ComplexArray, ComplexArray]:
         (value,), (motion,) = add_joint(matrix, self.omega, self.free(factors), self.along, self.n_out)
-        # dH = −δ_oᵀ dD δ_i of the joint's motions δ
-        out, into = motion[..., : self.n_out].swapaxes(-1, -2), motion[..., self.n_out :]
-        changes = (dynamic_stiffness(one, self.omega) for one in directions)
-        return value, np.stack([-(out @ (change @ into)) for change in changes])
+        # dH = −δ_oᵀ dD δ_i of the joint's motions δ, (r, lines, ports)
+        delta = np.moveaxis(motion, 1, 0)
+        out, into = delta[..., : self.n_out], delta[..., self.n_out :]
+        slopes = np.empty((len(directions), *value.shape), dtype=complex)
+        for change, slope in zip(directions, slopes, strict=True):  # of several joints each changes few rows
+            k, c, h = split(change)
+            rows = np.flatnonzero(((k != 0) | (c != 0) | (h != 0)).any(axis=1))
+            k, c, h = (one[np.ix_(rows, rows)] for one in (k, c, h))
+            dynamic = (k + 1j * h)[..., None] + 1j * c[..., None] * self.omega
+            moved = np.einsum("pql,qli->pli", dynamic, into[rows])
+            slope[:] = -np.einsum("plo,pli->loi", out[rows], moved)
+        return value, slopes
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
         form = PairCoupling if len(self.along) <= 2 else MultiDofCoupling
@@ -214,16 +222,24 @@ class LowRankCoupling:
 class _MisfitOfAnyJoint:
     """The fast misfit of joints without damping, and the plain one of those with it."""
 
-    def __init__(self, model: ReceptanceModel, undamped: Misfit, measured: ComplexArray, weight: Array) -> None:
+    def __init__(self, model: LowRankCoupling, undamped: Misfit, measured: ComplexArray, weight: Array) -> None:
         self._model, self._undamped, self._measured, self._weight = model, undamped, measured, weight
         #: As of a joint without damping.
         self.chi2_gradient = undamped.chi2_gradient
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        if is_damped(stiffness):
-            return chi2_of(self._model.receptance(stiffness, factors), self._measured, self._weight)
-        return self._undamped.chi2(stiffness, factors)
+        if not is_damped(stiffness):
+            return self._undamped.chi2(stiffness, factors)
+        out, left = np.empty(len(stiffness)), np.arange(len(stiffness))
+        if isinstance(self._undamped, MultiDofMisfit) and not self._model.along.any() and left.size:
+            compliance, places, known = compliance_by_line(stiffness, self._model.omega)
+            out[known] = self._undamped.yielding_chi2(compliance[known], places)
+            left = left[~known]
+        if left.size:
+            row = as_factors(factors, len(stiffness))[left]
+            out[left] = chi2_of(self._model.receptance(stiffness[left], row), self._measured, self._weight)
+        return out
 
 
 class _UncertainMisfit:

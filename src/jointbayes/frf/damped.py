@@ -6,6 +6,7 @@ with K, and D = jωC + jH is added to them alike.
 """
 
 import numpy as np
+import scipy  # its parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf.kernels.by_line import add_joints
@@ -48,6 +49,48 @@ def dynamic_stiffness(matrices: ArrayLike, omega: Array) -> ComplexArray:
     dynamic.imag = omega[:, None, None] * c[..., None, :, :] + h[..., None, :, :]
     dynamic.real = k[..., None, :, :]
     return dynamic
+
+
+def compliance_by_line(
+    matrices: Array, omega: Array, stiffest: float = 1e4
+) -> tuple[ComplexArray, NDArray[np.int64], NDArray[np.bool_]]:
+    """Inverse of K + jωC + jH at each line, joint by joint of those that stand side by side.
+
+    Parameters
+    ----------
+    matrices
+        K, C and H side by side, shape (batch, r, 3r).
+    omega
+        Lines, shape (lines,), rad/s.
+    stiffest
+        Largest diagonal of the inverse of K, scaled to a unit diagonal, for which digits enough are left.
+
+    Returns
+    -------
+    compliance, places, known : ndarray, shapes (batch, entries, lines), (entries, 2) and (batch,)
+        Entries in the upper triangle, their rows and columns, and for which of the batch they are numbers.
+    """
+    k, c, h = split(matrices)
+    linked = ((k != 0) | (c != 0) | (h != 0)).any(axis=0)
+    count, label = scipy.sparse.csgraph.connected_components(linked, directed=False)
+    known = np.ones(len(k), dtype=bool)
+    values, places = [], []
+    for block in range(count):
+        rows = np.flatnonzero(label == block)
+        dynamic = dynamic_stiffness(np.concatenate([m[:, rows[:, None], rows] for m in (k, c, h)], axis=-1), omega)
+        elastic, size = k[:, rows[:, None], rows], np.diagonal(dynamic, axis1=-2, axis2=-1)
+        possible = (size != 0).all(axis=(1, 2)) & np.isfinite(dynamic).all(axis=(1, 2, 3))
+        if rows.size > 1:  # of one row there is nothing to lose
+            root = np.sqrt(np.maximum(np.diagonal(elastic, axis1=-2, axis2=-1), np.finfo(float).tiny))
+            least = np.linalg.eigvalsh(elastic / root[:, :, None] / root[:, None, :])[:, 0]
+            possible &= least > 1 / stiffest
+        known &= possible
+        dynamic[~possible] = np.eye(rows.size)
+        inverse = np.linalg.inv(dynamic) if rows.size > 1 else 1 / dynamic
+        upper = np.triu_indices(rows.size)
+        values.append(inverse[..., upper[0], upper[1]].swapaxes(1, 2))
+        places.append(np.stack([rows[upper[0]], rows[upper[1]]], axis=1))
+    return np.concatenate(values, axis=1), np.concatenate(places).astype(np.int64), known
 
 
 def add_joint(

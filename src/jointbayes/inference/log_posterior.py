@@ -155,7 +155,10 @@ class LogPosterior:
         """
         t = np.asarray(theta, dtype=float)
         many = np.atleast_2d(t)
-        if self.prior.nuisances or self._parametrisation.damped or not self.gaussian:
+        if self._parametrisation.damped and self.gaussian and not self.prior.nuisances:
+            each = (self.residuals(one) for one in many)
+            return np.array([-jacobian.T @ residual for residual, jacobian in each]).reshape(t.shape)
+        if self.prior.nuisances or not self.gaussian:
             return np.array([self._differences(one) for one in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.stiffness(many)))
         by_theta = np.einsum(

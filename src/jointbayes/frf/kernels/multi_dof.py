@@ -224,6 +224,28 @@ def _over_lines(
                     _copy(a[p, r * row :], delta[i, b, p])
 
 
+@compiled
+def _yielding_over_lines(
+    compliance: Array, places: NDArray[np.int64], r: int, free: Array, ports: NDArray[np.int64], data: Array, out: Array
+) -> None:
+    """χ² (batch,) of joints with another compliance at each line: entries (batch, blocks, entries·row) at places."""
+    row = 2 * _WIDTH
+    q = free.shape[2] // row - r
+    a, d = np.empty((r, (r + q) * row)), np.ones(r)
+    inverse, f, h = np.empty((r, row)), np.empty(row), np.empty((len(ports), row))
+    out[:] = 0.0
+    for b in range(len(free)):
+        for i in range(len(out)):
+            for k in range(r):
+                _copy(free[b, k, k * row :], a[k, k * row :])
+            for e in range(len(places)):
+                x, y = places[e, 0], places[e, 1] * row
+                _add(1.0, compliance[i, b, e * row : (e + 1) * row], a[x, y : y + row])
+            _eliminate(0.0, d, ports, free[b], a, inverse, h, f)
+            for n in range(len(ports)):
+                out[i] += _distance(h[n], data[b, n])
+
+
 class MultiDofCoupling:
     """Receptance of a structure whose joint has any number of DOFs; parameters as `PairCoupling`."""
 
@@ -237,7 +259,7 @@ class MultiDofCoupling:
         self.ports = np.array([(port[o], port[n_out + i]) for o in range(n_out) for i in range(q - n_out)])
         rows = np.concatenate([np.arange(r), r + kept])
         chosen = np.moveaxis(free[:, rows[:, None], rows], 0, -1)
-        self._along = along[:, kept]
+        self.along = along[:, kept]
         blocks = _blocks(np.stack([chosen.real, chosen.imag], axis=2))
         self.free = blocks.reshape(*blocks.shape[:2], -1)
 
@@ -250,7 +272,7 @@ class MultiDofCoupling:
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
-        matrices, (r, q) = as_batch(stiffness), self._along.shape
+        matrices, (r, q) = as_batch(stiffness), self.along.shape
         value = np.empty((1, len(self.free), len(self.ports), 2 * _WIDTH))
         stretches = np.empty((1, len(self.free), r, q * 2 * _WIDTH))
         turn, _, _ = self.run(matrices, value=value, delta=stretches)
@@ -276,7 +298,7 @@ class MultiDofCoupling:
     def springs(self, matrices: Array) -> tuple[Array, Array, Array]:
         """Directions L (batch, r, r), stiffness d (batch, r) of the springs, and the ports' parts along them."""
         turn, stiffness = springs(matrices)
-        return turn, stiffness, np.asarray(np.linalg.solve(turn, self._along[None]), dtype=float)
+        return turn, stiffness, np.asarray(np.linalg.solve(turn, self.along[None]), dtype=float)
 
     def run(
         self,
@@ -314,6 +336,25 @@ class MultiDofMisfit:
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
         return self._coupling.run(stiffness, self._data)[1]
+
+    def yielding_chi2(self, compliance: ComplexArray, places: NDArray[np.int64]) -> Array:
+        """χ², shape (batch,), of joints with damping; not finite where a line is singular.
+
+        Parameters
+        ----------
+        compliance
+            Entries of the joints' inverse dynamic stiffness, shape (batch, entries, lines).
+        places
+            Row and column of each, in the upper triangle, shape (entries, 2).
+        """
+        # lines that fill up the last block have the last one's compliance: zeros could not be inverted
+        short = -compliance.shape[-1] % _WIDTH
+        filled = np.concatenate([compliance, np.repeat(compliance[..., -1:], short, axis=-1)], axis=-1)
+        rows = np.moveaxis(_blocks(np.stack([filled.real, filled.imag], axis=2)), 0, 1)
+        each, out = np.ascontiguousarray(rows).reshape(*rows.shape[:2], -1), np.empty(len(rows))
+        of = self._coupling
+        _yielding_over_lines(each, places, of.along.shape[0], of.free, of.ports, self._data, out)
+        return out
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
