@@ -35,6 +35,8 @@ YIELDING = {
     "rotation": ("k22",),
     "springs": ("k11", "k22"),
     "full": None,
+    "coupled": None,
+    "undamped springs": ("k11", "k22"),
 }
 
 

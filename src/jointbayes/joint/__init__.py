@@ -11,6 +11,7 @@ from jointbayes.joint.quantities import COUPLED as COUPLED
 from jointbayes.joint.quantities import DIRECTIONS as DIRECTIONS
 from jointbayes.joint.quantities import HYPOTHESES as HYPOTHESES
 from jointbayes.joint.quantities import KINDS as KINDS
+from jointbayes.joint.quantities import USUAL_HYPOTHESES as USUAL_HYPOTHESES
 from jointbayes.joint.quantities import Coordinate as Coordinate
 from jointbayes.joint.quantities import Quantity as Quantity
 from jointbayes.joint.quantities import damping_quantities as damping_quantities

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.parametrisation import Parametrisation
-from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities
+from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities, without_damping
 
 __all__ = ["Damped"]
 
@@ -163,12 +163,17 @@ class Damped(Parametrisation):
         return {name: np.concatenate([joint, damping]) for name, joint in found.items()}
 
     def hypothesis(self, name: str) -> Parametrisation:
-        """A simpler joint, with the damping of the springs that yield in it."""
-        simpler = self.of.hypothesis(name)
-        springs = [axis.quantity for axis in simpler.axes]
-        viscous = tuple(one for one in self.viscous if one in springs)
-        loss = tuple(one for one in self.loss_factors if one in springs or (one == "all" and springs))
-        return Damped(simpler, viscous, loss) if viscous or loss else simpler
+        """The joint under a hypothesis, with the damping of the springs that yield in it unless it is undamped."""
+        other = self.of.hypothesis(name)
+        if without_damping(name)[0]:
+            return other
+        moving = {axis.quantity for axis in other.axes}
+        # where couplings come in, springs have other names: they are known by their places
+        places = {q.places: q.name for q in other.quantities if q.name in moving}
+        names = {q.name: places[q.places] for q in self.of.quantities if q.places in places}
+        viscous = tuple(names[one] for one in self.viscous if one in names)
+        loss = tuple(names.get(one, one) for one in self.loss_factors if one in names or (one == "all" and moving))
+        return Damped(other, viscous, loss) if viscous or loss else other
 
     def compliance(self, theta: Array) -> Array:
         """Compliance of the stiffnesses, then the logarithms of the damping as they are, shape (n, d)."""

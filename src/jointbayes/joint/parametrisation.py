@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError, array_of
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
-from jointbayes.joint.quantities import COORDINATES, Coordinate, Quantity
+from jointbayes.joint.quantities import COORDINATES, Coordinate, Quantity, without_damping
 
 __all__ = [
     "RIGID",
@@ -240,10 +240,10 @@ class Parametrisation(ABC):
         """ln |∂θ/∂φ|, shape (n,), at θ, shape (n, d)."""
 
     def hypothesis(self, name: str) -> "Parametrisation":
-        """A simpler joint, one of `HYPOTHESES`, or this one itself."""
-        from jointbayes.joint.plain_springs import simpler
+        """The joint under one of `HYPOTHESES`: a simpler one, one with more couplings, or this one itself."""
+        from jointbayes.joint.hypotheses import joint_under
 
-        return simpler(self, name)
+        return joint_under(self, without_damping(name)[1])
 
     def coordinates(self, stiffness: ArrayLike) -> Array:
         """θ, shape (..., d), of quantities, shape (..., q).

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import Parametrisation
-from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity, is_rotation_unit
+from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity
 
-__all__ = ["PlainSprings", "Rigid", "simpler"]
+__all__ = ["PlainSprings", "Rigid"]
 
 Array = NDArray[np.float64]
 
@@ -162,17 +162,3 @@ class Rigid(PlainSprings):
     def held(self) -> tuple[int, ...]:
         """All rows of K^J."""
         return tuple(range(self.motions))
-
-
-def simpler(joint: Parametrisation, hypothesis: str) -> Parametrisation:
-    """Springs of a joint that yield under one of `HYPOTHESES`, without coupling; the joint itself under ``"full"``."""
-    if hypothesis == "full" or isinstance(joint, Rigid):
-        return joint
-    springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
-    yielding = {
-        "rigid": [],
-        "translation": [quantity for quantity in springs if not is_rotation_unit(quantity.unit)],
-        "rotation": [quantity for quantity in springs if is_rotation_unit(quantity.unit)],
-        "springs": springs,
-    }[hypothesis]
-    return PlainSprings(tuple(quantity.name for quantity in yielding), joint.quantities)

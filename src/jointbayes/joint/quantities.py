@@ -19,6 +19,7 @@ __all__ = [
     "Coordinate",
     "Quantity",
     "QuantityRole",
+    "USUAL_HYPOTHESES",
     "damping_quantities",
     "direction_of",
     "full_coordinates",
@@ -26,6 +27,7 @@ __all__ = [
     "is_rotation",
     "is_rotation_unit",
     "spring_stiffnesses",
+    "without_damping",
 ]
 
 QuantityRole = Literal["stiffness", "viscous", "loss factor"]
@@ -277,6 +279,24 @@ def full_coordinates(directions: Sequence[str]) -> tuple[Coordinate, ...]:
     return (*logs, *partial)
 
 
-#: What `jointbayes compare` sets against each other: which springs of the joint yield. All but the last have no
-#: coupling, and every other motion is rigid; the last is the case's own joint.
-HYPOTHESES = ("rigid", "translation", "rotation", "springs", "full")
+#: What `jointbayes compare` sets against each other by default: which springs of the joint yield. All but the last have
+#: no coupling, and every other motion is rigid; the last has every coupling.
+USUAL_HYPOTHESES = ("rigid", "translation", "rotation", "springs", "full")
+_UNDAMPED = "undamped "
+#: All it may be asked for: a translation and a rotation coupled as well, and all that yield without their damping.
+HYPOTHESES = (
+    *USUAL_HYPOTHESES,
+    "coupled",
+    *(f"{_UNDAMPED}{name}" for name in (*USUAL_HYPOTHESES[1:], "coupled")),
+)
+
+
+def without_damping(hypothesis: str) -> tuple[bool, str]:
+    """Whether a hypothesis leaves the joint's damping out, and what it says of the springs.
+
+    Examples
+    --------
+    >>> without_damping("undamped springs")
+    (True, 'springs')
+    """
+    return hypothesis.startswith(_UNDAMPED), hypothesis.removeprefix(_UNDAMPED)

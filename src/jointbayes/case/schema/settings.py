@@ -22,7 +22,7 @@ from jointbayes.case.schema.fields import (
 from jointbayes.case.schema.joint import StiffnessSpec
 from jointbayes.case.schema.limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_STEPS, MOST_WALKERS
 from jointbayes.case.schema.setups import PlannedSetupSpec
-from jointbayes.joint import COUPLED, HYPOTHESES
+from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
 
 __all__ = ["CompareSpec", "Hypothesis", "IdentificationSpec", "PlanSpec", "ReferenceSpec", "SamplingSpec"]
 
@@ -81,7 +81,7 @@ _Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=
 class CompareSpec(Spec):
     """What `jointbayes compare` sets against each other: how much of the joint is flexible."""
 
-    hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = tuple(HYPOTHESES)
+    hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = USUAL_HYPOTHESES
 
 
 _COUPLING = next(quantity.name for quantity in COUPLED if quantity.may_be_negative)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
-from jointbayes.inference import JointPrior, Problem
+from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.inference.likelihood import FrfLikelihood
-from jointbayes.joint import HYPOTHESES
+from jointbayes.joint import HYPOTHESES, Parametrisation
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -30,7 +30,9 @@ _PILED = 2.0  # times the prior's probability in that strip
 
 
 def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
-    """The problem with the joint that a hypothesis allows; priors of what stays free are as they were.
+    """The problem with the joint of a hypothesis; priors of what stays free are as they were.
+
+    Couplings that the problem does not know have coefficients between −1 and 1, all equally probable.
 
     Parameters
     ----------
@@ -42,17 +44,38 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     Raises
     ------
     ModelError
-        If there is no such hypothesis.
+        If there is no such hypothesis, or the joint cannot be so.
     """
     if hypothesis not in HYPOTHESES:
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
     simpler = problem.parametrisation.hypothesis(hypothesis)
-    known = zip(problem.parametrisation.axes, problem.prior.marginals, strict=True)
-    by_coordinate = {axis.name: marginal for axis, marginal in known}
-    by_stiffness = {axis.quantity: by_coordinate[axis.name] for axis in problem.parametrisation.axes}
-    # a coordinate that the joint has itself keeps its prior; a spring has that of what stands for it
-    marginals = tuple(by_coordinate.get(axis.name) or by_stiffness[axis.quantity] for axis in simpler.axes)
-    return replace(problem, prior=replace(problem.prior, parametrisation=simpler, marginals=marginals))
+    known: dict[str, Marginal] = {}
+    there = _places(problem.parametrisation)
+    for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):
+        known[axis.name] = known[axis.quantity] = known[there[axis.quantity]] = marginal
+    here, marginals = _places(simpler), []
+    for axis in simpler.axes:
+        # a coordinate that the joint has itself keeps its prior; a spring has that of what stands for it or its place
+        names = (axis.name, axis.quantity, here[axis.quantity])
+        found = next((known[name] for name in names if name in known), None)
+        marginals.append(found or Uniform(*axis.bounds))
+    prior = replace(problem.prior, parametrisation=simpler, marginals=tuple(marginals))
+    return replace(problem, prior=prior, initial=_initial(problem, here))
+
+
+def _initial(problem: Problem, here: dict[str, str]) -> Array | None:
+    """First guess of the quantities that stand at these places, 0 of a coupling that the problem does not know."""
+    if problem.initial is None:
+        return None
+    there = _places(problem.parametrisation)
+    pairs = list(zip(there, np.asarray(problem.initial, dtype=float).tolist(), strict=True))
+    known = {there[name]: k for name, k in pairs} | dict(pairs)
+    return np.array([known.get(name, known.get(place, 0.0)) for name, place in here.items()])
+
+
+def _places(parametrisation: Parametrisation) -> dict[str, str]:
+    """What each quantity does and where, by its name, as a text."""
+    return {quantity.name: f"{quantity.role} {quantity.places}" for quantity in parametrisation.quantities}
 
 
 def compare(

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
+from jointbayes.joint.quantities import without_damping
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.format import number
@@ -25,6 +26,7 @@ _MEANING = {
     "rotation": "springs in rotation, rigid in translation",
     "springs": "springs in every motion, without coupling",
     "full": "the case's own joint, with coupling",
+    "coupled": "a translation and a rotation with their coupling",
 }
 _METHOD_HEAD = ("Method", "Pareto k")
 _REACH = 12.0  # of ln Z below the best that the figure shows
@@ -221,7 +223,7 @@ def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
 
 def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     present = dict.fromkeys(row["hypothesis"] for row in summary["candidates"])
-    meaning = "; ".join(f"**{name}**: {_MEANING[name]}" for name in present)
+    meaning = "; ".join(f"**{name}**: {_meaning(name)}" for name in present)
     return (
         Paragraph(f"{meaning}."),
         Paragraph(
@@ -231,6 +233,11 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
             "candidates is the most probable, not whether any of them is true."
         ),
     )
+
+
+def _meaning(hypothesis: str) -> str:
+    undamped, joint = without_damping(hypothesis)
+    return f"{_MEANING[joint]}{', without damping' if undamped else ''}"
 
 
 def _settings(summary: dict[str, Any]) -> Table:
