@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped import is_damped, split
+from jointbayes.frf.floating import rigid_body_modes
 from jointbayes.frf.ports import Ports, as_batch
 from jointbayes.joint import AnyJoint
 from jointbayes.structure import Structure
@@ -23,11 +24,14 @@ def solve_lines(
     joint_stiffness: NDArray[np.float64] | None = None,
     joint_viscous: NDArray[np.float64] | float = 0.0,
     joint_hysteretic: NDArray[np.float64] | float = 0.0,
+    rigid: int | None = None,
 ) -> NDArray[np.complex128]:
     """oᵀZ⁻¹f at each line, shape (lines, motions, loads), for motions o (n, motions) and loads f (n, loads).
 
     A structure that is nearly free loses six of double precision's digits at low frequency, because K x nearly
     cancels. So K x is computed in extended precision, and what is left of the load is solved for twice more.
+
+    Modal damping is that of the modes above the `rigid` lowest ones, by default above those at 0 Hz.
 
     Raises
     ------
@@ -35,7 +39,7 @@ def solve_lines(
         If a line is an undamped natural frequency.
     """
     added = np.zeros_like(structure.stiffness) if joint_stiffness is None else joint_stiffness
-    exact, viscous = structure.stiffness.astype(np.longdouble), _viscous(structure, added) + joint_viscous
+    exact, viscous = structure.stiffness.astype(np.longdouble), _viscous(structure, added, rigid) + joint_viscous
     dynamic = added + 1j * joint_hysteretic if np.any(joint_hysteretic) else added
     loss = 1 + 1j * structure.damping.hysteretic
     parts = []
@@ -59,7 +63,7 @@ def solve_lines(
     return np.concatenate(parts)
 
 
-def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.float64]:
+def _viscous(structure: Structure, added: NDArray[np.float64], rigid: int | None) -> NDArray[np.float64]:
     law = structure.damping
     if law.matrix is not None:
         return law.matrix
@@ -68,9 +72,9 @@ def _viscous(structure: Structure, added: NDArray[np.float64]) -> NDArray[np.flo
         return alpha * structure.mass + beta * structure.stiffness
     # C = MΦ diag(2ζω) ΦᵀM of the assembled structure
     modes = structure.modes(added)
-    elastic = modes.eigenvalues > 0  # a rigid-body motion is no mode and has no ratio
+    first = int((modes.eigenvalues <= 0).sum()) if rigid is None else rigid  # a rigid-body motion has no ratio
     rate = np.zeros(structure.n_dofs)
-    rate[elastic] = 2 * law.per_mode(int(elastic.sum())) * np.sqrt(modes.eigenvalues[elastic])
+    rate[first:] = 2 * law.per_mode(structure.n_dofs - first) * np.sqrt(np.maximum(modes.eigenvalues[first:], 0.0))
     weighted = structure.mass @ modes.shapes
     return (weighted * rate) @ weighted.T
 
@@ -91,6 +95,8 @@ class DirectSolve:
     def __init__(self, structure: Structure, joint: AnyJoint, ports: Ports) -> None:
         self._structure, self._omega = structure, ports.omega
         self._joined, self._outputs, self._inputs = ports.selections(structure, joint)
+        # of a joint that happens to be absent, the motions that it would hold are modes all the same
+        self._rigid = rigid_body_modes(structure, joint)
 
     def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
@@ -99,6 +105,6 @@ class DirectSolve:
     def _one(self, matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
         if not is_damped(matrix):
             added = self._joined @ matrix @ self._joined.T
-            return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added)
+            return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added, rigid=self._rigid)
         k, c, h = (self._joined @ part @ self._joined.T for part in split(matrix))
-        return solve_lines(self._structure, self._omega, self._outputs, self._inputs, k, c, h)
+        return solve_lines(self._structure, self._omega, self._outputs, self._inputs, k, c, h, self._rigid)
