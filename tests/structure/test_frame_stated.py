@@ -1,0 +1,82 @@
+"""Frames against frames that state the same by hand: factors, tapers with points on them, sections that nothing turns."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from jointbayes.joint import Joint
+from jointbayes.structure import BeamMaterial, BeamRecipe, Body, FrameRecipe, Member, ModalDamping, Section
+
+LAW = ModalDamping((0.01,))
+WIDE, NARROW = (0.04, 0.03), (0.025, 0.012)
+PLACES = {"a": (0.0, 0.0, 0.0), "b": (0.3, 0.1, 0.2)}
+
+
+def slanted(e=2.1e11, rho=7800.0, length=1.0, size=1.0, kappa=1.0, between=(), element="converged"):
+    """A tapered bar in space, every quantity stated; with further points on it."""
+    sections = [Section.rectangle(*(size * side for side in sides)) for sides in (WIDE, NARROW)]
+    places = PLACES | {f"p{i}": tuple(share * np.array(PLACES["b"])) for i, share in enumerate(between)}
+    names = ("a", *(f"p{i}" for i in range(len(between))), "b")
+    points = {name: tuple(length * np.array(places[name])) for name in names}
+    shear = (0.85 * kappa, 0.7 * kappa)
+    bar = Member(names, sections[0], BeamMaterial(e, 0.3, rho), end_section=sections[1], shear_coefficient=shear)
+    return FrameRecipe(Body(points, (bar,)), LAW, element=element)
+
+
+def frequencies(recipe, factors=None, count=12):
+    structure = recipe.structure(factors or {}, recipe.mesh(None, 12000.0) if recipe.element != "paper" else None)
+    return structure.modes().frequency_hz[6 : 6 + count]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "stated"),
+    [
+        ("youngs_modulus", {"e": 1.2 * 2.1e11}),
+        ("density", {"rho": 1.2 * 7800.0}),
+        ("length", {"length": 1.2}),
+        ("section_size", {"size": 1.2}),
+        ("shear_coefficient", {"kappa": 1.2}),
+    ],
+)
+def test_a_factor_makes_the_frame_that_states_its_quantity_so_much_larger(quantity, stated):
+    found, expected = frequencies(slanted(), {quantity: 1.2}), frequencies(slanted(**stated))
+    assert_allclose(found, expected, rtol=2e-8)
+    assert np.abs(found / frequencies(slanted()) - 1).max() > 1e-3
+
+
+def test_points_on_a_taper_do_not_change_it():
+    assert_allclose(frequencies(slanted(between=(0.2, 0.55))), frequencies(slanted()), rtol=2e-8)
+
+
+def test_the_papers_element_of_a_taper_has_the_section_at_its_middle():
+    middle = Section.rectangle(*((w + n) / 2 for w, n in zip(WIDE, NARROW, strict=True)))
+    bar = Member(("a", "b"), middle, BeamMaterial(2.1e11, 0.3, 7800.0), shear_coefficient=(0.85, 0.7))
+    uniform = FrameRecipe(Body(PLACES, (bar,)), LAW, element="paper").structure()
+    tapered = slanted(element="paper").structure()
+    assert_allclose(tapered.stiffness, uniform.stiffness, rtol=1e-12, atol=1e-12 * np.abs(uniform.stiffness).max())
+    assert_allclose(tapered.mass, uniform.mass, rtol=1e-12, atol=1e-12 * np.abs(uniform.mass).max())
+
+
+@pytest.mark.parametrize(
+    ("end", "moves", "turns", "height"),
+    [
+        ((0.4, 0, 0), "y", "rz", "height"),
+        ((0, 0.4, 0), "x", "rz", "height"),
+        ((0, 0.4, 0), "z", "rx", "width"),
+        ((0, 0, 0.4), "y", "rx", "height"),
+        ((0, 0, 0.4), "x", "ry", "width"),
+    ],
+)
+def test_the_height_of_a_member_without_up_lies_across_z_or_along_y(end, moves, turns, height):
+    steel = BeamMaterial(2.1e11, 0.3, 7800.0)
+    bar = Member(("a", "b"), Section.rectangle(0.04, 0.01), steel)
+    frame = FrameRecipe(Body({"a": (0, 0, 0), "b": end}, (bar,)), LAW, (moves, turns))
+    lying = Section.rectangle(0.04, 0.01) if height == "height" else Section.rectangle(0.01, 0.04)
+    beam = BeamRecipe(0.4, lying, steel, LAW)
+    found, expected = (r.structure({}, r.mesh((), 8000.0)).modes().frequency_hz[2:5] for r in (frame, beam))
+    assert_allclose(found, expected, rtol=1e-8)
+
+
+def test_both_sides_of_a_joint_may_turn_with_the_same_rotation():
+    joint = Joint(("1:x",), ("1:y",), offset_m=(0, 0.1, 0), offset_against_m=(0.3, 0, 0))
+    assert joint.on(("1:x", "1:y", "1:rz")).ravel().tolist() == pytest.approx([1.0, -1.0, -0.1 - 0.3])
