@@ -1,11 +1,21 @@
-"""Frames against frames that state the same by hand: factors, tapers with points on them, sections that nothing turns."""
+"""Frames that say the same by hand: factors, tapers with points on them, heights of members that state none."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from jointbayes.joint import Joint
-from jointbayes.structure import BeamMaterial, BeamRecipe, Body, FrameRecipe, Member, ModalDamping, Section
+from jointbayes.structure import (
+    BeamFamily,
+    BeamMaterial,
+    BeamRecipe,
+    Body,
+    FrameRecipe,
+    LossFactor,
+    Member,
+    ModalDamping,
+    Section,
+)
 
 LAW = ModalDamping((0.01,))
 WIDE, NARROW = (0.04, 0.03), (0.025, 0.012)
@@ -80,3 +90,17 @@ def test_the_height_of_a_member_without_up_lies_across_z_or_along_y(end, moves, 
 def test_both_sides_of_a_joint_may_turn_with_the_same_rotation():
     joint = Joint(("1:x",), ("1:y",), offset_m=(0, 0.1, 0), offset_against_m=(0.3, 0, 0))
     assert joint.on(("1:x", "1:y", "1:rz")).ravel().tolist() == pytest.approx([1.0, -1.0, -0.1 - 0.3])
+
+
+def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():
+    recipe = BeamRecipe(0.383, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), LossFactor(0.01), elements=3)
+    family = BeamFamily(recipe, {"length": (-0.05, 0.05)}).at(("1:y", "1:rz", "4:y"), 300.0)
+    motions = np.eye(family.nominal.n_dofs)[:, family.nominal.index(("1:y", "1:rz", "4:y"))]
+    free = family.free_modes(motions)
+    square = (2 * np.pi * 250.0) ** 2
+    for log in (-0.04, 0.0, 0.03):
+        (lam,), (rows,) = free(np.exp([[log]]))
+        beam = recipe.structure({"length": np.exp(log)}, recipe.mesh(("1:y", "1:rz", "4:y"), 2000.0))
+        at = beam.index(("1:y", "1:rz", "4:y"))
+        exact = np.linalg.inv(beam.stiffness - square * beam.mass)[np.ix_(at, at)]
+        assert_allclose((rows / (lam - square)) @ rows.T, exact, rtol=1e-6)

@@ -70,13 +70,15 @@ class Reduction:
         kept = int(np.searchsorted(modes.eigenvalues, highest**2))
         return cls(kept, motions) if all_forced else cls(kept, motions, _TERMS_OF_FORCES, motions[:, forced])
 
-    def of(self, modes: Modes) -> Modes:
+    def of(self, modes: Modes, size: int | None = None) -> Modes:
         """The kept modes, and Ritz vectors that stand for all others: unit modal mass, rising, shapes (DOFs, m).
 
         Parameters
         ----------
         modes
             All modes of a structure.
+        size
+            How many to give, where structures are compared of which one has a vector more that is all but rounding.
         """
         above, shapes = modes.eigenvalues[self.kept :], modes.shapes[:, self.kept :]
         participation = (self.motions if self.forced is None else self.forced).T @ shapes
@@ -89,7 +91,7 @@ class Reduction:
         # Σ φ φᵀ/(λ − ω²) = Σ φ φᵀ/λ + ω² Σ φ φᵀ/λ² + …; powers relative to the lowest, so that all are numbers
         answers = np.hstack([(participation / (above / above[0]) ** (term + 1)).T for term in range(self.terms)])
         left, share, _ = np.linalg.svd(answers / np.linalg.norm(answers, axis=0), full_matrices=False)
-        basis = left[:, share > _SAME * share[0]]
+        basis = left[:, share > _SAME * share[0]] if size is None else left[:, : size - self.kept]
         eigenvalues, turn = np.linalg.eigh((basis.T * above) @ basis)
         return Modes(
             np.concatenate([modes.eigenvalues[: self.kept], eigenvalues]),

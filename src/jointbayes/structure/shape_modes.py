@@ -29,11 +29,14 @@ class SolvedModes:
 
     def __init__(self, structure_at: StructureAt, reduction: Reduction) -> None:
         self._structure_at, self._reduction = structure_at, reduction
+        self._size: int | None = None
 
     def at(self, numbers: Sequence[float]) -> tuple[Modes, Array]:
         """Modes and mass matrix at shape numbers (axes,)."""
         structure = self._structure_at(numbers)
-        return self._reduction.of(structure.modes()), structure.mass
+        found = self._reduction.of(structure.modes(), self._size)
+        self._size = found.eigenvalues.size  # as many at every other point
+        return found, structure.mass
 
     def __call__(self, numbers: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes), one solution for each row."""

@@ -9,6 +9,7 @@ from tests.fuzz.mutations import EXTREMES, damaged_bytes, with_extreme_number
 from tests.fuzz.target import Target
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
+SEEDS = Path(__file__).resolve().parents[1] / "seeds"
 _STEP = re.compile(rb"^f_step_hz = [\d.]+", re.MULTILINE)
 _PAIR = re.compile(rb"^([A-Za-z0-9_]+) = ([^#\n]*)", re.MULTILINE)
 _HEADER = re.compile(rb"^\[+([^\]\n]+)\]+", re.MULTILINE)
@@ -33,7 +34,7 @@ class CaseTarget(Target):
     suffix = ".toml"
 
     def seeds(self) -> list[bytes]:
-        """The cases of the repository with fewer lines, so that each takes milliseconds, and the kept files."""
+        """The cases of the repository with fewer lines, so that each takes milliseconds, others, and the kept files."""
         from jointbayes.case.case_text import read_case_text
 
         found = []
@@ -43,6 +44,7 @@ class CaseTarget(Target):
             text = text.replace(b'"2:y", "6:y", "9:y"', b'"3:y"')
             text = _NODE.sub(lambda node: b'"4:' if node[1] == b"11" else b'"3:', text)
             found.append(_STEP.sub(b"f_step_hz = 100.0", text))
+        found += [path.read_bytes() for path in sorted(SEEDS.glob("*.toml"))]
         self._all = found
         if not _KEYS:
             _KEYS.extend(sorted({pair[1] for text in found for pair in _PAIR.finditer(text)}))
@@ -59,13 +61,15 @@ class CaseTarget(Target):
         return content
 
     def prepare(self, directory: Path) -> None:
-        """Compile the loops, and make the small measurement that the cases from files refer to."""
+        """Compile the loops, and make what the cases refer to: small measurements, and a case to build on."""
         import jointbayes as jb
 
-        records = list(jb.iter_records(CONFIGS / "data" / "virtual_test.uff"))
         (directory / "data").mkdir()
-        thinned = [record.at_lines(slice(None, None, 25)) for record in records if isinstance(record, jb.FrfRecord)]
-        jb.write_records(thinned, directory / "data" / "virtual_test.csv", "csv")
+        for name in ("virtual_test", "spindle_nose", "spindle_tip"):
+            records = list(jb.iter_records(CONFIGS / "data" / f"{name}.uff"))
+            thinned = [record.at_lines(slice(None, None, 25)) for record in records if isinstance(record, jb.FrfRecord)]
+            jb.write_records(thinned, directory / "data" / f"{name}.csv", "csv")
+        (directory / "data" / "base.toml").write_bytes((SEEDS / "base.toml").read_bytes())
         for number, seed in enumerate(self.seeds()):
             path = directory / f"warm{number}.toml"
             path.write_bytes(seed)
