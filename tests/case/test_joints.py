@@ -130,7 +130,7 @@ BROKEN = {
     "axes": ((LEFT, LEFT + "axes = [[1, 0, 0], [0, 1, 0], [0, 0.6, 0.8]]\n"), "joints.left.axes", "right angles"),
     "no direction": ((LEFT, 'dofs = ["1:y", "1:w"]\n'), "joints.left.dofs", "direction"),
     "a held DOF": (("supports = []", 'supports = ["11:y"]'), "joints.right.dofs", "held fixed"),
-    "places": ((RIGHT, RIGHT + '\nagainst = ["9:y", "9:rz"]'), "joints", "different places"),
+    "places": ((RIGHT, RIGHT + '\nagainst = ["9:y", "9:rz"]'), "joints.right.against", "different places"),
     "an indefinite truth": (("k12 = 4e5", "k12 = 4e9"), "data", "positive semidefinite"),
 }
 

@@ -26,12 +26,13 @@ from jointbayes.case.schema.case import CaseSpec, parse_case, parse_planned, par
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.setup_texts import setup_texts
 from jointbayes.case.toml_text import KeyPath, fault_start
-from jointbayes.errors import CaseError, JointBayesError, MeasurementError
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
-from jointbayes.joint import as_joints
+from jointbayes.joint import AnyJoint, Joints, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.sampling import SamplerSettings
+from jointbayes.structure import StructureRecipe
 
 __all__ = ["Case", "case_around", "case_from_text", "load_case"]
 
@@ -236,11 +237,11 @@ def _setup(
             spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data, measurement)
+            _require_one_place(spec, joint, recipe, place)
         else:
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data)
-            tell(joints)
-            joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
+            _require_one_place(spec, joint, recipe, place)
             tell("data")
             measurement = measurement_of(spec, joint, name)
         tell("noise")
@@ -255,6 +256,19 @@ def _setup(
         tell("data")
         require_lowest(stated, recipe, joint, measurement)
     return CaseSetup(name, source, spec, recipe, bodies, joint, measurement, noise, of_noise)
+
+
+def _require_one_place(
+    spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, place: Callable[[KeyPath], str]
+) -> None:
+    """Refuse joints whose sides do not meet, by the key of the other side."""
+    for name, one in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
+        path = ("joints", name, "against") if name else ("joint", "against")
+        try:
+            one.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
+        except ModelError as error:
+            message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
+            raise CaseError(f"{place(path)} {'.'.join(path)}: {message}, offset_mm") from error
 
 
 def _ports(measurement: Measurement) -> tuple[str, ...]:
