@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks import cases, jax_model, likelihood, page, peers, record, timing
+from benchmarks import cases, jax_model, joint_damping, likelihood, measured_body, page, peers, record, timing
 from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
 from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 
@@ -231,3 +231,10 @@ def test_readme_and_page_carry_what_was_measured():
     results = json.loads(record.RESULTS.read_text(encoding="utf-8"))
     assert page.in_short(results) in (record.PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
     assert page.page(results) == record.PAGE.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("study", [joint_damping, measured_body], ids=lambda study: study.__name__)
+def test_a_page_on_coverage_shows_what_its_study_recorded(study):
+    results = json.loads(study.RESULTS.read_text(encoding="utf-8"))
+    assert study.section(results) in study.PAGE.read_text(encoding="utf-8")
+    assert all(data["data_sets"] == 100 for data in results.values())
