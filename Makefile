@@ -53,6 +53,10 @@ fuzz: $(VENV)/.stamp-test  ## damaged input for every reader, SECONDS=60 each; w
 science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies against known truths: hours
 	$(BIN)/python -m pytest -n auto --dist worksteal -m science
 	$(BIN)/python -m benchmarks.mode_found
+	$(BIN)/python -m benchmarks.many_joints modes
+	$(BIN)/python -m benchmarks.many_joints draws
+	$(BIN)/python -m benchmarks.many_joints six
+	$(BIN)/python -m benchmarks.many_joints calibrate
 	$(BIN)/python -m benchmarks.exact_study
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.wrong_model

@@ -36,6 +36,7 @@ FOLDER = ROOT / "docs" / "examples"
 RECORD = ROOT / "docs" / "numbers.json"
 #: Points of a curve, and draws, that are kept.
 POINTS, DRAWS = 240, 400
+_MOST_FRFS = 6  # in one figure
 #: Numbers that the page of one case alone quotes.
 NUMBERS: dict[str, Callable[[Posterior], dict[str, float]]] = {"two_storeys": example_data.moments}
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
@@ -106,8 +107,8 @@ def structure(name: str) -> str:
 
 
 def fit(name: str) -> str:
-    """Magnitude of every FRF: data, MAP and 95 % band."""
-    frfs = _kept(name)["frfs"]
+    """Magnitude of the FRFs, of no more than six: data, MAP and 95 % band."""
+    frfs = _kept(name)["frfs"][:_MOST_FRFS]
     columns = min(2, len(frfs))
     rows = math.ceil(len(frfs) / columns)
 

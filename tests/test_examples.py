@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from benchmarks import example_data, example_figures, numbers, quoted
+from benchmarks import example_data, example_figures, many_joints, numbers, quoted
 
 import jointbayes as jb
 from jointbayes.measurement.formats import write_frf
@@ -52,6 +52,24 @@ def test_two_lapped_beams_come_back_at_the_map():
     sd = np.sqrt(np.diag(found.covariance))
     assert (np.abs(error) < 3 * sd).all()
     assert (sd < 0.05).all()
+
+
+@pytest.mark.science
+def test_all_twelve_springs_of_the_portal_frame_come_back_at_the_map():
+    case = jb.load_case(numbers.CONFIGS / "portal_frame.toml")
+    found = jb.find_map(case)
+    truth = numbers.truth(numbers.shipped()["portal_frame"])
+    error = np.log(found.stiffness / [truth[name] for name in case.problem.names])
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    assert (np.abs(error) < 0.02).all()
+
+
+@pytest.mark.science
+@pytest.mark.parametrize("seed", [100, 101])
+def test_a_portal_frame_on_random_feet_is_found(seed):
+    row = many_joints.search(seed)
+    assert row["above"] > -many_joints.TOLERANCE
+    assert row["reached"] >= 1
 
 
 def test_the_two_storeys_are_those_of_the_publication():

@@ -1,0 +1,107 @@
+"""Many joints: how often their mode is found, how fast they are drawn, and whether they are calibrated.
+
+`modes`: four joints with twelve springs, the truth drawn from the prior; the mode counts as found where the search ends
+no more than one in log posterior below a climb from the truth. `draws` and `six`: a whole run of four joints, and of
+six joints with 18 springs and their loss factors. `calibrate`: data sets of the four joints at fewer lines, kept in
+build/many_joints/: what was cut off goes on where it was. What was measured is kept in benchmarks/many_joints.json.
+"""
+
+import argparse
+import json
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import jointbayes as jb
+from benchmarks.many_joints_data import four_joints, random_data, six_joints
+from benchmarks.record import merged
+from jointbayes.identification import refine
+from jointbayes.studies.calibration.report import calibration_lines
+
+__all__ = ["calibrate", "draws", "main", "modes", "search"]
+
+ROOT = Path(__file__).resolve().parents[1]
+RECORD = ROOT / "benchmarks" / "many_joints.json"
+PARTIAL = ROOT / "build" / "many_joints"
+SEED = 20261122
+#: Log posterior that the search may end below a climb from the truth.
+TOLERANCE = 1.0
+
+
+def search(seed: int) -> dict[str, float]:
+    """One search: how far it ended above a climb from the truth in log posterior, and seconds of the processor."""
+    theta, problem = random_data(four_joints().problem, seed)
+    began = time.process_time()
+    estimate = jb.find_map(problem)
+    seconds = time.process_time() - began
+    _, from_truth = refine(problem.log_posterior, theta)
+    starts = [s for s in estimate.starts if s.name.startswith("reconstructed")]
+    return {
+        "seed": seed,
+        "above": estimate.log_posterior - from_truth,
+        "seconds": seconds,
+        "reconstructed": len(starts),
+        "reached": sum(s.reached_mode for s in starts),
+    }
+
+
+def modes(count: int) -> dict[str, Any]:
+    """Searches for random truths, row by row as they come."""
+    rows = []
+    for seed in range(count):
+        rows.append(search(seed))
+        print(json.dumps(rows[-1]), flush=True)
+    found = sum(row["above"] > -TOLERANCE for row in rows)
+    median = statistics.median(row["seconds"] for row in rows)
+    print(f"{found} of {count} modes found, {median:.1f} s of the processor in the median")
+    return {"count": count, "found": found, "median_seconds": median, "rows": rows}
+
+
+def draws(case: jb.Case) -> dict[str, Any]:
+    """A whole run: seconds, of the processor too, and effective draws of the quantity that has the fewest."""
+    wall, own = time.perf_counter(), time.process_time()
+    posterior = jb.sample(case, seed=1, tell=lambda line: print(line, flush=True))
+    sampler = posterior.record.sampler
+    found = {
+        "seconds": time.perf_counter() - wall,
+        "processor_seconds": time.process_time() - own,
+        "converged": posterior.converged,
+        "reason": posterior.reason,
+        "ess": min(sampler["ess"].values()),
+        "evaluations": sampler["evaluations"],
+        "efficiency": sampler["proposal_efficiency"],
+    }
+    print(json.dumps(found, indent=1))
+    return found
+
+
+def calibrate(count: int, workers: int | None) -> dict[str, Any]:
+    """Ranks of the truths of so many data sets, with simultaneous bands."""
+    case = four_joints(few_lines=True)
+    found = jb.calibrate(
+        case, count, seed=SEED, directory=PARTIAL, workers=workers, progress=lambda p: print(p.done, flush=True)
+    )
+    print(*calibration_lines(found), sep="\n")
+    return found.summary()
+
+
+def main() -> None:
+    """Run one part and keep what it found."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", choices=("modes", "draws", "six", "calibrate"))
+    parser.add_argument("--count", type=int, help="searches, by default 40, or data sets, by default 200")
+    parser.add_argument("--workers", type=int, help="processes of `calibrate`; by default one for each processor")
+    options = parser.parse_args()
+    parts = {
+        "modes": lambda: modes(options.count or 40),
+        "draws": lambda: draws(four_joints()),
+        "six": lambda: draws(six_joints()),
+        "calibrate": lambda: calibrate(options.count or 200, options.workers),
+    }
+    found = merged(RECORD, options.part, parts[options.part](), False)
+    RECORD.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
