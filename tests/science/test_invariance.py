@@ -13,7 +13,7 @@ from scipy import stats
 
 from jointbayes.sampling.coordinates import Identity
 from jointbayes.sampling.ensemble import EnsembleState, WeightedMove, advance
-from jointbayes.sampling.moves import DEMove, HalvesStretchMove, IndependenceMove
+from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
 from jointbayes.sampling.proposal.student import StudentT
 from tests.science.known_densities import TARGETS
 
@@ -46,17 +46,23 @@ class WarpWithoutVolume(Warp):
         return np.zeros(len(theta))
 
 
-def independence(coordinates, target):
-    """Propose from a t distribution as wide and as correlated as the density there, but of another shape."""
+def student_t(coordinates, target):
+    """A t distribution as wide and as correlated as the density there, but of another shape."""
     phi = coordinates.forward(target.exact(4000, np.random.default_rng(21)))
     correlation = np.atleast_2d(np.corrcoef(phi.argsort(axis=0).argsort(axis=0), rowvar=False))
     middle, spread = np.median(phi, axis=0), np.diff(np.percentile(phi, [10, 90], axis=0), axis=0)[0] / 2.56
-    return IndependenceMove(coordinates, StudentT(middle, correlation * np.outer(spread, spread), 5.0))
+    return StudentT(middle, correlation * np.outer(spread, spread), 5.0)
+
+
+def independence(coordinates, target):
+    return IndependenceMove(coordinates, student_t(coordinates, target))
 
 
 MOVES = {
     "independence": lambda target: independence(Identity(), target),
     "independence in other coordinates": lambda target: independence(Warp(), target),
+    "autoregressive": lambda target: AutoregressiveMove(Identity(), student_t(Identity(), target), 0.6),
+    "autoregressive in other coordinates": lambda target: AutoregressiveMove(Warp(), student_t(Warp(), target), 0.9),
     "differential evolution": lambda target: DEMove(Identity()),
     "differential evolution in other coordinates": lambda target: DEMove(Warp()),
     "whole difference in other coordinates": lambda target: DEMove(Warp(), gamma0=1.0),

@@ -11,6 +11,7 @@ from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
+from jointbayes.sampling.proposal.student import StudentMixture
 from jointbayes.sampling.settings import SamplerSettings
 
 if TYPE_CHECKING:
@@ -33,6 +34,9 @@ ADAPTED_SHARE = 0.8  # of the local moves; the plain rest explores where the coo
 LARGEST_SHARE = 0.9  # of the independence move; the rest frees a walker that it cannot reach
 GOOD_EFFICIENCY = 0.5  # from here on the independence move has its largest share
 USELESS = 0.1  # up to here it has none
+MANY_DIMENSIONS = 16  # from here on even a good fit is hardly ever accepted as a whole, but part of the way to it is
+PARTIAL_SHARE = 0.8  # of the local moves there
+KEPT = (0.6, 0.9)  # shares of the way that are kept
 
 
 class Move(Protocol):
@@ -91,7 +95,7 @@ def mixture(coordinates: Coordinates | None = None, proposal: Proposal | None = 
         Their weights sum to 1.
     """
     # emcee takes a while to import, and nobody who reads the settings needs it
-    from jointbayes.sampling.moves import DEMove, HalvesStretchMove, IndependenceMove
+    from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
 
     flat = Identity()
     local = [
@@ -107,6 +111,13 @@ def mixture(coordinates: Coordinates | None = None, proposal: Proposal | None = 
             ),
         ]
         local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
+    if proposal is not None and proposal.dimension >= MANY_DIMENSIONS:
+        fitted = proposal.density.whole if isinstance(proposal.density, StudentMixture) else proposal.density
+        partial = [
+            WeightedMove(f"autoregressive, {kept:g} kept", AutoregressiveMove(proposal.coordinates, fitted, kept), 0.5)
+            for kept in KEPT
+        ]
+        local = _share(partial, PARTIAL_SHARE) + _share(local, 1 - PARTIAL_SHARE)
     share = 0.0 if proposal is None else independence_share(proposal.efficiency)
     if proposal is None or share == 0.0:
         return tuple(local)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from emcee import State
     from emcee.model import Model
 
-__all__ = ["DEMove", "Driver", "HalvesMove", "HalvesStretchMove", "IndependenceMove", "settle"]
+__all__ = ["AutoregressiveMove", "DEMove", "Driver", "HalvesMove", "HalvesStretchMove", "IndependenceMove", "settle"]
 
 Array = NDArray[np.float64]
 Walkers = NDArray[np.intp] | slice
@@ -178,6 +178,52 @@ class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
         here = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
         there = density.log_density(phi) - coordinates.log_volume(proposed)
         return proposed, np.where(inside, here - there, -np.inf)
+
+    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
+        """Move all walkers; return the state and who accepted, shape (walkers,)."""
+        proposed, log_factor = self.get_proposal(state.coords, model.random)
+        return state, settle(model, state, slice(None), proposed, log_factor)
+
+
+class AutoregressiveMove(Move):  # type: ignore[misc]  # emcee is not typed
+    """Propose each walker part of the way from where it is to a new draw of a Student-t in coordinates φ.
+
+    In many dimensions even a good fit is refused where the whole place changes at once; part of the way is accepted.
+    The proposal is reversible with respect to the Student-t, whose stretch is first drawn given the place, so that
+    the acceptance compares p/q of the two places as that of an independence move does.
+
+    Parameters
+    ----------
+    coordinates
+        Coordinates in which to propose.
+    density
+        Student-t in these coordinates.
+    kept
+        Share of the distance from its centre that is kept, 0 to 1: at 0 it is an independence move but for the stretch.
+
+    References
+    ----------
+    S. L. Cotter et al., MCMC methods for functions: modifying old algorithms to make them faster (2013),
+    DOI 10.1214/13-STS421 (preconditioned Crank-Nicolson).
+    """
+
+    def __init__(self, coordinates: Coordinates, density: StudentT, kept: float) -> None:
+        self._coordinates, self._density, self._kept = coordinates, density, kept
+
+    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
+        coordinates, density = self._coordinates, self._density
+        phi = coordinates.forward(theta)
+        n, d = phi.shape
+        squared = (density.dof + density.squared_distance(phi)) / random.chisquare(density.dof + d, n)
+        fresh = density.scaled(random.standard_normal((n, d))) * np.sqrt(squared * (1 - self._kept**2))[:, None]
+        there = density.mean + self._kept * (phi - density.mean) + fresh
+        proposed, inside = coordinates.inverse(there)
+        # a walker sent out of the region is proposed where it is, and refused
+        proposed = np.where(inside[:, None], proposed, theta)
+        before = density.log_density(phi) - coordinates.log_volume(theta)
+        after = density.log_density(there) - coordinates.log_volume(proposed)
+        return proposed, np.where(inside, before - after, -np.inf)
 
     def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
         """Move all walkers; return the state and who accepted, shape (walkers,)."""

@@ -56,6 +56,12 @@ class Proposal:
     evaluations: int
     coordinates: Coordinates = field(default_factory=Identity)
 
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates."""
+        one = self.density if isinstance(self.density, StudentT) else self.density.components[0]
+        return one.mean.size
+
     def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.
 

@@ -80,6 +80,10 @@ class StudentT:
         stretch = np.sqrt(self.dof / random.chisquare(self.dof, n))
         return self.mean + normal * stretch[:, None]
 
+    def scaled(self, normal: Array) -> Array:
+        """Standard normal rows, shape (n, d), as those of covariance `scale`."""
+        return np.asarray(normal @ self._factor.T)
+
     def squared_distance(self, x: Array) -> Array:
         """(x − mean)ᵀ scale⁻¹ (x − mean), shape (n,), at x, shape (n, d)."""
         z = (x - self.mean) @ self._whiten.T
@@ -148,6 +152,15 @@ class StudentMixture:
         normal = random.standard_normal((n, self._means.shape[1]))
         stretch = np.sqrt(self._dof[which] / random.chisquare(self._dof[which]))
         return self._means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None]
+
+    @property
+    def whole(self) -> StudentT:
+        """One Student-t as wide as all components together but the last, which is wider than all."""
+        narrow, weights = self.components[:-1] or self.components, self.weights[: max(1, len(self.weights) - 1)]
+        share = weights / weights.sum()
+        mean = share @ np.array([c.mean for c in narrow])
+        scale = sum(w * (c.scale + np.outer(c.mean - mean, c.mean - mean)) for w, c in zip(share, narrow, strict=True))
+        return StudentT(mean, np.asarray(scale), narrow[0].dof)
 
     def log_densities(self, x: Array) -> Array:
         """Log of weight times density of each component, shape (n, components), at x, shape (n, d)."""
