@@ -99,13 +99,14 @@ class CaseTarget(Target):
         assert value[0] < np.inf
 
     def message_fault(self, message: str, path: Path) -> str:
-        """One line for each fault, each with file and line, and not too many of them."""
+        """One line for each fault, each with line and file, be it the one that the case builds on; not too many."""
         lines = message.split("\n")
         if len(lines) > 25:
             return "more than 25 lines"
         if not all(line.isprintable() for line in lines):
             return "characters that no terminal should be sent"
-        if not all(re.match(rf"{re.escape(str(path))}:\d+: ", line) or line.startswith("and ") for line in lines):
+        places = rf"({re.escape(str(path))}|{re.escape(str(path.parent))}/data/base\.toml):\d+: "
+        if not all(re.match(places, line) or line.startswith("and ") for line in lines):
             return "a line without file and line"
         return "more than 3000 characters in a line" if max(map(len, lines)) > 3000 else ""
 
