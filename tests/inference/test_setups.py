@@ -123,6 +123,28 @@ def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_name
     )
 
 
+def test_noise_may_be_that_of_each_set_up():
+    known = Normal(0.0, 0.5)
+    setups = [
+        jb.Setup("long", uncertain(0.383, ["length"]), CLAMP, LONG.measurement, ScaledNoise()),
+        jb.Setup("short", uncertain(0.2, ["length"]), CLAMP, BRIEF.measurement, ScaledNoise()),
+    ]
+    length, *noise = (Nuisance(name, "1", 1.0, known) for name in ("length", "long.noise_scale", "short.noise_scale"))
+    problem = jb.Problem(setups=setups, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
+    assert problem.log_posterior.likelihood.hyper_count == 2
+    theta = np.concatenate([np.log(TABLE_3), [0.01, 0.3, -0.2]])
+    lone = [
+        alone(one, JointPrior(PAIR, MARGINALS, (length, Nuisance("noise_scale", "1", 1.0, known)))) for one in setups
+    ]
+    expected = [own.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4 + i]])[0] for i, own in enumerate(lone)]
+    np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), [sum(expected)], rtol=1e-12)
+    found = [part.log_posterior.log_likelihood(theta)[0] for part in problem.parts]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    wrong = jb.Problem(setups=setups, prior=JointPrior(PAIR, MARGINALS, (*noise, length)))
+    with pytest.raises(ModelError, match="expected those of the noise last"):
+        wrong.log_posterior(theta)
+
+
 def test_a_joint_may_have_quantities_of_its_own_in_one_set_up():
     """The clamp is tightened for the third test: its stiffness is another one there."""
     tight = 2.0 * TABLE_3

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.studies.calibration import data_set
+from jointbayes.studies.calibration import data_set, simulation
 from jointbayes.studies.calibration.data_set import DENSITY
 from jointbayes.studies.calibration.simulation import simulated_values
 from tests.conftest import pair_matrix
@@ -54,7 +54,7 @@ def test_a_simulator_with_twice_the_noise_is_noticed(monkeypatch):
         exact = simulated_values(problem, theta, Silent())
         return exact + 2 * (simulated_values(problem, theta, rng) - exact)
 
-    monkeypatch.setattr(data_set, "simulated_values", louder)
+    monkeypatch.setattr(simulation, "simulated_values", louder)
     found = jb.calibrate(small_case(), COUNT, executor=Here())
     assert not found.passed
     assert DENSITY in {one.name for one in found.outside}

@@ -8,8 +8,9 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.case.build import noise_law, true_family, true_stiffness
+from jointbayes.case.build import noise_law, parametrisation_of, true_family, true_stiffness
 from jointbayes.case.case import Case
+from jointbayes.case.combined import CaseSetup
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
@@ -33,20 +34,34 @@ _GONE = 20.0  # the same, for what must have died away altogether
 
 @dataclass(frozen=True)
 class Truth:
-    """The structure and joint that make the data of a case.
+    """The structure and joint that make the data of a case, or of one of its set-ups by name.
 
     Raises
     ------
     CaseError
-        If the case's data are not of kind ``"synthetic_frf"``: nothing else has a known truth.
+        If the data are not of kind ``"synthetic_frf"``: nothing else has a known truth; or if there is no such set-up,
+        or several and none is named.
     """
 
     case: Case
+    setup: str = ""
+
+    @cached_property
+    def of(self) -> CaseSetup:
+        """The set-up; a lone test is one."""
+        found = next((one for one in self.case.setups if one.name == self.setup), None)
+        if found is None:
+            names = ", ".join(one.name for one in self.case.setups)
+            raise CaseError(
+                f"{self.case.name}: found set-up {self.setup!r} to be simulated; expected one of {names or 'none'}; "
+                "name it"
+            )
+        return found
 
     @cached_property
     def data(self) -> SyntheticFrfSpec:
         """The case's `[data]`."""
-        data = self.case.spec.data
+        data = self.of.spec.data
         if not isinstance(data, SyntheticFrfSpec):
             raise CaseError(
                 f'{self.case.name}: found data of kind = "{data.kind}"; expected "synthetic_frf", whose [data.truth] a '
@@ -61,17 +76,17 @@ class Truth:
 
     @cached_property
     def _structures(self) -> StructureFamily:
-        return true_family(self.case.spec)
+        return true_family(self.of.spec)
 
     @cached_property
     def stiffness(self) -> NDArray[np.float64]:
         """True K^J, shape (2, 2)."""
-        return self.case.problem.parametrisation.matrix(true_stiffness(self.case.spec, self.data.truth))
+        return parametrisation_of(self.of.spec).matrix(true_stiffness(self.of.spec, self.data.truth))
 
     @cached_property
     def decay_rate(self) -> float:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
-        joined = self.case.problem.joints.selection(self.structure)
+        joined = self.of.joint.selection(self.structure)
         eigenvalues = self.structure.modes(joined @ self.stiffness @ joined.T).eigenvalues
         elastic, law = eigenvalues > 0, self.structure.damping
         omega, (alpha, beta) = np.sqrt(eigenvalues[elastic]), law.viscous
@@ -81,13 +96,13 @@ class Truth:
     def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
-        model = receptance_model(self._structures.reference(), self.case.problem.joints, ports)
+        model = receptance_model(self._structures.reference(), self.of.joint, ports)
         receptance = model.receptance(self.stiffness)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
 
 
-def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Generator) -> list[Record]:
+def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Generator, setup: str = "") -> list[Record]:
     """Measure the truth of a case in a virtual test.
 
     Parameters
@@ -99,6 +114,8 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
         The `[virtual_test]` table; None takes the case's own.
     rng
         Source of all noise, hits and forces.
+    setup
+        Which of several set-ups is measured.
 
     Returns
     -------
@@ -108,12 +125,12 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
     Raises
     ------
     CaseError
-        If the case has no truth.
+        If the case, or the set-up, has no truth; or if there is no such set-up.
     MeasurementError
         If the test cannot be made so, for example with blocks too short for the lines.
     """
-    truth = Truth(case)
-    test = case.spec.virtual_test if settings is None else settings
+    truth = Truth(case, setup)
+    test = truth.of.spec.virtual_test if settings is None else settings
     outputs = truth.data.outputs + test.extra_outputs
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":

@@ -56,9 +56,8 @@ def _require_other_file(written: Path, read: Path, option: str) -> None:
 @click.option("--format", "form", type=click.Choice(list(_FORMATS)), help="By default that of the file's ending.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
-    """Measure the truth of a case in a virtual test and write a measurement file."""
-    import numpy as np
-
+    """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up."""
+    from jointbayes.case.build import generator_of
     from jointbayes.case.case import load_case
     from jointbayes.case.simulation import describe
     from jointbayes.case.simulation import simulate as measure
@@ -73,11 +72,15 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
         )
     _require_other_file(out, config, "--out")
     case = load_case(config, allow_outside=outside_allowed())
-    records = measure(case, None, np.random.default_rng(case.spec.virtual_test.seed if seed is None else seed))
-    write_records(records, out, chosen)
-    for line in describe(records):
-        say(line)
-    say(f"Measurement: {out} ({chosen})")
+    targets = {one.name: out.with_stem(f"{out.stem}-{one.name}") if one.name else out for one in case.setups}
+    for one in case.setups:
+        _require_other_file(targets[one.name], config, "--out")
+        rng = generator_of(one.spec.virtual_test.seed if seed is None else seed, one.name)
+        records = measure(case, None, rng, one.name)
+        write_records(records, targets[one.name], chosen)
+        for line in describe(records):
+            say(line)
+        say(f"Measurement: {targets[one.name]} ({chosen})")
 
 
 @click.command("inspect")

@@ -209,8 +209,10 @@ class SetupsLikelihood(Likelihood):
         of_noise = {
             int(column) for term in terms for column in term.columns[len(term.columns) - term.likelihood.hyper_count :]
         }
-        self.hyper_count = len(of_noise)
-        if of_noise != set(range(len(self.names) - len(of_noise), len(self.names))):
+        # one of several set-ups leaves the parameters of the others' noise among the last out
+        self.hyper_count = len(self.names) - min(of_noise, default=len(self.names))
+        of_structure = {int(column) for term in terms for column in term.columns} - of_noise
+        if of_structure and max(of_structure) >= len(self.names) - self.hyper_count:
             raise ModelError(
                 f"likelihood: found uncertain quantities {self.names}; expected those of the noise last; reorder them"
             )

@@ -157,6 +157,9 @@ class CaseSpec(Spec):
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.data)
         yield from plan_findings(self.plan, self.data, self.all_quantities)
+        if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
+            found, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
+            yield Finding(("reference",), found, expected, "remove [reference]")
         yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 

@@ -12,7 +12,7 @@ from jointbayes.errors import JointBayesError
 from jointbayes.inference import Problem
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.ranks import rank_statistic
-from jointbayes.studies.calibration.simulation import simulated_values, with_values
+from jointbayes.studies.calibration.simulation import simulated_problem
 from jointbayes.workflow import sample
 
 __all__ = ["DENSITY", "DRAWS", "DataSet", "Job", "analyse", "analyse_packed", "quantity_names"]
@@ -117,7 +117,7 @@ def analyse(job: Job, index: int) -> DataSet:
     rng = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(index,)))
     try:
         theta = job.source.prior.sample(rng, 1)
-        problem = with_values(job.analysis, simulated_values(job.source, theta[0], rng))
+        problem = simulated_problem(job.analysis, job.source, theta[0], rng)
         posterior = sample(problem, seed=int(rng.integers(2**32)), settings=job.settings)
     except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())

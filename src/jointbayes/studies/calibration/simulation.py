@@ -18,7 +18,7 @@ from jointbayes.inference import Problem
 from jointbayes.inference.residuals import PURE_NOISE
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement, ModeMeasurement
 
-__all__ = ["require_simulable", "simulated_values", "with_values"]
+__all__ = ["require_simulable", "simulated_problem", "simulated_values", "with_values"]
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
     ModelError
         If the likelihood has a term that is a function of one's own, or a body is given by its FRFs.
     MeasurementError
-        If the two measure other things: lines, outputs, inputs, quantity or number of natural frequencies.
+        If the two measure other things: set-ups, lines, outputs, inputs, quantity or number of natural frequencies.
     """
     for problem in (analysis, source):
         if problem.extra_log_likelihood is not None:
@@ -46,18 +46,23 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
                 f"calibrate: {problem.name} has a further term of the log likelihood, from which no data can be drawn; "
                 "expected a problem without; state what it says as a prior instead"
             )
-        if problem.measured_bodies:
+        bodies = [body.name for part in problem.parts for body in part.measured_bodies]
+        if bodies:
             raise ModelError(
-                f"calibrate: {problem.name} has the measured body {problem.measured_bodies[0].name}, whose true FRFs "
+                f"calibrate: {problem.name} has the measured body {bodies[0]}, whose true FRFs "
                 "nobody knows; expected a structure that is modelled throughout; calibrate with a model of it"
             )
     if source is analysis:
         return
-    here, there = _measured(analysis.measurement), _measured(source.measurement)
-    other = [name for name, value in here.items() if value != there.get(name)]
+    setups = [[part.setup for part in problem.parts] for problem in (analysis, source)]
+    other = ["set-ups"] if setups[0] != setups[1] else []
+    for one, its in zip(analysis.parts, source.parts, strict=False):
+        here, there = _measured(one.measurement), _measured(its.measurement)
+        other += [name for name, value in here.items() if value != there.get(name)]
     if other:
+        differing = " and ".join(dict.fromkeys(other))
         raise MeasurementError(
-            f"calibrate: found that {source.name} has other {' and '.join(other)} than {analysis.name}; expected data "
+            f"calibrate: found that {source.name} has other {differing} than {analysis.name}; expected data "
             "that are measured alike; give both cases the same"
         )
 
@@ -78,14 +83,30 @@ def _measured(measurement: Measurement) -> dict[str, object]:
     return {"data": "FRFs", "quantity": frf.quantity, "outputs": frf.outputs, "inputs": frf.inputs, "lines": lines}
 
 
+def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.random.Generator) -> Problem:
+    """A problem with the data that another one, or itself, gives at a truth, shape (d,): those of every set-up.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no finite FRF, or natural frequencies are out of order.
+    """
+    pairs = zip(analysis.parts, source.parts, strict=True)
+    simulated = [with_values(part, simulated_values(its, theta, rng)) for part, its in pairs]
+    if not analysis.setups:
+        return simulated[0]
+    each = zip(analysis.setups, simulated, strict=True)
+    return replace(analysis, setups=tuple(replace(one, measurement=part.measurement) for one, part in each))
+
+
 def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
-    """What would be measured at a truth: the model's prediction there and noise of the problem's own noise model.
+    """What one set-up would measure at a truth: the model's prediction and noise of the problem's own noise model.
 
     Parameters
     ----------
     problem
-        Gives model, noise model and stated variance; its measured values are not used but for log magnitudes, whose
-        stated spread depends on them.
+        Of one set-up. Gives model, noise model and stated variance; its measured values are not used but for log
+        magnitudes, whose stated spread depends on them.
     theta
         The truth, shape (d,).
     rng
@@ -120,7 +141,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
 
 
 def with_values(problem: Problem, values: NDArray[Any]) -> Problem:
-    """The problem with other measured values, and what it states of the noise as it is.
+    """The problem of one set-up with other measured values, and what it states of the noise as it is.
 
     FRFs at the joint, which the likelihood does not contain and only the paper's iteration needs, are left out.
 

@@ -68,8 +68,15 @@ class CampaignCase:
         """
         if self.cells is None:
             source = read_case_text(self.path, self.allow_outside)
-            return source.text, parse_case(source)
-        return read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+            text, spec = source.text, parse_case(source)
+        else:
+            text, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+        if spec.setups:
+            raise CaseError(
+                f"{self.where}: setups: found the set-ups {', '.join(spec.setups)}; expected cases of one test each in "
+                "a campaign; run this case by itself"
+            )
+        return text, spec
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Its measurement files."""

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
-from jointbayes.inference.likelihood import FrfLikelihood
 from jointbayes.joint import HYPOTHESES, Parametrisation
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
@@ -120,7 +119,8 @@ def compare(
                 raise
             except JointBayesError as error:
                 raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    return Comparison(tuple(candidates), seed, data_sha256(cases[0].problem.measurement))
+    measured = (part.measurement for part in cases[0].problem.parts)
+    return Comparison(tuple(candidates), seed, data_sha256(*measured))
 
 
 def require_same_data(cases: Sequence[Case]) -> None:
@@ -145,6 +145,8 @@ def require_same_data(cases: Sequence[Case]) -> None:
 
 
 def _data_of(problem: Problem) -> tuple[object, ...]:
+    if problem.setups:
+        return tuple((part.setup, *_data_of(part)) for part in problem.parts)
     measured = problem.measurement
     if not isinstance(measured, FrfMeasurement):
         return (data_sha256(measured),)
@@ -184,8 +186,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
 
 
 def _cross_validated(problem: Problem, draws: Array, efficiency: float) -> tuple[LeaveOneOut | None, str]:
-    likelihood = problem.log_posterior.likelihood
-    if isinstance(likelihood, FrfLikelihood) and "discrepancy_scale" in problem.names:
+    if any(name.rpartition(".")[2] == "discrepancy_scale" for name in problem.names):
         return None, "left out: the noise model correlates the residuals"
     try:
         return leave_one_out(problem, draws, efficiency), ""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
-from jointbayes.inference.likelihood import FrfLikelihood
+from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import loo_pointwise
 
 __all__ = ["LeaveOneOut", "leave_one_out"]
@@ -76,8 +76,10 @@ def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOne
     and WAIC. Statistics and Computing 27(5), 1413-1432. DOI 10.1007/s11222-016-9696-4
     """
     likelihood = problem.log_posterior.likelihood
-    if not isinstance(likelihood, FrfLikelihood) or likelihood.n_data < _FEWEST:
-        kind = "values of FRFs" if isinstance(likelihood, FrfLikelihood) else "natural frequencies"
+    frfs = all(isinstance(part.measurement, FrfMeasurement) for part in problem.parts)
+    if not frfs or likelihood.n_data < _FEWEST:
+        mixed = "values, natural frequencies among them" if problem.setups else "natural frequencies"
+        kind = "values of FRFs" if frfs else mixed
         raise ModelError(
             f"found {likelihood.n_data} {kind}, too few for cross-validation; expected {_FEWEST} or more values of FRFs"
         )

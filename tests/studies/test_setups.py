@@ -1,0 +1,125 @@
+"""Studies of a case with several set-ups: each works, or says in one line that it does not."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose, assert_array_equal
+
+import jointbayes as jb
+from jointbayes.case.simulation import Truth, simulate
+from jointbayes.cli.commands import main
+from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.studies.calibration.simulation import require_simulable, simulated_problem, simulated_values
+from jointbayes.studies.comparison.compare import hypothesis_problem, require_same_data
+from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.conftest import TABLE_3
+from tests.report.test_setups import HEARD, OWN, TORQUES
+
+
+def case_of(more, base=BASE):
+    return jb.case_from_text("case", base + more)
+
+
+def test_the_score_at_the_truth_of_simulated_set_ups_is_zero_in_the_mean():
+    """E ∇ ln L = 0 where the data of every set-up come from its own likelihood."""
+    narrow = BASE.replace("low = 1e8, high = 1e12", "low = 4e9, high = 6e9")
+    narrow = narrow.replace("low = 1e5, high = 1e9", "low = 3e7, high = 4e7")
+    narrow = narrow.replace("low = 1e4, high = 1e8", "low = 1.4e6, high = 1.6e6")
+    problem = case_of(CLAMP_EDGE + '[noise]\nscale = "sampled"\nown = true\n' + TWO + HEARD, narrow).problem
+    rng, scores, count = np.random.default_rng(20), [], 200
+    for theta in problem.prior.sample(rng, count):
+        simulated = simulated_problem(problem, problem, theta, rng)
+        step = 1e-6 * np.minimum(problem.prior.sd, 1.0)
+        around = np.concatenate([theta + np.diag(step), theta - np.diag(step)])
+        up, down = np.split(simulated.log_posterior.log_likelihood(around), 2)
+        scores.append((up - down) / (2 * step))
+    z = np.mean(scores, axis=0) / (np.std(scores, axis=0) / np.sqrt(count))
+    assert np.abs(z).max() < 4.0, dict(zip(problem.names, z, strict=True))
+
+
+def test_simulated_data_are_those_of_each_set_up_and_of_a_lone_test_as_ever():
+    problem = case_of(TWO).problem
+    theta = np.log(TABLE_3)
+    simulated = simulated_problem(problem, problem, theta, np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    for part, own in zip(simulated.parts, problem.parts, strict=True):
+        assert_array_equal(part.measurement.frf.values, simulated_values(own, theta, rng))
+        assert part.measurement.frf.outputs == own.measurement.frf.outputs
+    alone = case_of("").problem
+    one = simulated_problem(alone, alone, theta, np.random.default_rng(1))
+    values = simulated_values(alone, theta, np.random.default_rng(1))
+    assert_array_equal(one.measurement.frf.values, values)
+
+
+def test_a_calibration_of_set_ups_needs_data_of_the_same_set_ups():
+    two, other = case_of(TWO).problem, case_of(TWO.replace("long", "tall")).problem
+    require_simulable(two, case_of(CLAMP_EDGE + TWO).problem)
+    with pytest.raises(MeasurementError, match="has other set-ups than case"):
+        require_simulable(two, other)
+
+
+@pytest.mark.science
+def test_a_case_with_set_ups_is_calibrated(tmp_path):
+    """A pass of a few data sets: the machinery; the benchmark holds the coverage."""
+    narrow = BASE.replace("low = 1e8, high = 1e12", "low = 1e9, high = 2e10")
+    narrow = narrow.replace("low = 1e5, high = 1e9", "low = 1e7, high = 1e8")
+    found = jb.calibrate(case_of(CLAMP_EDGE + TWO, narrow), n=3, seed=1)
+    assert [one.error for one in found.data_sets] == [""] * 3
+    assert {"k11", "k12", "k22", "long.length", "length_offset", "short.length"} <= set(found.names)
+
+
+def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
+    case = case_of(TWO + HEARD.replace("natural_frequencies", "natural_frequencies"))
+    records = simulate(case, None, np.random.default_rng(1), "short")
+    assert {record.response for record in records} == {"11:y", "6:y"} or len(records) == 2
+    lines = np.array([100.0, 400.0])
+    part = case.problem.part("short")
+    model = part.receptance_model(jb.Ports(lines, ("6:y",), ("11:y",)))
+    exact = model.receptance(part.prior.matrix(np.log(TABLE_3)[None]))[0]
+    assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
+    with pytest.raises(CaseError, match="expected one of long, short, heard"):
+        simulate(case, None, np.random.default_rng(1))
+    with pytest.raises(CaseError, match="natural_frequencies"):
+        simulate(case, None, np.random.default_rng(1), "heard")
+
+
+def test_simulate_writes_a_file_for_each_set_up(tmp_path):
+    (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
+    out = tmp_path / "test.uff"
+    result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in tmp_path.glob("*.uff")) == ["test-long.uff", "test-short.uff"]
+
+
+def test_hypotheses_are_those_of_every_set_up():
+    problem = case_of(TWO).problem
+    springs = hypothesis_problem(problem, "springs")
+    assert [part.setup for part in springs.parts] == ["long", "short"]
+    assert len(springs.names) == 2
+    own = hypothesis_problem(case_of(TORQUES, OWN).problem, "springs")
+    assert len(own.names) == 6
+    for one in (springs, own):
+        assert np.isfinite(one.log_posterior(one.prior.mean)).all()
+
+
+def test_cases_are_compared_on_the_data_of_all_their_set_ups():
+    first, same = case_of(TWO), jb.case_from_text("same", CLAMP_EDGE + BASE + TWO)
+    require_same_data([first, same])
+    other = jb.case_from_text("other", BASE + TWO.replace("200.0", "201.0"))
+    with pytest.raises(CaseError, match="found other data in other"):
+        require_same_data([first, other])
+
+
+def test_a_campaign_of_cases_with_set_ups_is_refused_in_one_line(tmp_path):
+    (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
+    result = CliRunner().invoke(main, ["campaign", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    (line,) = result.stderr.strip().splitlines()
+    assert "setups: found the set-ups long, short; expected cases of one test" in line
+
+
+def test_published_values_are_those_of_one_joint():
+    reference = '[reference]\nk11 = 5e9\nk12 = 3e7\nk22 = 1.5e6\nsource = "a paper"\n'
+    assert case_of(reference + TWO).reference is not None
+    with pytest.raises(CaseError, match="reference: found k11, k12 and k22"):
+        case_of(reference + TORQUES, OWN)
