@@ -61,6 +61,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.planning
+	$(BIN)/python -m benchmarks.setups
 	$(BIN)/python -m benchmarks.long steps --count 1000000
 	$(BIN)/python -m benchmarks.long tasks --count 10000
 	$(BIN)/python -m benchmarks.long posteriors --count 1000

@@ -5,9 +5,12 @@ to ±1.9 mm in all of them alike, E to 2 %, density to 1 %, the damping ratio no
 configs/clamped_beam.toml. The noise of each part of an FRF is 3 % of |H| and 1 % of the median of |H| over all lines
 and responses of a set-up: 10 to 2500 Hz in steps of 2 Hz.
 
-- Table: linearised standard deviations at the truth, beside those of sampled posteriors of exact data.
-- Coverage: data sets of 383 mm with mid-span and of 200 mm; beam, overhangs and edge are drawn anew from their priors
-  for each, and the data come from a beam built for them, not from the family of beams that analyses them.
+- Table: linearised standard deviations at the truth, beside those of sampled posteriors of exact data where mid-span is
+  measured; without it the posterior is far from Gaussian, and its draws say what the prior allows.
+- Coverage: data sets of 383 mm with mid-span and of 200 mm; joint, beam, overhangs and edge are drawn anew from their
+  priors for each, those of the joint log-uniform within a factor of ten of the paper's, and the data come from a beam
+  built for them, not from the family of beams that analyses them. With the joint always the paper's, under its wide
+  prior, intervals need not hold it in 95 of 100.
 
 Data sets are kept in build/setups as they come, one line of JSON each, so that a run that was cut off goes on.
 
@@ -46,6 +49,7 @@ ComplexArray = NDArray[np.complex128]
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, KEPT = ROOT / "benchmarks" / "setups.json", ROOT / "build" / "setups" / "sets.jsonl"
+FIXED = KEPT.with_name("fixed.jsonl")
 PAGE = ROOT / "docs" / "examples" / "two-overhangs.md"
 
 CLAMP = Joint(("1:y", "1:rz"))
@@ -60,11 +64,15 @@ SETTINGS = SamplerSettings().for_one_of_many()
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One test: overhang in mm, where the motion is measured, mass at the tip in kg. The force acts at the tip."""
+    """One test: overhang in mm, where the motion is measured, mass at the tip in kg, and a factor on the noise.
+
+    The force acts at the tip.
+    """
 
     length_mm: float
     outputs: tuple[str, ...] = (TIP,)
     tip_kg: float = 0.0
+    noise: float = 1.0
 
     __test__ = False  # it is no test of pytest
 
@@ -108,10 +116,10 @@ def part_sd(values: ComplexArray) -> Array:
     return 0.03 * np.abs(values) + 0.01 * float(np.median(np.abs(values)))
 
 
-def receptance(test: Test, made: BeamRecipe) -> ComplexArray:
-    """Exact FRFs of a bar in the paper's joint, shape (lines, outputs, 1)."""
+def receptance(test: Test, made: BeamRecipe, stiffness: Array = TRUTH) -> ComplexArray:
+    """Exact FRFs of a bar in a joint, the paper's by default, shape (lines, outputs, 1)."""
     ports = Ports(LINES, test.outputs, (TIP,))
-    matrix = LogStiffness().matrix(TRUTH)
+    matrix = LogStiffness().matrix(stiffness)
     return receptance_model(BeamFamily(made, {}), CLAMP, ports).receptance(matrix)[0]
 
 
@@ -132,10 +140,14 @@ def _exact(test: Test) -> FrfMeasurement:
 def measured(test: Test, values: ComplexArray, exact: ComplexArray) -> FrfMeasurement:
     """Data of a test with the noise that its exact FRFs make."""
     frf = FrfSet(LINES, values, test.outputs, (TIP,))
-    return FrfMeasurement(frf, 2 * part_sd(exact) ** 2, synthetic=True)
+    return FrfMeasurement(frf, 2 * (test.noise * part_sd(exact)) ** 2, synthetic=True)
 
 
-def problem_of(tests: tuple[Test, ...], data: tuple[FrfMeasurement, ...] | None = None) -> Problem:
+def problem_of(
+    tests: tuple[Test, ...],
+    data: tuple[FrfMeasurement, ...] | None = None,
+    bounds: tuple[tuple[float, float], ...] = BOUNDS,
+) -> Problem:
     """The joint from these tests, of exact data unless given; E, density, damping and the edge are common to all."""
     data = data or tuple(map(_exact, tests))
     setups = [Setup(t.name, _family(t), CLAMP, one) for t, one in zip(tests, data, strict=True)]
@@ -146,7 +158,7 @@ def problem_of(tests: tuple[Test, ...], data: tuple[FrfMeasurement, ...] | None 
         Nuisance("length_offset", "mm", 1000.0, Normal(0.0, EDGE_MM / 1000)),
         *(Nuisance(f"{t.name}.length", "mm", t.length_mm, Normal(0.0, OWN_MM / t.length_mm)) for t in tests),
     )
-    priors = tuple(Uniform.of_logarithm(low, high) for low, high in BOUNDS)
+    priors = tuple(Uniform.of_logarithm(low, high) for low, high in bounds)
     return Problem(setups=tuple(setups), prior=JointPrior(LogStiffness(), priors, nuisances), name="set-ups")
 
 
@@ -158,18 +170,29 @@ def linearised(tests: tuple[Test, ...]) -> Array:
     return np.array([spread[name] for name in problem.parametrisation.stiffness_names])
 
 
-def data_set(seed: int, tests: tuple[Test, ...] = STUDIED) -> Problem:
-    """Noisy data of a beam drawn from the priors, in the paper's joint."""
+def drawn_joint(seed: int) -> Array:
+    """A possible joint within a factor of ten of the paper's, shape (3,)."""
+    rng = np.random.default_rng([seed, 15])
+    while True:
+        stiffness: Array = TRUTH * 10 ** rng.uniform(-1.0, 1.0, 3)
+        if stiffness[1] ** 2 < stiffness[0] * stiffness[2]:
+            return stiffness
+
+
+def data_set(seed: int, tests: tuple[Test, ...] = STUDIED, *, fixed: bool = False) -> tuple[Problem, Array]:
+    """Noisy data of a beam and a joint drawn from the priors, or in the paper's joint; and the true joint."""
     rng = np.random.default_rng([seed, 14])
+    stiffness = TRUTH if fixed else drawn_joint(seed)
     modulus, density = np.exp(rng.normal(0.0, [0.02, 0.01]))
     edge_mm = rng.normal(0.0, EDGE_MM)
     data = []
     for test in tests:
         length_mm = test.length_mm * np.exp(rng.normal(0.0, OWN_MM / test.length_mm)) + edge_mm
-        exact = receptance(test, recipe(test, float(length_mm), float(modulus), float(density)))
+        exact = receptance(test, recipe(test, float(length_mm), float(modulus), float(density)), stiffness)
         white = rng.standard_normal((*exact.shape, 2)) @ [1, 1j]
-        data.append(measured(test, exact + part_sd(exact) * white, exact))
-    return problem_of(tests, tuple(data))
+        data.append(measured(test, exact + test.noise * part_sd(exact) * white, exact))
+    bounds = BOUNDS if fixed else tuple((k / 10, 10 * k) for k in TRUTH.tolist())
+    return problem_of(tests, tuple(data), bounds), stiffness
 
 
 def spreads(posterior: Posterior) -> Array:
@@ -177,14 +200,15 @@ def spreads(posterior: Posterior) -> Array:
     return np.array([float(np.log(posterior.values(name)).std()) for name in posterior.stiffness_names])
 
 
-def analysed(seed: int) -> dict[str, Any]:
+def analysed(seed: int, *, fixed: bool = False) -> dict[str, Any]:
     """One data set: which 95 % intervals hold the truth, how wide the posterior is, whether it converged."""
     begun = time.process_time()
-    posterior = sample(data_set(seed), seed=seed, settings=SETTINGS)
+    problem, truth = data_set(seed, fixed=fixed)
+    posterior = sample(problem, seed=seed, settings=SETTINGS)
     ends = [posterior.interval(name) for name in posterior.stiffness_names]
     return {
         "seed": seed,
-        "held": [bool(low <= k <= high) for (low, high), k in zip(ends, TRUTH, strict=True)],
+        "held": [bool(low <= k <= high) for (low, high), k in zip(ends, truth, strict=True)],
         "sd": spreads(posterior).round(5).tolist(),
         "converged": posterior.converged,
         "explains": bool(posterior.check.explains),
@@ -192,12 +216,13 @@ def analysed(seed: int) -> dict[str, Any]:
     }
 
 
-def kept_sets(seeds: range, kept: Path | None) -> list[dict[str, Any]]:
+def kept_sets(seeds: range, kept: Path | None, *, fixed: bool = False) -> list[dict[str, Any]]:
     """Every data set, those of an earlier run as they were kept."""
-    done = {one["seed"]: one for one in (kept_lines(kept, json.dumps([t.name for t in STUDIED])) if kept else [])}
+    head = json.dumps([*(test.name for test in STUDIED), fixed])
+    done = {one["seed"]: one for one in (kept_lines(kept, head) if kept else [])}
     for seed in seeds:
         if seed not in done:
-            done[seed] = analysed(seed)
+            done[seed] = analysed(seed, fixed=fixed)
             print(json.dumps(done[seed]), flush=True)
             if kept is not None:
                 with kept.open("a", encoding="utf-8") as file:
@@ -212,7 +237,6 @@ def counts(sets: list[dict[str, Any]]) -> dict[str, Any]:
         "sets": len(sets),
         "held": dict(zip(names, np.sum([one["held"] for one in sets], axis=0).tolist(), strict=True)),
         "median_sd": dict(zip(names, np.median([one["sd"] for one in sets], axis=0).round(4).tolist(), strict=True)),
-        "linearised_sd": dict(zip(names, linearised(STUDIED).round(4).tolist(), strict=True)),
         "converged": sum(one["converged"] for one in sets),
         "explained": sum(one["explains"] for one in sets),
         "cpu_seconds_each": round(float(np.median([one["seconds"] for one in sets])), 1),
@@ -223,9 +247,11 @@ def table_rows() -> list[dict[str, Any]]:
     """Linearised and sampled standard deviations of each row of the table."""
     rows = []
     for name, (tests, printed) in TABLE.items():
-        posterior = sample(problem_of(tests), seed=1, settings=SETTINGS)
-        row = {"tests": name, "linearised": linearised(tests).round(4).tolist(), "prototype": list(printed)}
-        row |= {"sampled": spreads(posterior).round(4).tolist(), "converged": posterior.converged}
+        row: dict[str, Any] = {"tests": name, "linearised": linearised(tests).round(4).tolist()}
+        row |= {"prototype": list(printed), "sampled": None}
+        if any(MID in test.outputs for test in tests):
+            posterior = sample(problem_of(tests), seed=1, settings=SETTINGS)
+            row |= {"sampled": spreads(posterior).round(4).tolist(), "converged": posterior.converged}
         print(json.dumps(row), flush=True)
         rows.append(row)
     return rows
@@ -238,20 +264,25 @@ def page(found: dict[str, Any]) -> str:
         "|---|---|---|---|",
     ]
     for row in found["table"]:
-        cells = [f"{a:.3g} ({b:.3g})" for a, b in zip(row["sampled"], row["linearised"], strict=True)]
+        drawn = [f" ({one:.2g})" for one in row["sampled"]] if row["sampled"] else [""] * 3
+        cells = [f"{one:.2g}{other}" for one, other in zip(row["linearised"], drawn, strict=True)]
         lines.append(f"| {row['tests']} | {' | '.join(cells)} |")
-    n = found["coverage"]
-    held = ", ".join(f"{name} {count}" for name, count in n["held"].items())
+    drawn, fixed = (found[key] for key in ("coverage", "coverage_of_one_joint"))
+    held, held_fixed = (", ".join(f"{k} {count}" for k, count in n["held"].items()) for n in (drawn, fixed))
     return "\n".join([
         where_measured(found["environment"]),
         "",
-        "Standard deviation of the draws from data without errors, and linearised at the truth (in brackets).",
+        "Linearised at the truth; in brackets that of draws from data without errors, where the posterior comes near a "
+        "Gaussian one: k11 has a long upper tail, with which k12 goes.",
         "",
         *lines,
         "",
-        f"{n['sets']} data sets of 383 mm with mid-span and of 200 mm, each with a beam, overhangs and an edge of its "
-        f"own: the 95 % intervals hold the true joint in {held}; {n['converged']} converged, and in {n['explained']} "
-        f"the check finds that the model explains the data ({n['cpu_seconds_each']} s of CPU each).",
+        f"{drawn['sets']} data sets of 383 mm with mid-span and of 200 mm, each with a joint, a beam, overhangs and an "
+        f"edge drawn from their priors: the 95 % intervals hold the true joint in {held}; {drawn['converged']} "
+        f"converged, and in {drawn['explained']} the check finds that the model explains the data "
+        f"({drawn['cpu_seconds_each']} s of CPU each). With the joint always the paper's, under the wide prior of "
+        f"`clamped_beam.toml`: {held_fixed} of {fixed['sets']}; 95 of 100 is what intervals hold over the prior, not "
+        "at each joint.",
         "",
     ])  # fmt: skip
 
@@ -263,11 +294,14 @@ def main() -> None:
     parser.add_argument("--pilot", action="store_true", help="print only, keep nothing")
     parser.add_argument("--coverage", action="store_true", help="the data sets alone, which are kept")
     options = parser.parse_args()
-    sets = kept_sets(range(1, options.sets + 1), None if options.pilot else KEPT)
+    seeds = range(1, options.sets + 1)
+    sets = kept_sets(seeds, None if options.pilot else KEPT)
     print(json.dumps(counts(sets), indent=1))
     if options.coverage:
         return
-    found = {"environment": environment(), "coverage": counts(sets), "table": table_rows()}
+    fixed = kept_sets(range(1, 101), None if options.pilot else FIXED, fixed=True)
+    coverage = {"coverage": counts(sets), "coverage_of_one_joint": counts(fixed)}
+    found = {"environment": environment(), **coverage, "table": table_rows()}
     text = page(found)
     print(text)
     if not options.pilot:

@@ -65,3 +65,15 @@ def test_the_study_of_fifty_cases_is_published_and_holds():
     page = PAGE.read_text(encoding="utf-8")
     assert f"{found['in_range']} of {found['spreads']}" in page
     assert f"{found['first_among_best_two']} of {found['planned']}" in page
+
+
+def test_the_kept_plan_of_set_ups_has_them_in_the_order_of_the_table():
+    """383 mm with mid-span and 150 mm, with mid-span, with four overhangs, with 200 mm, with 2 kg at the tip."""
+    kept = json.loads((RESULTS.parent / "next_setup.json").read_text(encoding="utf-8"))
+    found = {tuple(one["names"]): one["simulated"]["sd_median"] for one in kept["measurements"]}
+    order = [("6:y", "mm150"), ("6:y",), ("mm300", "mm200", "mm150", "mm100"), ("mm200",), ("heavy",)]
+    sds = [found[names] for names in order]
+    assert sds == sorted(sds)
+    assert kept["recommended"] == list(order[0])
+    page = PAGE.read_text(encoding="utf-8").replace("\n> ", " ")
+    assert kept["sentence"] in page

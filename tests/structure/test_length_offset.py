@@ -13,6 +13,7 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import Joint, LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from jointbayes.structure.mode_table import ModeTable
 from tests.conftest import TABLE_3, pair_matrix
 
 STEEL, CLAMP = BeamMaterial(2.1e11, 0.3, 7800.0), Joint(("1:y", "1:rz"))
@@ -80,3 +81,20 @@ def test_set_ups_share_the_offset_that_moves_all_their_lengths_by_as_many_millim
     estimate = jb.find_map(problem)
     found, sd = 1e3 * estimate.theta[3], 1e3 * math.sqrt(estimate.covariance[3, 3])
     assert abs(found - 2.0) < 4 * sd < 1.0
+
+
+def test_a_stubby_beam_is_interpolated_as_well():
+    """Its modes above the band avoid each other over the range of lengths; those further up do not."""
+    family = BeamFamily(recipe(0.1), OFFSET)
+    lines = np.arange(10.0, 2501.0, 60.0)
+    tips = Ports(lines, ("11:y",), ("11:y",))
+    interpolated = receptance_model(family, CLAMP, tips)
+    exact = receptance_model(family.reference(), CLAMP, tips)
+    edge = np.exp(np.array([[-0.0109], [-0.004], [0.0021], [0.0117]]))
+    matrices = np.tile(pair_matrix(TABLE_3), (len(edge), 1, 1))
+    expected = exact.receptance(matrices, edge)
+    size = np.abs(expected).max(axis=1, keepdims=True)
+    assert np.abs((interpolated.receptance(matrices, edge) - expected) / size).max() < 1e-7
+    at = family.at((*CLAMP.labels, "11:y"), lines[-1])
+    motions = np.eye(at.nominal.n_dofs)[:, at.nominal.index((*CLAMP.labels, "11:y"))]
+    assert isinstance(at.over_factors(motions, None)._modes, ModeTable)

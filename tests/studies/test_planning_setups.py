@@ -17,7 +17,7 @@ from jointbayes.studies.planning.first_look import FirstLook
 from jointbayes.studies.planning.own_quantities import WithOwn, own_of
 from jointbayes.studies.planning.report import plan_lines
 from jointbayes.studies.planning.simulation import WithFurther
-from tests.conftest import CLAMP, PAIR, TABLE_3, cheap_text, pair_matrix
+from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, cheap_text, pair_matrix
 
 LINES = np.arange(20.0, 2000.0, 10.0)
 LAW = RelativeNoise(0.02, 0.01)
@@ -243,3 +243,18 @@ def test_a_plan_simulates_proposed_set_ups_and_sets_of_them(cheap_posterior):
     lines = "\n".join(plan_lines(plan))
     assert "3:y + short" in lines
     assert "the set-up heavy (accelerometer_mass_g" in " ".join(one.words for one in plan.measurements)
+
+
+def test_the_first_look_ranks_the_set_ups_of_the_shipped_case_as_the_table_does():
+    """physics: with mid-span and 150 mm, with mid-span, with four overhangs, with 200 mm, with 2 kg at the tip."""
+    case = jb.load_case(CONFIGS / "next_setup.toml")
+    found = {one.name: one for one in candidates_of(case)}
+    others = np.zeros(len(case.problem.names) - 3)
+    truth = np.concatenate([case.problem.parametrisation.coordinates(TABLE_3), others])
+    order = [("6:y", "mm150"), ("6:y",), ("mm300", "mm200", "mm150", "mm100"), ("mm200",), ("heavy",)]
+    for quantity in ("k11", "k12", "k22"):
+        look = FirstLook(case.problem, found, quantity, truth[None])
+        sds = [look.at(names).median for names in order]
+        assert sds == sorted(sds)
+        assert sds[1] < 0.7 * sds[2]
+        assert sds[3] < 0.9 * sds[4]

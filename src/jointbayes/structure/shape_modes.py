@@ -22,6 +22,8 @@ StructureAt = Callable[[Sequence[float]], Structure]
 
 #: Of more modes than these no table is accurate enough: rounding in the highest is all that is left.
 _MOST_TABULATED = 60
+#: Where no table is accurate enough for the modes that are wanted, those up to so many times the frequency are tried.
+_FURTHER = 2.5
 
 
 class SolvedModes:
@@ -66,18 +68,22 @@ def modes_over_shape(
     reach_hz
         Frequency up to which modes are wanted, Hz; None wants them all.
     """
-    reduction = Reduction(nominal.eigenvalues.size, motions)
-    if reach_hz is not None:
-        reduction = Reduction.below(reach_hz, nominal, motions, forced)
-        if ends and reduction.kept > _MOST_TABULATED:
-            return SolvedModes(structure_at, reduction)
-    # the last terms are the least smooth over the ranges, and the least needed
-    for terms in (reduction.terms, reduction.terms - 1):
-        solved = SolvedModes(structure_at, replace(reduction, terms=terms))
-        table = tabulated(solved.at, motions, ends)
-        if table is not None:
-            return table
-    return SolvedModes(structure_at, reduction)
+    if reach_hz is None:
+        reductions = [Reduction(nominal.eigenvalues.size, motions)]
+    else:
+        # of a stubby body the vectors that stand for the modes above avoid each other there, and further up they do not
+        reductions = [Reduction.below(hz, nominal, motions, forced) for hz in (reach_hz, _FURTHER * reach_hz)]
+        if ends and reductions[0].kept > _MOST_TABULATED:
+            return SolvedModes(structure_at, reductions[0])
+        reductions = [one for one in reductions if one is reductions[0] or one.kept <= _MOST_TABULATED]
+    for reduction in reductions:
+        # the last terms are the least smooth over the ranges, and the least needed
+        for terms in (reduction.terms, reduction.terms - 1):
+            solved = SolvedModes(structure_at, replace(reduction, terms=terms))
+            table = tabulated(solved.at, motions, ends)
+            if table is not None:
+                return table
+    return SolvedModes(structure_at, reductions[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
