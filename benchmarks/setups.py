@@ -272,8 +272,8 @@ def page(found: dict[str, Any]) -> str:
     return "\n".join([
         where_measured(found["environment"]),
         "",
-        "Linearised at the truth; in brackets that of draws from data without errors, where the posterior comes near a "
-        "Gaussian one: k11 has a long upper tail, with which k12 goes.",
+        "Linearised at the truth; in brackets that of draws from data without errors, where mid-span is measured. Also "
+        "there the posterior is wider than its linearisation: k11 has a long upper tail, with which k12 and k22 go.",
         "",
         *lines,
         "",

@@ -59,7 +59,9 @@ def planned_texts(source: CaseText) -> dict[str, CaseText]:
 
 def _as_proposed(data: Mapping[str, Any], name: str) -> dict[str, Any]:
     """The tables of a proposed set-up, which is one beside those of the case."""
-    return {key: value for key, value in data.items() if key not in ("plan", "level", "reference")} | {SETUPS: {name: {}}}
+    return {key: value for key, value in data.items() if key not in ("plan", "level", "reference")} | {
+        SETUPS: {name: {}}
+    }
 
 
 def _of_setup(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
