@@ -108,10 +108,12 @@ def _compared(
 
 
 def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
-    """Each mode's components, measured and predicted."""
+    """Components, measured and predicted, of each mode of which some were measured."""
     assert measured.shapes is not None
     found: list[Block] = []
-    for i, n in enumerate(measured.numbers[:_MOST_FIGURES]):
+    with_some = [i for i, one in enumerate(shape.measured) if not np.isnan(one).all()]
+    for i in with_some[:_MOST_FIGURES]:
+        n = measured.numbers[i]
         name = f"mode-shape-{n}"
         values = (shape.measured[i], shape.sd[i], shape.best[i], shape.low[i], shape.high[i])
         labels = [foreign(dof) for dof in measured.shapes.dofs]
