@@ -1,8 +1,7 @@
 """The steps of a run: identify, find the MAP, sample, load. One function each, from a case or a problem to a result."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -353,12 +352,12 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         If the problem has parts that no file can hold and is not passed, or another one is.
     """
     from jointbayes.posterior.agreement import require_same_density
-    from jointbayes.posterior.stored_file import read_stored
+    from jointbayes.posterior.stored_file import one_line_of, read_stored
     from jointbayes.posterior.stored_problem import problem_from, require_same_problem
 
     stored, passed, case = read_stored(path), problem, None
     where, run, description = stored.where, stored.record.run, stored.record.stored_problem
-    with _one_line_of(where):
+    with one_line_of(where):
         if description is None:
             case = _case_of(stored)
             problem = passed or case.problem
@@ -390,23 +389,3 @@ def _case_of(stored: "StoredFile") -> Case:
             "names are not read; sample again, or take another copy of the file"
         )
     return case_from_text(run.case_name, run.case_text, measurement=measured)
-
-
-@contextmanager
-def _one_line_of(where: str) -> Iterator[None]:
-    """Turn whatever a damaged file leads to into one line that begins with the file.
-
-    Its record is typed, but a problem is made of hundreds of numbers, and mathematics refuses them in its own ways.
-    """
-    try:
-        yield
-    except JointBayesError as error:
-        if str(error).startswith(where):
-            raise
-        raise MeasurementError(f"{where}: found a problem in it that is none: {error}") from error
-    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        said = " ".join(str(error).split())[:120]
-        raise MeasurementError(
-            f"{where}: found a problem in it that cannot be evaluated ({type(error).__name__}: {said}); expected that "
-            "of its draws; sample again, or take another copy of the file"
-        ) from error

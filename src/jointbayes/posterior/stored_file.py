@@ -5,7 +5,8 @@ arrays are known, so nothing else in a file is looked at.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.errors import MeasurementError
+from jointbayes.errors import JointBayesError, MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.measurement import (
@@ -30,7 +31,7 @@ from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, p
 from jointbayes.posterior.storage import JOINT_FRF, RECORD, value_units
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP
 
-__all__ = ["StoredDraws", "StoredFile", "read_stored"]
+__all__ = ["StoredDraws", "StoredFile", "one_line_of", "read_stored"]
 
 Array = NDArray[np.float64]
 
@@ -230,3 +231,23 @@ def read_stored(path: str | os.PathLike[str]) -> StoredFile:
     if text is None or text.dtype.kind != "U" or text.ndim:
         raise MeasurementError(f"{where}: found no posterior in it; {_EXPECTED}; give the path of one")
     return StoredFile(where, parse_record(str(text), where), groups)
+
+
+@contextmanager
+def one_line_of(where: str) -> Iterator[None]:
+    """Turn whatever a damaged file leads to into one line that begins with the file.
+
+    Its record is typed, but a problem is made of hundreds of numbers, and mathematics refuses them in its own ways.
+    """
+    try:
+        yield
+    except JointBayesError as error:
+        if str(error).startswith(where):
+            raise
+        raise MeasurementError(f"{where}: found a problem in it that is none: {error}") from error
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+        said = " ".join(str(error).split())[:120]
+        raise MeasurementError(
+            f"{where}: found a problem in it that cannot be evaluated ({type(error).__name__}: {said}); expected that "
+            "of its draws; sample again, or take another copy of the file"
+        ) from error
