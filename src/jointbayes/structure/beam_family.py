@@ -18,7 +18,15 @@ from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.mesh import BeamMesh
 from jointbayes.structure.reduction import Forced
-from jointbayes.structure.shape_modes import ModesOverShape, Parts, Similarity, modes_over_shape, parts_of
+from jointbayes.structure.shape_modes import (
+    ModesOverShape,
+    Parts,
+    Similarity,
+    ends_of,
+    modes_over_shape,
+    parts_of,
+    shape_numbers,
+)
 from jointbayes.structure.uncertain_family import UncertainFamily
 from jointbayes.structure.uncertain_quantities import BeamRecipe
 
@@ -141,20 +149,17 @@ class _ShapeAxes:
                 "accelerometer_mass": 1.0, "density": -1.0, "section_size": -2.0, "length": -1.0
             }  # fmt: skip
         self.names: list[str] = []
-        self.ends: list[tuple[float, float]] = []
         self._powers: list[dict[str, float]] = []
         for name, powers in exponents.items():
             known = {q: p for q, p in powers.items() if q in ranges}
             if not known:
                 continue
-            sides = [sorted((p * ranges[q][0], p * ranges[q][1])) for q, p in known.items()]
             self.names.append(name)
-            self.ends.append((sum(s[0] for s in sides), sum(s[1] for s in sides)))
             self._powers.append(known)
+        self.ends = ends_of(self._powers, ranges.__getitem__)
 
     def numbers(self, family: BeamFamily, factors: Array) -> Array:
-        logs = [sum(p * np.log(family.factor(factors, q)) for q, p in powers.items()) for powers in self._powers]
-        return np.stack(logs, axis=-1) if logs else np.zeros((len(factors), 0))
+        return shape_numbers(self._powers, lambda quantity: family.factor(factors, quantity), len(factors))
 
 
 class _ScaledModes:

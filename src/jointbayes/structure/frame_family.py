@@ -17,7 +17,16 @@ from jointbayes.structure.frame_mesh import BodyFactors
 from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.reduction import Forced
-from jointbayes.structure.shape_modes import ModesOverShape, Parts, Similarity, modes_over_shape, parts_of, rising
+from jointbayes.structure.shape_modes import (
+    ModesOverShape,
+    Parts,
+    Similarity,
+    ends_of,
+    modes_over_shape,
+    parts_of,
+    rising,
+    shape_numbers,
+)
 from jointbayes.structure.uncertain_family import UncertainFamily
 
 __all__ = ["FrameFamily"]
@@ -133,11 +142,7 @@ class _Body:
     @property
     def ends(self) -> list[tuple[float, float]]:
         """Lower and upper end of each shape number."""
-        ends = []
-        for powers in self.axes.values():
-            sides = [sorted(p * end for end in self._range(q)) for q, p in powers.items()]
-            ends.append((sum(side[0] for side in sides), sum(side[1] for side in sides)))
-        return ends
+        return ends_of(self.axes.values(), self._range)
 
     def _range(self, quantity: str) -> tuple[float, float]:
         family = self.family
@@ -168,8 +173,7 @@ class _Body:
     def __call__(self, factors: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
         each = {q: self.family.body_factor(self.number, factors, q) for q in _QUANTITIES}
-        logs = [sum(p * np.log(each[q]) for q, p in powers.items()) for powers in self.axes.values()]
-        numbers = np.stack(logs, axis=-1) if logs else np.zeros((len(factors), 0))
+        numbers = shape_numbers(self.axes.values(), each.__getitem__, len(factors))
         similarity = Similarity(numbers, each["youngs_modulus"], each["density"], each["length"])
         eigenvalues, motions = similarity.scaled(self.modes, self.parts.turned)
         return eigenvalues, self.parts.joined(motions)

@@ -5,7 +5,7 @@ accelerometer's mass beside the body's, the modes and the few vectors that stand
 (`jointbayes.structure.reduction`) are interpolated between Chebyshev points, at which the body is assembled and solved.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,9 +15,21 @@ from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.mode_table import Ends, ModeTable, tabulated
 from jointbayes.structure.reduction import Forced, Reduction
 
-__all__ = ["ModesOverShape", "Parts", "Similarity", "SolvedModes", "modes_over_shape", "parts_of", "rising"]
+__all__ = [
+    "ModesOverShape",
+    "Parts",
+    "Similarity",
+    "SolvedModes",
+    "ends_of",
+    "modes_over_shape",
+    "parts_of",
+    "rising",
+    "shape_numbers",
+]
 
 Array = NDArray[np.float64]
+#: Powers in which quantities change a shape number.
+Powers = Mapping[str, float]
 StructureAt = Callable[[Sequence[float]], Structure]
 
 #: Of more modes than these no table is accurate enough: rounding in the highest is all that is left.
@@ -154,6 +166,21 @@ class Similarity:
         unit = 1 / np.sqrt(density * size**3)
         scale = np.where(turned, (unit / size)[:, None], unit[:, None])
         return rising(eigenvalues, motions * scale[:, :, None])
+
+
+def ends_of(powers: Iterable[Powers], range_of: Callable[[str], tuple[float, float]]) -> list[tuple[float, float]]:
+    """Lower and upper end of each shape number, from the range of the logarithm of each quantity."""
+    ends = []
+    for of_one in powers:
+        sides = [sorted(p * end for end in range_of(q)) for q, p in of_one.items()]
+        ends.append((sum(side[0] for side in sides), sum(side[1] for side in sides)))
+    return ends
+
+
+def shape_numbers(powers: Iterable[Powers], factor_of: Callable[[str], Array], rows: int) -> Array:
+    """Shape numbers, shape (rows, axes), from the factors on each quantity, shape (rows,)."""
+    logs = [sum(p * np.log(factor_of(q)) for q, p in of_one.items()) for of_one in powers]
+    return np.stack(logs, axis=-1) if logs else np.zeros((rows, 0))
 
 
 def rising(eigenvalues: Array, motions: Array) -> tuple[Array, Array]:
