@@ -96,7 +96,7 @@ class DirectSolve:
         self._structure, self._omega = structure, ports.omega
         self._joined, self._outputs, self._inputs = ports.selections(structure, joint)
         # of a joint that happens to be absent, the motions that it would hold are modes all the same
-        self._rigid = rigid_body_modes(structure, joint)
+        self._rigid = rigid_body_modes(structure, joint) if structure.damping.of_assembled_modes else None
 
     def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
