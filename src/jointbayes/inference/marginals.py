@@ -266,7 +266,7 @@ class OfStiffness:
     --------
     >>> import numpy as np
     >>> prior = OfStiffness(Uniform(1e6, 3e6))  # N/m
-    >>> float(np.exp(prior.ppf(np.array(0.5))))
+    >>> round(float(np.exp(prior.ppf(np.array(0.5)))), 3)
     2000000.0
     """
 
