@@ -102,6 +102,17 @@ def test_the_compliance_leads_back_with_the_volume_it_states(kind, seed):
     assert coordinates.log_volume(theta[None])[0] == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.parametrize("damping", [-0.1, 0.0])
+def test_damping_of_zero_or_below_is_outside_of_the_coordinates_and_no_warning(damping):
+    coordinates = ComplianceCoordinates(DAMPED)
+    phi = coordinates.forward(theta_of(DAMPED, 1)[None])
+    np.testing.assert_allclose(phi[0, 3:], DAMPED.stiffness(theta_of(DAMPED, 1))[3:], rtol=1e-14)
+    phi[0, 4] = damping
+    theta, inside = coordinates.inverse(phi)
+    assert inside.tolist() == [False]
+    assert np.isfinite(theta).all()
+
+
 @ALL
 def test_batches_are_the_same_as_one_by_one(kind):
     theta = np.array([[theta_of(kind, 10 * i + j) for j in range(2)] for i in range(3)])

@@ -176,14 +176,20 @@ class Damped(Parametrisation):
         return Damped(other, viscous, loss) if viscous or loss else other
 
     def compliance(self, theta: Array) -> Array:
-        """Compliance of the stiffnesses, then the logarithms of the damping as they are, shape (n, d)."""
-        return np.concatenate([self.of.compliance(theta[..., : self._d]), theta[..., self._d :]], axis=-1)
+        """Compliance of the stiffnesses, then the damping itself, shape (n, d).
+
+        An FRF is nearly linear in a loss factor, as it is in the compliance: where data leave one wide, its draws are
+        near Gaussian, those of its logarithm have a long tail.
+        """
+        return np.concatenate([self.of.compliance(theta[..., : self._d]), np.exp(theta[..., self._d :])], axis=-1)
 
     def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         theta, inside = self.of.from_compliance(phi[:, : self._d])
-        return np.concatenate([theta, phi[:, self._d :]], axis=-1), inside
+        damping = phi[:, self._d :]
+        logarithm = np.log(np.maximum(damping, np.finfo(float).tiny))
+        return np.concatenate([theta, logarithm], axis=-1), inside & (damping > 0).all(axis=1)
 
     def log_compliance_volume(self, theta: Array) -> Array:
-        """ln |∂θ/∂φ|, shape (n,): that of the stiffnesses."""
-        return self.of.log_compliance_volume(theta[..., : self._d])
+        """ln |∂θ/∂φ|, shape (n,): that of the stiffnesses, and 1/η of each damping η."""
+        return self.of.log_compliance_volume(theta[..., : self._d]) - theta[..., self._d :].sum(axis=-1)
