@@ -4,6 +4,7 @@ import dataclasses
 import pickle
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -441,7 +442,9 @@ class TestRun:
             calls.append(len(theta))
             return gaussian(theta)
 
+        began = time.perf_counter()
         chains = run(1, log_density=counted)
+        passed = time.perf_counter() - began
         moved = np.any(np.diff(chains.theta, axis=1) != 0.0, axis=-1)
         assert chains.theta.shape == (4, 300, 8, 2)
         np.testing.assert_allclose(chains.log_density, -0.5 * np.sum(chains.theta**2, axis=-1))
@@ -449,7 +452,7 @@ class TestRun:
         assert chains.evaluations == sum(calls)
         assert chains.thin == max(1, int(chains.tau.min() / 2))
         np.testing.assert_allclose(chains.ess, 4 * 8 * (300 - chains.burn_in) / chains.tau)
-        assert 0.0 < chains.seconds < 60.0
+        assert 0.0 < chains.seconds < passed
         assert [check.step for check in chains.history] == [100, 200, 300]
 
     def test_last_check_is_of_the_kept_draws(self):
