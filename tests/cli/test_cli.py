@@ -546,3 +546,11 @@ def test_commands_look_for_garbage_seldom():
         assert gc.get_threshold()[0] >= 100_000
     finally:
         gc.set_threshold(*before)
+
+
+@pytest.mark.parametrize("stated", ["1e9", "k11=stiff", "k11"])
+def test_an_assumed_joint_that_is_no_name_and_number_is_refused_in_one_line(stated):
+    result = cli("plan", CONFIGS / "clamped_beam.toml", "--assume", stated)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert f"--assume: found '{stated}'; expected a quantity of the joint and its value, as in k11=1e9" in result.stderr

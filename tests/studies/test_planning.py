@@ -32,9 +32,9 @@ from jointbayes.studies.planning.first_look import (
     worth_simulating,
 )
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation, predictive_range
-from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first
+from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first, plan
 from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
-from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth
+from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth, stated_joint
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix, shipped_text
 
 TRUTH = np.log(TABLE_3)
@@ -313,6 +313,16 @@ def test_an_assumed_joint_is_kept_and_all_else_follows_the_data():
             assert density(theta)[0] > density(theta + step * np.eye(7)[i])[0]
     with pytest.raises(jb.ModelError, match="outside the prior"):
         assumed_truth(case.problem, mode, [1.0, 1.0, 1.0])
+
+
+def test_an_assumed_joint_is_stated_by_the_names_of_all_its_quantities():
+    case = jb.load_case(CONFIGS / "spindle_tool.toml")
+    names = [quantity.name for quantity in case.problem.parametrisation.quantities]
+    stated = {name: float(i) for i, name in enumerate(names, 1)}
+    assert stated_joint(case.name, case.problem, dict(reversed(stated.items()))) == list(stated.values())
+    for wrong in ({"k11": 1e9, "k12": 1e7, "k22": 1e6}, {**stated, "more": 1.0}):
+        with pytest.raises(jb.CaseError, match=f"expected a value for each of {', '.join(names)}; state all"):
+            plan(case, assume=wrong)
 
 
 def simulated(*sds, verdict="weakly identified"):

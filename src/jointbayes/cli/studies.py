@@ -17,7 +17,7 @@ from jointbayes.cli.common import (
 )
 from jointbayes.cli.output import say
 from jointbayes.cli.progress import show_calibration
-from jointbayes.errors import printable
+from jointbayes.errors import CaseError, printable
 
 
 @click.command()
@@ -52,18 +52,31 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
         sys.exit(NOT_CONVERGED)
 
 
+def _stated(text: str) -> tuple[str, float]:
+    """Name and value of NAME=VALUE."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise CaseError(
+            f"--assume: found {text!r}; expected a quantity of the joint and its value, as in k11=1e9; correct it"
+        ) from None
+
+
 @click.command()
 @config_argument
 @outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Directory for report and numbers; by default none.")
 @click.option("--json", "as_json", is_flag=True, help="Print plan.json instead of a table.")
-@click.option("--assume", nargs=3, type=float, metavar="K11 K12 K22", help="Plan for this joint, not the one found.")
+@click.option(
+    "--assume", multiple=True, metavar="NAME=VALUE",
+    help="Plan for this joint, not the one found: one for each of its quantities, as in --assume k11=1e9.",
+)  # fmt: skip
 @seed_option
-def plan(
-    config: Path, out: Path | None, as_json: bool, assume: tuple[float, float, float] | None, seed: int | None
-) -> None:
+def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...], seed: int | None) -> None:
     """Recommend what to measure next, from simulated further measurements."""
     case = load(config)
+    stated = dict(_stated(text) for text in assume)
     import json
 
     from jointbayes.report.run_directory import require_writable
@@ -73,7 +86,7 @@ def plan(
 
     if out is not None:
         require_writable(out, PLAN_MARK)
-    result = ranked(case, seed=seed, assume=assume, progress=lambda line: say(line, err=True))
+    result = ranked(case, seed=seed, assume=stated or None, progress=lambda line: say(line, err=True))
     if out is not None:
         write_plan(result, case, out)
     if as_json:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError
@@ -17,7 +17,7 @@ from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, Linearised, sets_of, worth_simulating
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
-from jointbayes.studies.planning.simulation import Simulator, assumed_truth
+from jointbayes.studies.planning.simulation import Simulator, assumed_truth, stated_joint
 from jointbayes.workflow import sample
 
 __all__ = ["Plan", "PlannedMeasurement", "plan"]
@@ -249,7 +249,7 @@ def plan(
     posterior: Posterior | None = None,
     seed: int | None = None,
     *,
-    assume: ArrayLike | None = None,
+    assume: Mapping[str, float] | None = None,
     simulations: int = ALL,
     progress: Callable[[str], None] | None = None,
 ) -> Plan:
@@ -264,8 +264,8 @@ def plan(
     seed
         Seed of the one random generator; by default the case's.
     assume
-        (k11, k12, k22), shape (3,), of the joint that makes every simulated measurement. By default joints are drawn
-        from the present posterior.
+        Quantities of the joint that makes every simulated measurement, each by its name (``{"k11": 1e9, ...}``). By
+        default joints are drawn from the present posterior.
     simulations
         Measurements to simulate of each candidate that could come first; 9 at most of the others. 0 leaves the
         linearised first look, which recommends nothing.
@@ -280,7 +280,8 @@ def plan(
     Raises
     ------
     CaseError
-        If the data are natural frequencies, the posterior is of another case, or there is nothing to choose from.
+        If the data are natural frequencies, the posterior is of another case, there is nothing to choose from, or
+        `assume` does not name every quantity of the joint.
     ModelError
         If the prior thinks the assumed joint impossible.
     """
@@ -296,10 +297,11 @@ def plan(
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
     seed = case.spec.sampling.seed if seed is None else seed
     problem, settings = case.problem, case.spec.plan
+    joint = None if assume is None else stated_joint(case.name, problem, assume)
     if posterior is None:
         tell("sampling the present posterior")
         posterior = sample(case, seed)
-    truth = None if assume is None else assumed_truth(problem, posterior.mode_theta, assume)
+    truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
     parameter = case.spec.plan_parameter
     simulator = Simulator(
         problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),

@@ -12,14 +12,14 @@ Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
-from jointbayes.errors import JointBayesError, ModelError
+from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
@@ -31,7 +31,7 @@ from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
 from jointbayes.studies.planning.own_quantities import WithOwn, own_of
 
-__all__ = ["LEAST_EFFECTIVE", "Simulator", "WithFurther", "assumed_truth"]
+__all__ = ["LEAST_EFFECTIVE", "Simulator", "WithFurther", "assumed_truth", "stated_joint"]
 
 Array = NDArray[np.float64]
 
@@ -248,6 +248,17 @@ def _importance(
 def _trusted(weighted: WeightedDraws, effective: float) -> bool:
     """Whether weighted draws leave so many effective ones, in a tail that can be trusted."""
     return weighted.effective >= effective and pareto_k(weighted.log_weight) <= PARETO_LIMIT
+
+
+def stated_joint(where: str, problem: Problem, assume: Mapping[str, float]) -> list[float]:
+    """Quantities of an assumed joint, given by their names, in the order of the problem."""
+    names = [quantity.name for quantity in problem.prior.parametrisation.quantities]
+    if set(assume) != set(names):
+        raise CaseError(
+            f"{where}: found an assumed joint of {', '.join(assume)}; expected a value for each of {', '.join(names)}; "
+            "state all of them"
+        )
+    return [float(assume[name]) for name in names]
 
 
 def assumed_truth(problem: Problem, theta: Array, stiffness: ArrayLike) -> Array:
