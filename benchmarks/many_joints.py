@@ -1,32 +1,42 @@
 """Many joints: how often their mode is found, how fast they are drawn, and whether they are calibrated.
 
-`modes`: four joints with twelve springs, the truth drawn from the prior; the mode counts as found where the search ends
-no more than one in log posterior below a climb from the truth. `draws` and `six`: a whole run of four joints, and of
-six joints with 18 springs and their loss factors. `calibrate`: data sets of the four joints at fewer lines, kept in
-build/many_joints/: what was cut off goes on where it was. What was measured is kept in benchmarks/many_joints.json.
+`modes`: four joints with twelve springs, the truth drawn from the prior; the mode counts as found where the search
+ends no more than one in log posterior below a climb from the truth. `draws`: a whole run of four joints that goes on
+until it has 20 000 effective draws of every stiffness. `six`: a whole run, by the usual stop rule, of six joints with
+18 springs and their loss factors. `calibrate`: data sets of the four joints at fewer lines, kept in build/many_joints/:
+what was cut off goes on where it was. What was measured is kept in benchmarks/many_joints.json and written into
+docs/examples/portal-frame.md.
 """
 
 import argparse
 import json
 import statistics
 import time
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import jointbayes as jb
+from benchmarks.coverage import write_between
 from benchmarks.many_joints_data import four_joints, random_data, six_joints
+from benchmarks.page import table
 from benchmarks.record import merged
 from jointbayes.identification import refine
-from jointbayes.studies.calibration.report import calibration_lines
+from jointbayes.studies.calibration.report import calibration_lines, ranks_figure
 
-__all__ = ["calibrate", "draws", "main", "modes", "search"]
+__all__ = ["FIGURE", "PAGE", "calibrate", "draws", "main", "modes", "search", "section"]
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks" / "many_joints.json"
 PARTIAL = ROOT / "build" / "many_joints"
+PAGE = ROOT / "docs" / "examples" / "portal-frame.md"
+FIGURE = ROOT / "docs" / "figures" / "calibration-four-joints.svg"
 SEED = 20261122
 #: Log posterior that the search may end below a climb from the truth.
 TOLERANCE = 1.0
+#: Autocorrelation times after which the run of four joints ends: the usual 50 leave 13 000 effective draws.
+LONGER = 100.0
 
 
 def search(seed: int) -> dict[str, float]:
@@ -58,10 +68,11 @@ def modes(count: int) -> dict[str, Any]:
     return {"count": count, "found": found, "median_seconds": median, "rows": rows}
 
 
-def draws(case: jb.Case) -> dict[str, Any]:
+def draws(case: jb.Case, tau_factor: float | None = None) -> dict[str, Any]:
     """A whole run: seconds, of the processor too, and effective draws of the quantity that has the fewest."""
+    settings = replace(case.sampler, tau_factor=tau_factor or case.sampler.tau_factor)
     wall, own = time.perf_counter(), time.process_time()
-    posterior = jb.sample(case, seed=1, tell=lambda line: print(line, flush=True))
+    posterior = jb.sample(case, seed=1, settings=settings, tell=lambda line: print(line, flush=True))
     sampler = posterior.record.sampler
     found = {
         "seconds": time.perf_counter() - wall,
@@ -69,6 +80,7 @@ def draws(case: jb.Case) -> dict[str, Any]:
         "converged": posterior.converged,
         "reason": posterior.reason,
         "ess": min(sampler["ess"].values()),
+        "unknowns": len(posterior.names),
         "evaluations": sampler["evaluations"],
         "efficiency": sampler["proposal_efficiency"],
     }
@@ -83,7 +95,56 @@ def calibrate(count: int, workers: int | None) -> dict[str, Any]:
         case, count, seed=SEED, directory=PARTIAL, workers=workers, progress=lambda p: print(p.done, flush=True)
     )
     print(*calibration_lines(found), sep="\n")
+    FIGURE.write_text(ranks_figure(found.quantities), encoding="utf-8")
     return found.summary()
+
+
+def section(found: Mapping[str, Any]) -> str:
+    """What has been measured, for the page."""
+    lines: list[str] = []
+    for part, what in (
+        ("draws", "four joints, twelve stiffnesses"),
+        ("six", "six joints, 18 springs and 18 loss factors"),
+    ):
+        if part in found:
+            row = found[part]
+            lines += [
+                f"- **A whole run, {what}**: {'converged' if row['converged'] else 'not converged'} with "
+                f"{row['ess']:.0f} effective draws of the quantity that has the fewest, in {row['seconds']:.0f} s "
+                f"({row['processor_seconds']:.0f} s of one processor core), mode search included.",
+            ]
+    if "modes" in found:
+        row = found["modes"]
+        lines.insert(
+            0,
+            f"- **The mode, of random truths**: found in {row['found']} of {row['count']}, in "
+            f"{row['median_seconds']:.1f} s of one processor core in the median.",
+        )
+    if "calibrate" in found:
+        lines += ["", *_calibration(found["calibrate"])]
+    return "\n".join([*lines, ""])
+
+
+def _calibration(data: Mapping[str, Any]) -> list[str]:
+    n, where = data["data_sets"], data["environment"]
+    rows = [
+        (
+            name,
+            "inside" if row["inside_band"] else "**outside**",
+            f"{row['p_value']:.3f}",
+            f"{row['covered']} of {n}",
+        )
+        for name, row in data["quantities"].items()
+    ]
+    return [
+        f"**Calibration**: {n} data sets of truths drawn from the prior, at 141 lines, seed {data['seed']}; "
+        f"{where['date']}, {where['cpu']}; {data['converged']} converged, {data['failed']} failed. Ranks against "
+        f"simultaneous bands; all quantities together: p = {data['p_value']:.2g}.",
+        "",
+        *table(("quantity", "ranks and band", "p-value", "95 % intervals that hold the truth"), rows),
+        "",
+        f"![ECDF differences of the ranks, four joints](../figures/{FIGURE.name})",
+    ]
 
 
 def main() -> None:
@@ -95,12 +156,13 @@ def main() -> None:
     options = parser.parse_args()
     parts = {
         "modes": lambda: modes(options.count or 40),
-        "draws": lambda: draws(four_joints()),
+        "draws": lambda: draws(four_joints(), LONGER),
         "six": lambda: draws(six_joints()),
         "calibrate": lambda: calibrate(options.count or 200, options.workers),
     }
     found = merged(RECORD, options.part, parts[options.part](), False)
     RECORD.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_between(PAGE, "many_joints.py", section(found))
 
 
 if __name__ == "__main__":
