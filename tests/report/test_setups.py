@@ -2,14 +2,17 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
+from jointbayes.posterior.curve import Curve, _change
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report.build import SECTIONS_OF_DATA
@@ -219,13 +222,64 @@ def test_a_curve_has_the_quantity_of_each_set_up_in_the_order_of_the_levels(torq
         assert curve.median[i] == np.median(torques.values(name))
     assert_allclose(curve.median, [0.6e6, 1.52e6, 2.2e6], rtol=0.01)
     ratio = torques.values("tight.k22") / torques.values("loose.k22")
-    assert_allclose(curve.ratio, np.quantile(ratio, [0.5, 0.025, 0.975]))
+    assert (curve.pair, curve.pairs, curve.relative) == ((0, 2), 1, True)
+    assert_allclose(curve.change, np.quantile(ratio, [0.5, 0.025, 0.975]))
     assert curve.sentence.startswith("k22 at 20 N m over that at 5 N m: median 3.6")
-    assert curve.sentence.endswith("it rises.")
+    assert curve.sentence.endswith("it rises between 5 N m and 20 N m.")
     narrow = torques.curve("k22", 0.5)
     assert (narrow.low > curve.low).all()
     assert (narrow.high < curve.high).all()
-    assert torques.curve("k11").sentence.endswith("the data show no change.")
+    assert re.search(r"; no change between \d+ N m and \d+ N m is shown\.$", torques.curve("k11").sentence)
+
+
+def torques_with(torques, **values):
+    """The same posterior with other draws of k22: of each set-up a mean and a standard deviation."""
+    rng = np.random.default_rng(1)
+    shape = torques.values("loose.k22").shape
+    draws = {f"{name}.k22": (("chain", "draw"), rng.normal(*at, shape)) for name, at in values.items()}
+    tree = torques.tree.copy()
+    tree["posterior"] = xr.DataTree(torques.draws.assign(draws))
+    return dataclasses.replace(torques, tree=tree)
+
+
+def test_a_curve_that_turns_names_the_levels_that_differ_most(torques):
+    turned = torques_with(torques, loose=(1e5, 1e3), usual=(1e7, 1e5), tight=(1e5, 1e3)).curve("k22")
+    assert turned.pairs == 3
+    assert set(turned.pair) in ({0, 1}, {1, 2})
+    assert "of 3 pairs of levels the one that differs most clearly: median" in turned.sentence
+    assert turned.sentence.endswith(("it rises between 5 N m and 10 N m.", "it falls between 10 N m and 20 N m."))
+
+
+def test_a_curve_that_turns_by_chance_is_seldom_said_to_change():
+    """Three levels that are alike: the interval is that of all pairs, so that 5 % of the runs at most say otherwise."""
+    rng, said, turned = np.random.default_rng(3), 0, 0
+    for _ in range(1000):
+        draws = rng.normal(size=3) + rng.normal(size=(2000, 3))  # estimates of one value, each with an sd of 1
+        _, pairs, (_, low, high) = _change(draws, np.arange(3.0), relative=False, tail=0.025)
+        turned += pairs > 1
+        said += pairs > 1 and not low <= 0 <= high
+    assert 600 < turned < 730
+    assert said <= 0.05 * 1000
+
+
+def test_a_quantity_that_may_be_negative_changes_by_a_difference():
+    rng = np.random.default_rng(2)
+    values = np.stack([rng.normal(mean, 1e3, 4000) for mean in (-2e5, -1.5e5, -1e5)], axis=-1)
+    pair, pairs, change = _change(values, np.array([1.0, 2.0, 3.0]), relative=False, tail=0.025)
+    assert (pair, pairs) == ((0, 2), 1)
+    assert_allclose(change, np.quantile(values[:, 2] - values[:, 0], [0.5, 0.025, 0.975]))
+    level = jb.Level(1.0, "torque", "N m")
+    curve = Curve(
+        "k12", "N", level, ("a",) * 3, ("k12",) * 3, np.arange(3.0), *values[:3], 0.95, pair, pairs, False, change
+    )
+    assert curve.sentence.startswith("k12 at 2 N m minus that at 0 N m: median 1e+05 N, 95 % credible interval ")
+    assert curve.sentence.endswith("it rises between 0 N m and 2 N m.")
+
+
+def test_a_run_without_verdict_says_nothing_of_a_change(torques):
+    failed = dataclasses.replace(torques, record=dataclasses.replace(torques.record, converged=False))
+    sentence = failed.curve("k22").sentence
+    assert sentence == "k22 between 5 N m and 20 N m: nothing is said of a change, for the sampler has not converged."
 
 
 def test_the_curve_is_a_table_and_a_figure_of_each_quantity(torques, overhangs):

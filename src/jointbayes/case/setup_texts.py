@@ -67,7 +67,8 @@ def _as_proposed(data: Mapping[str, Any], name: str) -> dict[str, Any]:
 def _of_setup(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
     table = {key: value for key, value in stated.items() if key not in _OF_THE_WHOLE}
     depth = len(at)
-    inside = {path[depth:]: place for path, place in source.places.items() if path[:depth] == at and len(path) > depth}
+    of_case = ((path[depth:], place) for path, place in source.places.items() if path[:depth] == at)
+    inside = {path: place for path, place in of_case if path and path[0] not in _OF_THE_WHOLE}
     over = CaseText(source.name, "", _with_own(table), inside, str(at[-1]), at, frozenset(inside))
     data, places = merged(source, over)
     places[()] = source.place(at)

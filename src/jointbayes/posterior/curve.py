@@ -10,10 +10,12 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Level, Setup
 from jointbayes.inference.setup import own_name
 from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.verdicts import reasons_for_no_verdict
 
 __all__ = ["Curve", "curve_of", "curves_of"]
 
 Array = NDArray[np.float64]
+_TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +36,17 @@ class Curve:
         Median and ends of the interval, in the unit, each shape (n,).
     probability
         Inside the interval at each level.
-    ratio
-        Median and ends of the interval of the quantity at the last level over that at the first.
+    pair
+        Places of the two levels that are compared: the lowest and the highest where the medians rise or fall
+        throughout, else those between which the quantity differs most clearly.
+    pairs
+        Number of pairs among which they were chosen: for all of them together the interval of the change holds.
+    relative
+        Whether the change is a ratio; of a quantity that may be negative it is a difference.
+    change
+        Median and ends of the interval of the quantity at the second of the levels over that at the first, or minus it.
+    unjudged
+        Why nothing is said of a change: that the run has no verdict; empty where it has.
     """
 
     name: str
@@ -48,17 +59,31 @@ class Curve:
     low: Array
     high: Array
     probability: float
-    ratio: tuple[float, float, float]
+    pair: tuple[int, int]
+    pairs: int
+    relative: bool
+    change: tuple[float, float, float]
+    unjudged: str = ""
 
     @property
     def sentence(self) -> str:
         """Whether the quantity changes with the level, with its figures."""
-        middle, low, high = self.ratio
+        middle, low, high = self.change
         unit = f" {self.of.unit}" if self.of.unit else ""
-        text = f"{self.name} at {self.level[-1]:g}{unit} over that at {self.level[0]:g}{unit}: median {middle:.4g}, "
-        text += f"{100 * self.probability:g} % credible interval {low:.4g} to {high:.4g}"
-        told = "the data show no change" if low <= 1 <= high else f"it {'rises' if low > 1 else 'falls'}"
-        return f"{text}; {told}."
+        first, second = (f"{self.level[place]:g}{unit}" for place in self.pair)
+        between = f"between {first} and {second}"
+        if self.unjudged:
+            return f"{self.name} {between}: nothing is said of a change, for {self.unjudged}."
+        least, own = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
+        text = f"{self.name} at {second} {'over' if self.relative else 'minus'} that at {first}"
+        held = f"{100 * self.probability:g} % credible interval"
+        if self.pairs > 1:
+            text += f", of {self.pairs} pairs of levels the one that differs most clearly"
+            held = f"{100 * self.probability:g} % credible interval for all pairs together"
+        text += f": median {middle:.4g}{own}, {held} {low:.4g} to {high:.4g}{own}"
+        if low <= least <= high:
+            return f"{text}; no change {between} is shown."
+        return f"{text}; it {'rises' if low > least else 'falls'} {between}."
 
 
 def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) -> Curve:
@@ -76,16 +101,19 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     setups = _with_levels(problem.setups)
     found = [(one, own_name(one.name, name, known)) for one in setups]
     named = [(one, own) for one, own in found if own is not None]
-    if len(setups) < 2 or not any(own != name for _, own in named):
-        what = f"{len(setups)} set-ups with a level" if len(setups) < 2 else f"{name!r} in no set-up of its own"
+    levels = {_value(one) for one in setups}
+    if len(levels) < 2 or not any(own != name for _, own in named):
+        what = f"{len(levels)} levels of set-ups" if len(levels) < 2 else f"{name!r} in no set-up of its own"
         raise ModelError(
-            f"curve: found {what}; expected a quantity that is each set-up's own, and a level for each; give the "
-            "set-ups levels, and the joint own quantities"
+            f"curve: found {what}; expected a quantity that is each set-up's own, and two levels at least; give the "
+            "set-ups levels that differ, and the joint own quantities"
         )
     values = np.stack([posterior.values(own).ravel() for _, own in named], axis=-1)
     tail = (1 - probability) / 2
     low, median, high = np.quantile(values, [tail, 0.5, 1 - tail], axis=0)
-    ratio = np.quantile(values[:, -1] / values[:, 0], [0.5, tail, 1 - tail])
+    level = np.array([_value(one) for one, _ in named])
+    relative = all(_is_positive(posterior, own) for _, own in named)
+    pair, pairs, change = _change(values, level, relative=relative, tail=tail)
     first = named[0][0].level
     assert first is not None
     return Curve(
@@ -94,13 +122,57 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
         first,
         tuple(one.name for one, _ in named),
         tuple(own for _, own in named),
-        np.array([_value(one) for one, _ in named]),
+        level,
         median,
         low,
         high,
         probability,
-        (float(ratio[0]), float(ratio[1]), float(ratio[2])),
+        pair,
+        pairs,
+        relative,
+        change,
+        "; ".join(reasons_for_no_verdict(posterior)),
     )
+
+
+def _change(
+    values: Array, level: Array, *, relative: bool, tail: float
+) -> tuple[tuple[int, int], int, tuple[float, float, float]]:
+    """The pair of levels that is compared, the number among which it was chosen, and the change between them.
+
+    Parameters
+    ----------
+    values
+        Draws at each level, shape (draws, n).
+    level
+        Levels, rising, shape (n,).
+    relative
+        Whether the change is a ratio.
+    tail
+        Probability on either side of the interval, which is divided among the pairs that were looked at.
+    """
+    shown = np.log(values) if relative else values
+    steps = np.diff(np.median(shown, axis=0))
+    last = len(level) - 1
+    pairs = [(0, last)]
+    if (steps > 0).any() and (steps < 0).any():
+        pairs = [(i, j) for i in range(last) for j in range(i + 1, last + 1) if level[i] < level[j]]
+    # of many pairs one differs by chance: the interval is that of all pairs together (Bonferroni)
+    tail /= len(pairs)
+    changes = [np.quantile(shown[:, j] - shown[:, i], [0.5, tail, 1 - tail]) for i, j in pairs]
+    clearest = max(range(len(pairs)), key=lambda k: abs(changes[k][0]) / max(changes[k][2] - changes[k][1], _TINY))
+    i, j = pairs[clearest]
+    changed = values[:, j] / values[:, i] if relative else values[:, j] - values[:, i]
+    middle, low, high = np.quantile(changed, [0.5, tail, 1 - tail])
+    return (i, j), len(pairs), (float(middle), float(low), float(high))
+
+
+def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
+    """Whether a quantity is above 0 whatever the data say, so that a ratio of two tells their change."""
+    problem = posterior.problem
+    logarithmic = {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
+    signed = {one.name for one in problem.quantities if one.may_be_negative}
+    return (name in logarithmic or name not in signed) and bool((posterior.values(name) > 0).all())
 
 
 def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
@@ -112,7 +184,7 @@ def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
         for one in setups
         if name.startswith(f"{one.name}.")
     )
-    return tuple(curve_of(posterior, name) for name in names) if len(setups) > 1 else ()
+    return tuple(curve_of(posterior, name) for name in names) if len(set(map(_value, setups))) > 1 else ()
 
 
 def _with_levels(setups: Sequence[Setup]) -> list[Setup]:
