@@ -72,7 +72,7 @@ def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
     squares = np.abs(problem.log_posterior.standardised(theta)) ** 2
     assert squares.mean() == pytest.approx(1.0, abs=0.3)
     assert case.warnings == ()
-    assert case.spec.plan_parameter == "left.k12"
+    assert case.plan_parameter == "left.k12"
 
 
 def test_a_lone_joint_may_be_of_another_kind():

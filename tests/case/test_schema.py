@@ -583,7 +583,7 @@ def test_optional_tables_have_the_documented_defaults():
     assert (noise.scale_low_factor, noise.scale_high_factor) == (0.1, 10.0)
     assert case.compare.hypotheses == ("rigid", "translation", "rotation", "springs", "full")
     plan = case.plan
-    assert (case.plan_parameter, plan.max_measurements, plan.averages_factor) == ("k12", 1, 4.0)
+    assert (plan.max_measurements, plan.averages_factor) == (1, 4.0)
     assert (plan.f_max_hz, plan.added_mass_g) == (None, None)
     truth = case.data.truth
     assert (truth.youngs_modulus_gpa, truth.length_mm, truth.gain, truth.damping_ratio) == (None, None, 1.0, None)

@@ -244,6 +244,8 @@ FAULTS = [
     ("[setups.long.uncertain.damping]\nsd_percent = 1.0\n", "setups.long.uncertain.damping", "unknown"),
     ("[setups.long]\nlevel = 1.0\n", "setups.long.level", "[level]"),
     ("[level]\nname = 'torque'\n[setups.long]\n", "level", "no level of set-up long"),
+    ("[level]\nname = 'torque'\n[setups.a]\nlevel = 2.0\n[setups.b]\nlevel = 2.0\n", "level", "the level 2 alone"),
+    ("[level]\nname = 'torque'\n[setups.long]\nlevel = 2.0\n", "level", "two levels at least"),
     ("[noise]\nown = true\n", "noise.own", "several, as [setups.long]"),
     ("[uncertain.length]\nsd_mm = 0.1\n[setups.long]\n[setups.short.structure]\nlength_mm = 200.0\n",
      "uncertain.length.sd_mm", "length_offset"),
@@ -278,3 +280,17 @@ def test_one_test_may_have_an_offset_of_its_length_too():
     (offset,) = case.problem.prior.nuisances
     assert offset.prior == Uniform(-0.003, 0.002)
     assert case.problem.parts == (case.problem,)
+
+
+OWN_EACH = "[setups.loose]\n[setups.tight.structure]\nlength_mm = 200.0\n"
+OWN_BASE = BASE.replace('dofs = ["1:y", "1:rz"]', 'dofs = ["1:y", "1:rz"]\nown = true')
+
+
+def test_a_plan_may_be_for_a_stiffness_of_any_set_up():
+    assert built(OWN_EACH, OWN_BASE).plan_parameter == "loose.k12"
+    for name in ("loose.k22", "tight.k11"):
+        assert built(f'[plan]\nparameter = "{name}"\n' + OWN_EACH, OWN_BASE).plan_parameter == name
+    with pytest.raises(CaseError) as caught:
+        built('[plan]\nparameter = "k22"\n' + OWN_EACH, OWN_BASE)
+    (line,) = str(caught.value).splitlines()
+    assert re.match(r'case:\d+: plan.parameter: found "k22"; expected .*"loose.k11", "loose.k12", .*"tight.k22"', line)

@@ -258,3 +258,20 @@ def test_the_first_look_ranks_the_set_ups_of_the_shipped_case_as_the_table_does(
         assert sds == sorted(sds)
         assert sds[1] < 0.7 * sds[2]
         assert sds[3] < 0.9 * sds[4]
+
+
+SPRINGS = """
+structure = {length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, elements = 4,
+             section = {shape = "circle", diameter_mm = 25.0}, damping = {law = "modal", ratio = 0.01}}
+joint = {kind = "springs", dofs = ["1:y", "1:rz"]}
+data = {kind = "synthetic_frf", outputs = ["5:y"], inputs = ["5:y"], f_max_hz = 1000.0, f_step_hz = 100.0,
+        truth = {stiffness = {ky = 1e9, krz = 1e6}}, noise = {relative = 0.03, floor = 0.01, seed = 1}}
+"""
+
+
+def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(monkeypatch):
+    case = planned_case('[plan]\nparameter = "k12"\noutputs = ["3:y"]\n')
+    monkeypatch.setattr("jointbayes.studies.planning.plan.sample", lambda *_: pytest.fail("sampled"))
+    with pytest.raises(jb.CaseError, match=r'^planned:\d+: plan.parameter: found "k12"; expected ky, krz; ') as told:
+        jb.plan(replace(case, problem=jb.case_from_text("springs", SPRINGS.replace(",\n", ", ")).problem))
+    assert "\n" not in str(told.value)

@@ -95,6 +95,29 @@ class Case:
         return bool(self.spec.reference and self.spec.reference.paper_audit)
 
     @property
+    def plan_parameter(self) -> str:
+        """The stiffness that a further measurement is to determine; by default the first coupling, or the first.
+
+        Raises
+        ------
+        CaseError
+            If the problem has no such stiffness: `replace` may have put another one in its place.
+        """
+        quantities = self.problem.parametrisation.quantities
+        known = [quantity.name for quantity in quantities]
+        stated = next((one.spec.plan.parameter for one in self.setups if one.spec.plan.parameter), "")
+        wanted = stated or self.spec.plan.parameter
+        if not known or (wanted and wanted not in known):
+            found = f'found "{wanted}"' if known else "found no stiffness in the joint"
+            words = (
+                found,
+                f"expected {', '.join(known) or 'one to be known best'}",
+                "correct it or plan another problem",
+            )
+            raise CaseError(self.source.fault(("plan", "parameter"), "plan.parameter", *words))
+        return wanted or next((one.name for one in quantities if one.may_be_negative), known[0])
+
+    @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
         """Measured natural frequencies, if the case holds any, Hz."""
         measured = self.problem.measurement

@@ -27,6 +27,7 @@ from jointbayes.case.schema.rules import (
     dof_findings,
     joints_findings,
     noise_findings,
+    parameter_findings,
     plan_findings,
     prior_findings,
     truth_findings,
@@ -119,14 +120,6 @@ class CaseSpec(Spec):
         return {name: joint.shared for name, joint in self.joints.items() if joint.shared is not None}
 
     @property
-    def plan_parameter(self) -> str:
-        """The stiffness that a further measurement is to determine."""
-        if self.plan.parameter:
-            return self.plan.parameter
-        coupling = [name for name in self.all_quantities if name.rpartition(".")[2] == "k12"]
-        return (coupling or [*self.all_quantities, ""])[0]
-
-    @property
     def plan_outputs(self) -> tuple[str, ...]:
         """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
         direction = next(iter(self.all_joints.values())).directions[0]
@@ -156,7 +149,7 @@ class CaseSpec(Spec):
         yield from uncertain_findings(self.uncertain, self.structure, self.data)
         yield from truth_findings(self.structure, self.data)
         yield from noise_findings(self.noise, self.data)
-        yield from plan_findings(self.plan, self.data, self.all_quantities)
+        yield from plan_findings(self.plan, self.data)
         if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
             found, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
             yield Finding(("reference",), found, expected, "remove [reference]")
@@ -206,13 +199,17 @@ def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec
             specs[setup] = spec
     faults += (told[0] for told in dropped.values() if len(told) == len(texts))  # which no set-up can have
     if not faults:
-        for setup, finding in between_setups(specs, texts):
-            one, loc = texts[setup], finding.loc
-            words = finding.found, f"expected {finding.expected}", finding.remedy
-            faults.append(one.fault(loc, show_key(one.written(loc)), *words))
+        between = (*between_setups(specs, texts), *parameter_findings(specs))
+        faults += (_told(texts[setup], finding) for setup, finding in between)
     if faults:
         raise CaseError("\n".join(dict.fromkeys(faults)))
     return specs
+
+
+def _told(text: CaseText, finding: Finding) -> str:
+    """A fault between set-ups in one line."""
+    key = show_key(text.written(finding.loc))
+    return text.fault(finding.loc, key, finding.found, f"expected {finding.expected}", finding.remedy)
 
 
 def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
@@ -231,9 +228,7 @@ def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
     if not faults:
         for name, finding in between_setups(parse_setups(source) | specs, setup_texts(source) | texts):
             if name in texts:
-                one, loc = texts[name], finding.loc
-                words = finding.found, f"expected {finding.expected}", finding.remedy
-                faults.append(one.fault(loc, show_key(one.written(loc)), *words))
+                faults.append(_told(texts[name], finding))
     if faults:
         raise CaseError("\n".join(dict.fromkeys(faults)))
     return specs

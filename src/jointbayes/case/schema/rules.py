@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.damping import LossFactorDampingSpec, ModalDampingSpec, RayleighDampingSpec
@@ -16,16 +17,20 @@ from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.settings import PlanSpec
-from jointbayes.case.schema.setups import ALIKE
+from jointbayes.case.schema.setups import ALIKE, quantities_of_setups
 from jointbayes.case.schema.structure import StructureSpec, absent_dofs
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import similar
 from jointbayes.joint import COORDINATES
 
+if TYPE_CHECKING:
+    from jointbayes.case.schema.case import CaseSpec
+
 __all__ = [
     "dof_findings",
     "joints_findings",
     "noise_findings",
+    "parameter_findings",
     "plan_findings",
     "prior_findings",
     "truth_findings",
@@ -324,16 +329,23 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
         yield Finding(("noise", "discrepancy"), found, _FRF_ONLY, "remove [noise.discrepancy]")
 
 
-def plan_findings(plan: PlanSpec, data: DataSpec, quantities: Sequence[str]) -> Iterator[Finding]:
-    """Yield plans without FRF data or of no stiffness, and a wider band that is not wider or has none to widen."""
-    if plan.parameter and plan.parameter not in quantities:
-        nearest, some = similar(plan.parameter, quantities), next(iter(quantities), "")
-        yield Finding(
-            ("plan", "parameter"),
-            "",
-            "the stiffness to be known best, " + either(f'"{name}"' for name in quantities),
-            f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{some}"',
-        )
+def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
+    known = quantities_of_setups(specs)
+    for setup, spec in specs.items():
+        wanted = spec.plan.parameter
+        if not wanted or wanted in known:
+            continue
+        nearest = similar(wanted, known)
+        expected, remedy = "no plan, since no joint has a stiffness", "remove it"
+        if known:
+            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in known)
+            remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{known[0]}"'
+        yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
+
+
+def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
+    """Yield plans without FRF data, and a wider band that is not wider or has none to widen."""
     if isinstance(data, _FREQUENCIES):
         if plan != PlanSpec():
             found = "natural frequencies state neither the noise nor the band of a further FRF"

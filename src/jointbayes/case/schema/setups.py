@@ -17,7 +17,15 @@ if TYPE_CHECKING:
     from jointbayes.case.schema.case import CaseSpec
     from jointbayes.case.schema.joint import JointSpec
 
-__all__ = ["LevelSpec", "PlannedSetupSpec", "SetupSpec", "between_setups", "joint_of_setup", "setups_findings"]
+__all__ = [
+    "LevelSpec",
+    "PlannedSetupSpec",
+    "SetupSpec",
+    "between_setups",
+    "joint_of_setup",
+    "quantities_of_setups",
+    "setups_findings",
+]
 
 #: What must be the same in joints that share their quantities.
 ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
@@ -98,6 +106,9 @@ def setups_findings(spec: CaseSpec) -> Iterator[Finding]:
         without = next((name for name, level in levels.items() if level is None), "")
         found = f"found no level of set-up {without}" if without else "found no set-ups"
         yield Finding(("level",), found, "a level in the table of each set-up", "add level = 2.0 or remove [level]")
+    elif given and len({levels[name] for name in given}) < 2:
+        found = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
+        yield Finding(("level",), found, "two levels at least that differ", "correct the levels or remove [level]")
     yield from planned_findings(spec)
     if not spec.setups and not spec.plan.setups:
         yield from _own_of_one(spec)
@@ -142,6 +153,18 @@ def joint_of_setup(setup: str, name: str, spec: CaseSpec) -> tuple[str, str]:
         return name, owner
     named, owning = (prefixed(setup, one) if one else setup for one in (name, owner))
     return named, owning
+
+
+def quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
+    """Names of the stiffnesses of the joints of all set-ups, those that are shared once."""
+    found = (
+        prefixed(joint_of_setup(setup, name, spec)[0], quantity.name)
+        for setup, spec in specs.items()
+        for name, joint in spec.all_joints.items()
+        if name not in spec.sharing
+        for quantity in joint.quantities
+    )
+    return tuple(dict.fromkeys(found))
 
 
 def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]) -> Iterator[tuple[str, Finding]]:

@@ -295,14 +295,13 @@ def plan(
     candidates = {c.name: c for c in candidates_of(case)}
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
-    seed = case.spec.sampling.seed if seed is None else seed
+    seed, parameter = case.spec.sampling.seed if seed is None else seed, case.plan_parameter
     problem, settings = case.problem, case.spec.plan
     joint = None if assume is None else stated_joint(case.name, problem, assume)
     if posterior is None:
         tell("sampling the present posterior")
         posterior = sample(case, seed)
     truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
-    parameter = case.spec.plan_parameter
     simulator = Simulator(
         problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
         truths=max(simulations, FIRST), assumed=truth,
