@@ -143,6 +143,31 @@ def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):
     assert data["data"]["file"] == "../tip.uff"
 
 
+def test_every_file_that_a_base_elsewhere_names_is_found_from_the_case(tmp_path):
+    """Matrices and bodies too, and those of set-ups; what only looks like a name of a file stays."""
+    tables = """
+[structure]
+stiffness = "K.npy"
+mass = [[1.0]]
+damping = { law = "matrix", damping_matrix = "C.csv" }
+[data]
+file = ["a.uff", "../b.uff"]
+[data.channels]
+file = "1:y"
+[bodies.spindle]
+file = "nose.uff"
+"""
+    tables += "[setups.hot.structure]\nmass = \"M.npy\"\n[setups.hot.bodies.file]\nfile = \"c.uff\"\n"
+    case = write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')
+    data = read_case_text(case).data
+    assert data["structure"]["stiffness"] == "sub/K.npy"
+    assert data["structure"]["mass"] == [[1.0]]
+    assert data["structure"]["damping"] == {"law": "matrix", "damping_matrix": "sub/C.csv"}
+    assert data["data"] == {"file": ["sub/a.uff", "b.uff"], "channels": {"file": "1:y"}}
+    assert data["bodies"]["spindle"]["file"] == "sub/nose.uff"
+    assert data["setups"]["hot"] == {"structure": {"mass": "sub/M.npy"}, "bodies": {"file": {"file": "sub/c.uff"}}}
+
+
 def test_a_text_alone_builds_on_no_file():
     with pytest.raises(CaseError, match=r"x\.toml:1: extends: found a text that is no file"):
         parse_case('extends = "base.toml"\n', "x.toml")

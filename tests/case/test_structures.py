@@ -265,6 +265,16 @@ def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
 
+def test_matrices_beside_a_base_in_another_directory_are_found(tmp_path):
+    (tmp_path / "sub").mkdir()
+    np.save(tmp_path / "sub" / "K.npy", np.array([[2e5, -1e4], [-1e4, 1e3]]))
+    text = text_of(MATRICES, "1:y", "1:y").replace("[[2e5, -1e4], [-1e4, 1e3]]", '"K.npy"')
+    (tmp_path / "sub" / "base.toml").write_text(text)
+    (tmp_path / "case.toml").write_text('extends = "sub/base.toml"\n')
+    case = jb.load_case(tmp_path / "case.toml")
+    assert_allclose(case.problem.structure.nominal.stiffness, [[2e5, -1e4], [-1e4, 1e3]])
+
+
 def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
     np.save(tmp_path / "K.npy", np.array([[2e5, -1e4], [-2e4, 1e3]]))
     np.save(tmp_path / "M.npy", np.eye(3))

@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from jointbayes.case.named_files import with_files
 from jointbayes.case.toml_text import (
     KeyPath,
     fault_line,
@@ -30,8 +32,6 @@ __all__ = ["CaseText", "case_text", "merged", "read_case_text"]
 
 _MOST_FILES = 10  # that build on each other
 _EXTENDS, _REMOVE = "extends", "remove"
-#: Keys whose values name files, relative to the file that states them.
-_FILE_KEYS = frozenset({"file"})
 
 Place = tuple[str, int]
 
@@ -168,7 +168,7 @@ def _chain(own: CaseText, file: Path, allow_outside: bool) -> list[tuple[dict[st
         data = parse_toml(text, name)
         current = CaseText(name, text, data, {path: (name, line) for path, line in key_lines(text).items()})
         if here.parent != home:
-            data = _relocated(data, here.parent, home)
+            data = with_files(data, partial(_moved, here.parent, home))
         chain.append((dict(data), dict(current.places)))
     if _REMOVE in current.data:
         found, expected = "found it in a file that builds on none", f"a file with {_EXTENDS}"
@@ -191,22 +191,9 @@ def _inside(file: Path, home: Path) -> bool:
     return _real(file).is_relative_to(_real(home))
 
 
-def _relocated(table: Mapping[str, Any], here: Path, home: Path) -> dict[str, Any]:
-    """A table whose names of files, relative to one directory, are relative to another."""
-
-    def moved(value: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
-        if isinstance(value, list):
-            return [moved(one) for one in value]
-        return Path(os.path.relpath(here / value, home)).as_posix() if isinstance(value, str) else value
-
-    def inner(key: str, value: object) -> Any:  # noqa: ANN401
-        if isinstance(value, Mapping):
-            return _relocated(value, here, home)
-        if isinstance(value, list) and any(isinstance(one, Mapping) for one in value):
-            return [_relocated(one, here, home) if isinstance(one, Mapping) else one for one in value]
-        return moved(value) if key in _FILE_KEYS else value
-
-    return {key: inner(key, value) for key, value in table.items()}
+def _moved(here: Path, home: Path, name: str) -> str:
+    """A name of a file that is relative to one directory, relative to another."""
+    return Path(os.path.relpath(here / name, home)).as_posix()
 
 
 def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath, Place]]:
