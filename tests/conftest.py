@@ -42,6 +42,7 @@ class StatedCase:
 
     title: str = "Clamp"
     stated: Problem | None = None
+    needs_files: bool = False
     reference: np.ndarray | None = None
     reference_source: str = ""
     paper_audit: bool = False

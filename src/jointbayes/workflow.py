@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.case.case import Case, case_around, case_from_text
-from jointbayes.case.schema.case import parse_setups
+from jointbayes.case.schema.case import needs_files, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.identification import (
@@ -370,7 +370,8 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         if passed is None:
             require_same_density(posterior, where, passed=False)
         if case is None and run.case_text:
-            case = case_around(problem, run.case_text)
+            stated = passed is None and stored.record.of_case_text
+            case = case_around(problem, run.case_text, stated=stated)
     if passed is not None:
         require_same_density(posterior, where, passed=True)
     iteration = identify(case or problem) if _has_joint_frf(problem) else None
@@ -383,7 +384,7 @@ def _case_of(stored: "StoredFile") -> Case:
     measured = stored.measurement if run.provenance is not None else None
     specs = parse_setups(run.case_text, run.case_name)  # which refuses a text that builds on a file
     of_files = any(isinstance(spec.data, MeasuredSpec) for spec in specs.values())
-    if of_files and (measured is None or len(specs) > 1):
+    if (of_files and measured is None) or needs_files(specs):
         raise MeasurementError(
             f"{stored.where}: found a case with measurement files, and no data of theirs; expected both, as files it "
             "names are not read; sample again, or take another copy of the file"

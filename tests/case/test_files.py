@@ -24,6 +24,7 @@ from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
 COHERENCE = '[data.variance]\nsource = "coherence"\n'
+FEWEST = SamplerSettings(walkers=8, max_steps=50)
 SMALL = SamplerSettings(walkers=8, max_steps=600, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
 
 
@@ -78,6 +79,26 @@ def loaded(folder: Path, data: str, *changes: tuple[str, str]) -> Case:
 
 
 TIP = frf_data('outputs = ["5:y"]')
+MATRICES = """
+[structure]
+kind = "matrices"
+dofs = ["1:x", "2:x"]
+stiffness = "K.npy"
+mass = "M.npy"
+damping = { law = "modal", ratio = 0.01 }
+[joint]
+kind = "springs"
+dofs = ["1:x"]
+[prior.kx]
+distribution = "log_uniform"
+low = 1e3
+high = 1e7
+[data]
+kind = "natural_frequencies"
+frequencies_hz = [40.0, 90.0]
+sd_relative = 0.005
+sd_hz = 0.5
+"""
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -426,6 +447,40 @@ def test_draws_are_loaded_and_reported_without_the_file(run, monkeypatch):
     jb.write_report(again, folder / "after")
     for name in ("summary.json", "report.html", "case.toml"):
         assert (folder / "before" / name).read_bytes() == (folder / "after" / name).read_bytes()
+
+
+def saved_and_moved(posterior, folder, monkeypatch):
+    """Save a posterior, read it where its files are not, and compare what the two say."""
+    posterior.save(folder / "posterior.nc")
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    again = jb.load_posterior(folder / "posterior.nc")
+    theta = posterior.problem.prior.sample(np.random.default_rng(3), 16)
+    np.testing.assert_array_equal(again.problem.log_posterior(theta), posterior.problem.log_posterior(theta))
+    np.testing.assert_array_equal(again.theta, posterior.theta)
+    assert again.summary().to_json() == posterior.summary().to_json()
+    assert again.of_case_text  # so that a report shows the text
+    again.save(folder / "again.nc")  # which needs the files as little as the first
+    assert jb.load_posterior(folder / "again.nc").case.title == posterior.case.title
+
+
+@pytest.mark.parametrize("names", [("only",), ("one", "two")])
+def test_draws_of_named_set_ups_are_loaded_without_their_files(names, tmp_path, monkeypatch):
+    (tmp_path / "files").mkdir()
+    stored(virtual(), tmp_path / "files" / "tip.npz")
+    data = TIP + "".join(f"[setups.{name}]\n" for name in names)
+    posterior = jb.sample(loaded(tmp_path / "files", data), seed=1, settings=FEWEST)
+    saved_and_moved(posterior, tmp_path, monkeypatch)
+
+
+def test_draws_of_matrices_in_files_are_loaded_without_these(tmp_path, monkeypatch):
+    (tmp_path / "files").mkdir()
+    np.save(tmp_path / "files" / "K.npy", np.array([[2e5, -1e5], [-1e5, 1e5]]))
+    np.save(tmp_path / "files" / "M.npy", np.eye(2))
+    (tmp_path / "files" / "case.toml").write_text(MATRICES)
+    posterior = jb.sample(jb.load_case(tmp_path / "files" / "case.toml"), seed=1, settings=FEWEST)
+    saved_and_moved(posterior, tmp_path, monkeypatch)
 
 
 def test_summary_and_report_name_the_file_and_its_fingerprint(run):

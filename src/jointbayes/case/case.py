@@ -22,7 +22,7 @@ from jointbayes.case.files import (
 )
 from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
-from jointbayes.case.schema.case import CaseSpec, parse_case, parse_planned, parse_setups
+from jointbayes.case.schema.case import CaseSpec, needs_files, parse_case, parse_planned, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.setup_texts import setup_texts
 from jointbayes.case.toml_text import KeyPath, fault_start
@@ -127,6 +127,11 @@ class Case:
         return reference.natural_frequencies_hz if reference else None
 
     @cached_property
+    def needs_files(self) -> bool:
+        """Whether its text and the data of a lone test do not make the problem: the text names files besides these."""
+        return needs_files(parse_setups(self.source))
+
+    @cached_property
     def warnings(self) -> tuple[InputWarning, ...]:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         found: list[InputWarning] = []
@@ -144,9 +149,9 @@ class Case:
         """The same problem, but with material, length and damping as uncertain as in a workshop.
 
         E to 2 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
-        uncertain stays as it says. None where the problem is not the text's.
+        uncertain stays as it says. None where the problem is not the text's, or was not built from it.
         """
-        if self.problem is not self.stated:
+        if self.problem is not self.stated or not self.setups:
             return None
         return problem_of([one.with_workshop_uncertainty() for one in self.setups], self.name)
 
@@ -211,10 +216,20 @@ def case_from_text(
     return _build(name, source, Path(directory), measurement, allow_outside)
 
 
-def case_around(problem: Problem, text: str) -> Case:
-    """A case whose problem is not the one that its text states: for what the text says of title and reference."""
+def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
+    """A case whose problem was not built from its text: for what the text says of title and reference.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    text
+        TOML text that needs no other case file.
+    stated
+        Whether the text states this problem, with files that are not read again.
+    """
     source = case_text(text, problem.name)
-    return Case(problem.name, source, parse_case(source), problem)
+    return Case(problem.name, source, parse_case(source), problem, problem if stated else None)
 
 
 def _build(name: str, source: CaseText, directory: Path, measurement: Measurement | None, allow_outside: bool) -> Case:

@@ -187,6 +187,7 @@ class FileRecord(_Part):
     map: _Estimate
     knowledge: _Knowledge | None = None
     problem: _Problem | None = None
+    of_case_text: bool = False  # of a stored problem: whether the text of the case states it
     _plain: dict[str, Any] = PrivateAttr(default_factory=dict)
 
     @property

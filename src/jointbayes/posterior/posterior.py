@@ -81,21 +81,15 @@ class Posterior(JudgedPosterior):
 
     @property
     def of_case_text(self) -> bool:
-        """Whether the problem is the one that the text of its case states, from which it can be built again."""
+        """Whether the problem is the one that the text of its case states."""
         return self.case is not None and self.case.stated is self.problem
-
-    @property
-    def _of_files(self) -> bool:
-        """Whether it needs files, which may be gone later, beyond those whose data are stored in any case."""
-        parts = self.problem.parts
-        of_data = len(parts) > 1 and any(part.measurement.provenance is not None for part in parts)
-        return of_data or any(part.measured_bodies for part in parts)
 
     def save(self, path: str | os.PathLike[str], knowledge: Knowledge | None = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
 
-        Of a problem that a case file states its text is kept, with data from measurement files; of any other problem
-        its matrices, data and priors, to the last bit. The prior's density at each draw is kept as well.
+        Of a problem that a case file states its text is kept, with data from measurement files; of any other problem,
+        and of one whose text names further files, its matrices, data and priors, to the last bit. The prior's density
+        at each draw is kept as well.
 
         Parameters
         ----------
@@ -121,8 +115,10 @@ class Posterior(JudgedPosterior):
             before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
             groups = {name: node.to_dataset() for name, node in tree.children.items()}
             tree = xr.DataTree.from_dict({**groups, "log_prior": before})
-        if not self.of_case_text or self._of_files:
+        # files that a case names may be gone later
+        if self.case is None or not self.of_case_text or self.case.needs_files:
             tree, record["problem"] = with_problem(tree, self.problem)
+            record["of_case_text"] = self.of_case_text
         write_tree(tree, record, path)
 
     @classmethod

@@ -66,6 +66,11 @@ class SampledCase(Protocol):
         ...
 
     @property
+    def needs_files(self) -> bool:
+        """Whether that text and the data of a lone test do not make it, as files beside them are needed."""
+        ...
+
+    @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if any."""
         ...

@@ -8,7 +8,7 @@ The tables stand in modules of their own; here they come together, with the rule
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated
 
 import pydantic
@@ -16,6 +16,7 @@ from pydantic import Field, Strict
 
 from jointbayes.case.case_text import CaseText, case_text
 from jointbayes.case.errors import Finding, fault_lines, fault_paths, show_key
+from jointbayes.case.named_files import DATA_FILE, named_files
 from jointbayes.case.schema.bodies import MeasuredBodySpec, bodies_findings, labels_of_bodies
 from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
 from jointbayes.case.schema.fields import Spec, key_field
@@ -45,7 +46,7 @@ from jointbayes.errors import CaseError
 from jointbayes.joint import Coordinate
 from jointbayes.joint.quantities import prefixed
 
-__all__ = ["CaseSpec", "parse_case", "parse_planned", "parse_setups"]
+__all__ = ["CaseSpec", "needs_files", "parse_case", "parse_planned", "parse_setups"]
 
 _TITLE = Field(
     min_length=1,
@@ -154,6 +155,17 @@ class CaseSpec(Spec):
             found, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
             yield Finding(("reference",), found, expected, "remove [reference]")
         yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
+
+
+def needs_files(specs: Mapping[str, CaseSpec]) -> bool:
+    """Whether a case cannot be built from its text and the data of a lone test: it names files besides these.
+
+    Parameters
+    ----------
+    specs
+        Its set-ups, as `parse_setups` gives them.
+    """
+    return any(setup or key != DATA_FILE for setup, spec in specs.items() for key in named_files(spec))
 
 
 def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
