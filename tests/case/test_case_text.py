@@ -157,7 +157,7 @@ file = "1:y"
 [bodies.spindle]
 file = "nose.uff"
 """
-    tables += "[setups.hot.structure]\nmass = \"M.npy\"\n[setups.hot.bodies.file]\nfile = \"c.uff\"\n"
+    tables += '[setups.hot.structure]\nmass = "M.npy"\n[setups.hot.bodies.file]\nfile = "c.uff"\n'
     case = write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')
     data = read_case_text(case).data
     assert data["structure"]["stiffness"] == "sub/K.npy"

@@ -24,7 +24,7 @@ from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
 COHERENCE = '[data.variance]\nsource = "coherence"\n'
-FEWEST = SamplerSettings(walkers=8, max_steps=50)
+FEWEST = SamplerSettings(walkers=8, max_steps=100)
 SMALL = SamplerSettings(walkers=8, max_steps=600, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
 
 

@@ -385,6 +385,72 @@ def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(
     assert "missing.uff" in ended.stdout
 
 
+BODY_AND_MATRICES = """
+[structure]
+kind = "matrices"
+dofs = ["1:y", "1:rz"]
+stiffness = "K.npy"
+mass = "M.npy"
+damping = { law = "matrix", damping_matrix = "C.npy" }
+[bodies.spindle]
+kind = "measured"
+file = ["nose.uff", "back.uff"]
+variance = { source = "relative", relative = 0.01, floor = 0 }
+[bodies.spindle.channels]
+"5:y" = "nose:y"
+[joint]
+kind = "springs"
+dofs = ["1:y"]
+against = ["nose:y"]
+[prior.ky]
+distribution = "log_uniform"
+low = 1e3
+high = 1e9
+[data]
+kind = "measured_frf"
+file = "tip.uff"
+channels = { "1:y" = "1:y" }
+variance = { source = "relative", relative = 0.02, floor = 0 }
+"""
+FILES = ("tip.uff", "nose.uff", "back.uff", "K.npy", "M.npy", "C.npy")
+
+
+def test_a_change_in_any_file_that_a_case_names_makes_it_another_case(tmp_path):
+    (tmp_path / "case.toml").write_text(BODY_AND_MATRICES)
+    for name in FILES:
+        (tmp_path / name).write_text(name)
+    (case,) = read_cases([tmp_path / "case.toml"])
+
+    def mark():
+        text, spec = case.read()
+        return case.fingerprint(text, case.files(spec))
+
+    marks = [mark()]
+    for name in FILES:
+        (tmp_path / name).write_text("changed")
+        marks.append(mark())
+    assert len(set(marks)) == len(FILES) + 1
+
+
+@pytest.mark.parametrize(
+    ("file", "key"),
+    [
+        ("tip.uff", "data.file"),
+        ("nose.uff", "bodies.spindle.file"),
+        ("back.uff", "bodies.spindle.file"),
+        ("K.npy", "structure.stiffness"),
+        ("M.npy", "structure.mass"),
+        ("C.npy", "structure.damping.damping_matrix"),
+    ],
+)
+def test_any_file_elsewhere_is_refused_by_its_key(file, key, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(BODY_AND_MATRICES.replace(file, f"../{file}"))
+    with pytest.raises(jb.CaseError, match=rf'^{path}: {key}: found "../{file}", which leads out of the directory'):
+        read_cases([path])
+    assert read_cases([path], allow_outside=True)
+
+
 def test_measurement_files_elsewhere_are_refused_with_their_row_before_any_work(tmp_path):
     table = table_of(tmp_path, "key,data.file\na,data/virtual_test.uff\nb,../README.md\n")
     base, out = CONFIGS / "measured_stations.toml", tmp_path / "out"

@@ -35,11 +35,8 @@ def _values(table: object, key: tuple[str, ...]) -> Iterator[tuple[tuple[str, ..
         yield (), table
         return
     first, *rest = key
-    if first == _ANY:
-        inner = table if isinstance(table, Mapping) else {}
-    else:
-        inner = {first: getattr(table, first, None)}
-    for name, value in inner.items():
+    inner = table if first == _ANY else {first: getattr(table, first, None)}
+    for name, value in inner.items() if isinstance(inner, Mapping) else ():
         yield from (((name, *path), one) for path, one in _values(value, tuple(rest)))
 
 

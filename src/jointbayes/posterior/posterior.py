@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import xarray as xr
 
@@ -104,7 +104,7 @@ class Posterior(JudgedPosterior):
         WriteError
             If the file cannot be written; an older one is then still there.
         """
-        record = {
+        record: dict[str, Any] = {
             "record": asdict(self.record),
             "mode": {"theta": self.mode_theta.tolist(), "log_density": self.mode_log_density},
             "map": estimate_record(self.estimate),

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from jointbayes.case.case_text import read_case_text
 from jointbayes.case.files import require_inside
+from jointbayes.case.named_files import named_files
 from jointbayes.case.schema.case import CaseSpec, parse_case
-from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.toml_text import similar
 from jointbayes.errors import CaseError, path_fault
 from jointbayes.studies.campaign.overrides import read_base
@@ -79,14 +79,13 @@ class CampaignCase:
         return text, spec
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
-        """Its measurement files."""
-        names = spec.data.file if isinstance(spec.data, MeasuredSpec) else ()
-        return tuple(self.path.parent / name for name in names)
+        """Files that it names: of measurements, measured bodies and matrices."""
+        return tuple(self.path.parent / name for names in named_files(spec).values() for name in names)
 
     def require_inside(self, spec: CaseSpec) -> None:
-        """Refuse measurement files outside the directory of the case file, or of the base case."""
-        names = spec.data.file if isinstance(spec.data, MeasuredSpec) else ()
-        require_inside(self.path.parent, names, lambda _number: f"{self.where}:")
+        """Refuse files outside the directory of the case file, or of the base case."""
+        for key, names in named_files(spec).items():
+            require_inside(self.path.parent, names, lambda _number: f"{self.where}:", ".".join(key))
 
     @staticmethod
     def fingerprint(text: str, files: Sequence[Path], *of_run: object) -> str:
@@ -113,7 +112,7 @@ def read_cases(
     base
         Base case of a table without a column `case`.
     allow_outside
-        Whether measurement files may lie outside the directory of their case, or of the base case.
+        Whether files that a case names may lie outside the directory of their case, or of the base case.
 
     Raises
     ------
