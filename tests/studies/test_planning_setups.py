@@ -1,5 +1,6 @@
 """Set-ups that a plan proposes: with quantities of their own, such as an error of an overhang."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -275,3 +276,55 @@ def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(m
     with pytest.raises(jb.CaseError, match=r'^planned:\d+: plan.parameter: found "k12"; expected ky, krz; ') as told:
         jb.plan(replace(case, problem=jb.case_from_text("springs", SPRINGS.replace(",\n", ", ")).problem))
     assert "\n" not in str(told.value)
+
+
+NOISES = """
+[noise]
+scale = "sampled"
+
+[setups.tested]
+[setups.tested.noise]
+distribution = "student_t"
+scale = "known"
+
+[setups.also.structure]
+length_mm = 250.0
+
+[plan]
+outputs = ["3:y"]
+
+[plan.setups.short.structure]
+length_mm = 200.0
+"""
+
+
+def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
+    """The first present set-up has a noise of its own; what is proposed has that of the file, shared with the other."""
+    case = planned_case(NOISES)
+    short = next(one for one in candidates_of(case) if one.name == "short")
+    theta = np.concatenate([np.log(TABLE_3), [np.log(3.0)]])
+    assert case.problem.names[-1] == "noise_scale"
+    there = short.problem(case.problem, theta, np.random.default_rng(1))
+    exact = short.problem(case.problem, theta)
+    assert isinstance(there.noise, jb.ScaledNoise)
+    error = (there.measurement.frf.values - exact.measurement.frf.values) / np.sqrt(there.measurement.variance)
+    assert np.sqrt((np.abs(error) ** 2).mean()) == pytest.approx(3.0, rel=0.1)
+    # its density knows the scale
+    wrong = theta - np.log(3.0) * (np.arange(len(theta)) == len(theta) - 1)
+    assert there.log_posterior.log_likelihood(theta[None]) > there.log_posterior.log_likelihood(wrong[None]) + 100
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (NOISES.replace('[noise]\n', '[noise]\nown = true\n'), ": noise.own: found parameters of the noise of its own"),
+        (NOISES.replace("[setups.also.structure]", '[setups.also.noise]\nscale = "sampled"\n[setups.also.structure]'),
+         "plan.setups.short: found that noise_scale of its noise is inferred, which no present set-up shares"),
+    ],
+)  # fmt: skip
+def test_noise_that_no_present_set_up_shares_is_refused_in_one_line(text, message):
+    with pytest.raises(jb.CaseError) as refused:
+        candidates_of(planned_case(text))
+    assert message in str(refused.value)
+    assert re.match(r"planned:\d+: ", str(refused.value))
+    assert "\n" not in str(refused.value)

@@ -236,7 +236,7 @@ def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
         faults += lines
         if spec is not None:
             specs[name] = spec
-        faults += [one.fault(loc, show_key(one.written(loc)), *_OWN_JOINT) for loc in _own_joints(spec)]
+        faults += [one.fault(loc, show_key(one.written(loc)), *words) for loc, words in _own_unknowns(spec)]
     if not faults:
         for name, finding in between_setups(parse_setups(source) | specs, setup_texts(source) | texts):
             if name in texts:
@@ -246,17 +246,16 @@ def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
     return specs
 
 
-_OWN_JOINT = (
-    "found a joint of its own, of which the present data say nothing",
-    "expected one that set-ups share",
-    "remove own, or the set-up from the plan",
-)
-
-
-def _own_joints(spec: CaseSpec | None) -> list[tuple[str, ...]]:
-    """Where a proposed set-up says that a joint is its own."""
-    joints = {} if spec is None else spec.all_joints
-    return [(*(("joints", name) if name else ("joint",)), "own") for name, joint in joints.items() if joint.own]
+def _own_unknowns(spec: CaseSpec | None) -> Iterator[tuple[tuple[str, ...], tuple[str, str, str]]]:
+    """Yield where a proposed set-up says that a joint, or its noise, is its own, and what is wrong with it."""
+    if spec is None:
+        return
+    owned = [(*(("joints", name) if name else ("joint",)), "own") for name, one in spec.all_joints.items() if one.own]
+    own, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
+    for loc in owned:
+        yield loc, (f"found a joint {own}", "expected one that set-ups share", remedy)
+    if spec.noise.own and spec.noise.inferred:
+        yield ("noise", "own"), (f"found parameters of the noise {own}", "expected those that set-ups share", remedy)
 
 
 def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, str]]:

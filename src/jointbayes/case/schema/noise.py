@@ -64,6 +64,11 @@ class NoiseModelSpec(Spec):
     discrepancy: Annotated[DiscrepancySpec | None, _DISCREPANCY] = None
     own: Annotated[bool, OWN] = False
 
+    @property
+    def inferred(self) -> bool:
+        """Whether parameters of the noise are sampled."""
+        return self.scale == "sampled" or self.distribution == "proportional" or self.discrepancy is not None
+
     def _findings(self) -> Iterator[Finding]:
         for key, (switch, choice) in _USED_WITH.items():
             value, chosen = getattr(self, key), getattr(self, switch)

@@ -10,7 +10,9 @@ from scipy import optimize
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor, receptance_model
-from jointbayes.inference import Nuisance, Problem
+from jointbayes.inference import NoiseModel, Nuisance, Problem
+from jointbayes.inference.residuals import ResidualKind
+from jointbayes.inference.setup import columns_of_names
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 
@@ -97,6 +99,8 @@ class Candidate:
         Quantities that a proposed set-up has for itself, such as ``short.length``, with their priors.
     joint
         Of a proposed set-up where the joints act; None where that is as in the present one.
+    noise, residual_kind
+        Of a proposed set-up how its residuals are judged; None where that is as in the present one.
     """
 
     name: str
@@ -111,6 +115,8 @@ class Candidate:
     setup: str = ""
     own: tuple[Nuisance, ...] = ()
     joint: AnyJoint | None = None
+    noise: NoiseModel | None = None
+    residual_kind: ResidualKind | None = None
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The candidate measured where θ, shape (d,), is the truth: a problem over the same parameters.
@@ -132,6 +138,7 @@ class Candidate:
             structure=self.structure,
             joint=known.joint if self.joint is None else self.joint,
             setup=self.setup or known.setup,
+            residual_kind=self.residual_kind or known.residual_kind,
             extra_log_likelihood=None,  # what else is known is known once
         )
         factors = there.prior.factors(point)
@@ -144,10 +151,11 @@ class Candidate:
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
         if rng is not None:
-            noise = _noise(known, point, FrfMeasurement(frf, variance), rng)
+            noise = _noise(known, there, self.noise, point, FrfMeasurement(frf, variance), rng)
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
         measurement = FrfMeasurement(frf, variance, synthetic=True)
-        noise_model = known.noise and known.noise.fitted_to(measurement, known.noise.parts)
+        law = self.noise or known.noise
+        noise_model = law and law.fitted_to(measurement, law.parts)
         return replace(there, measurement=measurement, noise=noise_model)
 
 
@@ -192,15 +200,26 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
     )
 
 
-def _noise(problem: Problem, theta: Array, exact: FrfMeasurement, rng: np.random.Generator) -> ComplexArray:
-    """Standardised complex residuals that the noise model expects at θ, shape (lines, outputs, inputs).
+def _noise(
+    present: Problem,
+    there: Problem,
+    stated: NoiseModel | None,
+    theta: Array,
+    exact: FrfMeasurement,
+    rng: np.random.Generator,
+) -> ComplexArray:
+    """Standardised complex residuals that a noise model expects at θ, shape (lines, outputs, inputs).
 
-    A scale that is integrated out is what the present data say.
+    The model is that of the present data where none is stated; a scale that is integrated out is what these say.
     """
-    likelihood = problem.log_posterior.likelihood
-    factors = problem.prior.factors(theta)[None]
-    z = problem.log_posterior.standardised(theta)
-    noise, hyper = likelihood.noise.with_scale((np.abs(z) ** 2).sum(), likelihood.n_data, likelihood.hyper(factors))
+    likelihood = present.log_posterior.likelihood
+    law = likelihood.noise
+    if stated is not None and isinstance(present.measurement, FrfMeasurement):
+        law = stated.fitted_to(present.measurement, law.parts)
+    names = [nuisance.name for nuisance in present.prior.nuisances]
+    factors = present.prior.factors(theta)[None, columns_of_names(there.setup, law.names, names)]
+    z = present.log_posterior.standardised(theta)
+    noise, hyper = law.with_scale((np.abs(z) ** 2).sum(), likelihood.n_data, factors)
     # noise is made in both parts even where only the magnitude is looked at
     shape = exact.frf.values.shape
     drawn = noise.fitted_to(exact, 2).draw(rng, hyper, shape[0], math.prod(shape[1:]))

@@ -2,12 +2,11 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from jointbayes.case.build import joints_of, noise_law, recipe_of
+from jointbayes.case.build import joints_of, noise_law, noise_of, recipe_of
 from jointbayes.case.case import Case
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.combined import CaseSetup
@@ -50,7 +49,7 @@ def proposed_setups(case: Case) -> tuple[Candidate, ...]:
 
 
 def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
-    """A proposed set-up as far as it can be without data; what is said of these is what the first present ones are."""
+    """A proposed set-up as far as it can be without data, of which those of the first present one say what they are."""
     first = case.setups[0]
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
@@ -60,7 +59,8 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     recipe = recipe_of(spec.structure, spec.data, first.measurement)
     joint = as_joints(joints_of(spec))
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
-    return replace(first, name=name, source=text, spec=spec, recipe=recipe, bodies=(), joint=joint, of_noise=())
+    noise, of_noise = noise_of(spec.noise, first.measurement)
+    return CaseSetup(name, text, spec, recipe, (), joint, first.measurement, noise, of_noise)
 
 
 def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
@@ -76,7 +76,7 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
         lacking = setup.spec.structure.absent(label)
         if lacking is not None:
             raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
-    named, _ = setup.named_nuisances()
+    named, of_noise = setup.named_nuisances()
     own = tuple(one for one, known in zip(named, setup.quantities, strict=True) if one.name != known.name)
     known = {nuisance.name for nuisance in problem.prior.nuisances}
     foreign = [one.name for one in named if one not in own and one.name not in known]
@@ -84,6 +84,12 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
         raise ModelError(
             f"found that {foreign[0]} is uncertain, which it shares with present set-ups that do not have it; expected "
             f"one of its own; state it in [plan.setups.{name}.uncertain]"
+        )
+    unknown = [one.name for one in of_noise if one.name not in known]
+    if unknown:
+        raise ModelError(
+            f"found that {unknown[0]} of its noise is inferred, which no present set-up shares with it; expected noise "
+            'that is known, or as in a present one; state [noise] for all set-ups, or scale = "known"'
         )
     places = map(setup.spec.structure.place, ports.outputs)
     return Candidate(
@@ -98,6 +104,8 @@ def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
         setup=name,
         own=own,
         joint=setup.joint,
+        noise=setup.noise,
+        residual_kind=setup.spec.noise.residuals,
     )
 
 
