@@ -15,7 +15,6 @@ from jointbayes.frf import (
     NaturalFrequencies,
     Ports,
     ReceptanceModel,
-    Substructures,
     receptance_model,
     rigid_body_modes,
 )
@@ -25,7 +24,15 @@ from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.residuals import ResidualKind
-from jointbayes.inference.setup import Setup, SetupsLikelihood, Term, arranged, columns_of_names, own_name
+from jointbayes.inference.setup import (
+    Setup,
+    SetupsLikelihood,
+    Term,
+    arranged,
+    columns_of_names,
+    own_name,
+    require_own_bodies,
+)
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement
 from jointbayes.structure import StructureFamily, is_mode_frequency
@@ -89,6 +96,7 @@ class Problem:
         object.__setattr__(self, "setups", tuple(self.setups))
         if self.setups:
             self._take_first_setup()
+            require_own_bodies(self.setups)
         missing = [one for one in ("structure", "joint", "measurement", "prior") if getattr(self, one) is None]
         if missing:
             raise ModelError(
@@ -250,8 +258,9 @@ class Problem:
 
     @property
     def ignores_noise_of_bodies(self) -> bool:
-        """Whether measured bodies are taken for exact, so that intervals are too narrow."""
-        return isinstance(self.structure, Substructures) and not self.structure.propagate
+        """Whether measured bodies are taken for exact in any set-up, so that intervals are too narrow."""
+        structures = (substructures(part.structure) for part in self.parts)
+        return any(one.measured and not one.propagate for one in structures)
 
     @cached_property
     def structures_of_data(self) -> StructureFamily:

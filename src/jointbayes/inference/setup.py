@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import AnyStructure
+from jointbayes.frf import AnyStructure, MeasuredBody
+from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.residuals import ResidualKind
@@ -17,7 +18,16 @@ from jointbayes.joint import AnyJoint, Block, Blocks, Joint, Joints, Parametrisa
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement
 
-__all__ = ["Level", "Setup", "SetupsLikelihood", "Term", "arranged", "columns_of_names", "own_name"]
+__all__ = [
+    "Level",
+    "Setup",
+    "SetupsLikelihood",
+    "Term",
+    "arranged",
+    "columns_of_names",
+    "own_name",
+    "require_own_bodies",
+]
 
 Array = NDArray[np.float64]
 
@@ -81,6 +91,38 @@ class Setup:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint", as_joints(self.joint))
+
+
+def require_own_bodies(setups: Sequence[Setup]) -> None:
+    """Refuse a measurement of a body that several set-ups have.
+
+    Its errors are the same in all of them, and the likelihoods of set-ups are those of independent data: with its
+    noise propagated they would count as averaged, and intervals would be too narrow.
+
+    Raises
+    ------
+    ModelError
+        If two set-ups have it.
+    """
+    known: list[tuple[str, MeasuredBody]] = []
+    for setup in setups:
+        whole = substructures(setup.structure)
+        bodies = whole.measured if whole.propagate else ()
+        for body in bodies:
+            other = next((name for name, one in known if _is_one_measurement(one, body)), None)
+            if other is not None:
+                raise ModelError(
+                    f"problem: found one measurement of the body {body.name} in set-ups {other} and {setup.name}, with "
+                    "one error that would count as one of each; expected a measurement for each set-up, or one set-up; "
+                    "measure the body again"
+                )
+        known += ((setup.name, body) for body in bodies)
+
+
+def _is_one_measurement(one: MeasuredBody, other: MeasuredBody) -> bool:
+    return one is other or (
+        np.array_equal(one.frequency_hz, other.frequency_hz) and np.array_equal(one.receptance, other.receptance)
+    )
 
 
 def own_name(setup: str, name: str, names: Iterable[str]) -> str | None:

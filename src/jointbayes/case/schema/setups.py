@@ -189,6 +189,22 @@ def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText])
                     Finding((*place, key), found, "joints alike, or own = true", "make them alike or add own = true"),
                 )
     yield from _unlike_spreads(specs)
+    yield from _shared_bodies(specs)
+
+
+def _shared_bodies(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield a body whose one measurement several set-ups have, so that its errors would be counted as independent."""
+    first: dict[str, str] = {}
+    for setup, spec in specs.items():
+        for name, body in spec.bodies.items():
+            if not body.propagate:
+                continue
+            other, file = next(((first[one], one) for one in body.file if one in first), (setup, ""))
+            if other != setup:
+                found = f"found {file} in set-ups {other} and {setup}, with one error that would count as one of each"
+                expected = "a measurement of the body for each set-up, or one set-up"
+                yield setup, Finding(("bodies", name), found, expected, "state another file, or remove a set-up")
+            first |= {one: first.get(one, setup) for one in body.file}
 
 
 def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> Iterator[Finding]:
