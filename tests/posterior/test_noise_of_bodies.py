@@ -9,11 +9,14 @@ from benchmarks.measured_body import SETTINGS, data_set
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
+from jointbayes.inference import Problem, Setup
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.noise_of_bodies import DOUBTFUL, noise_of_bodies
 from jointbayes.posterior.verdicts import verdict_line
 from jointbayes.report.build import build_report
 from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.sections.measured_bodies import measured_bodies_section
 from jointbayes.workflow import identify, load_posterior, sample
 
 
@@ -120,3 +123,59 @@ def test_data_at_lines_that_the_body_lacks_are_refused(posterior):
     with pytest.raises(ModelError, match="expected FRFs of the body at the very lines of the data"):
         replace(problem, measurement=replace(problem.measurement, frf=frf)).log_posterior  # noqa: B018
     assert isinstance(problem.measured_bodies[0], MeasuredBody)
+
+
+def of_setups(first, second, *, ignored="") -> Problem:
+    """Two set-ups, each of one problem, of which one may take its body for exact."""
+    setups = [
+        Setup(
+            name,
+            replace(one.structure, propagate=name != ignored),
+            one.joint,
+            one.measurement,
+        )
+        for name, one in (("a", first), ("b", second))
+    ]
+    return Problem(setups=setups, prior=first.prior)
+
+
+def test_one_measurement_of_a_body_in_two_set_ups_is_refused():
+    first, second = data_set("counted", 1), data_set("counted", 2)
+    of_setups(first, second)
+    (body,) = first.measured_bodies
+    for same in (body, replace(body, name="other")):
+        whole = Substructures(first.structures, (same,))
+        with pytest.raises(
+            ModelError, match=r"one measurement of the body \w+ in set-ups a and b, .*; expected"
+        ) as told:
+            of_setups(first, replace(second, structure=whole))
+        assert "\n" not in str(told.value)
+        of_setups(first, replace(second, structure=whole), ignored="b")  # which is said in the report
+
+
+def test_of_several_set_ups_the_worst_is_told(posterior):
+    first, second = posterior.problem, data_set("counted", 2)
+    (body,) = second.measured_bodies
+    theta, lone = posterior.estimate.theta, posterior.noise_of_bodies
+    noisy = replace(
+        second, structure=Substructures(second.structures, (replace(body, covariance=225 * body.covariance),))
+    )
+    for problem in (of_setups(first, noisy), of_setups(noisy, first)):
+        found = noise_of_bodies(problem, theta)
+        assert found.setup == ("b" if problem.setups[1].measurement is noisy.measurement else "a")
+        assert found.doubtful_lines > lone.doubtful_lines
+        assert f"spindle in set-up {found.setup} is propagated" in found.sentence
+        assert not problem.ignores_noise_of_bodies
+    ignoring = of_setups(first, second, ignored="b")
+    found = noise_of_bodies(ignoring, theta)
+    assert (found.ignored, found.setup, ignoring.ignores_noise_of_bodies) == (True, "b", True)
+
+
+def test_the_report_has_the_bodies_of_every_set_up_and_a_run_is_of_all(posterior):
+    problem = of_setups(posterior.problem, data_set("counted", 2))
+    inputs = ReportInputs(replace(posterior, problem=problem))
+    inputs.__dict__["summary"] = posterior.summary()
+    (_, table) = measured_bodies_section(inputs).blocks
+    assert [row[0] for row in table.rows] == ["spindle in set-up a", "spindle in set-up b"]
+    parts = run_fingerprint(problem, None, 1, SETTINGS)
+    assert {"measured body a.spindle", "measured body b.spindle"} <= set(parts)

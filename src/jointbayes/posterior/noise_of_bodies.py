@@ -41,6 +41,8 @@ class NoiseOfBodies:
     discrepancy
         Of each body the mean square of A_ab − A_ba over what their errors allow; None where nothing was measured both
         ways.
+    setup
+        The set-up that has them; empty where there is one test.
     """
 
     bodies: tuple[str, ...]
@@ -51,6 +53,7 @@ class NoiseOfBodies:
     doubtful_lines: int
     lines: int
     discrepancy: tuple[float | None, ...]
+    setup: str = ""
 
     @property
     def within(self) -> bool:
@@ -70,7 +73,8 @@ class NoiseOfBodies:
 
     @property
     def _noise(self) -> str:
-        return f"the noise of the measured {'body' if len(self.bodies) == 1 else 'bodies'} {', '.join(self.bodies)}"
+        of = f" in set-up {self.setup}" if self.setup else ""
+        return f"the noise of the measured {'body' if len(self.bodies) == 1 else 'bodies'} {', '.join(self.bodies)}{of}"
 
     @property
     def sentence(self) -> str:
@@ -101,9 +105,19 @@ class NoiseOfBodies:
 
 
 def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
-    """The part of measured bodies in the noise at θ, shape (d,); None where nothing of the structure is measured."""
-    # of several set-ups the first with such a body
-    problem = next((part for part in problem.parts if part.measured_bodies), problem.part(None))
+    """The part of measured bodies in the noise at θ, shape (d,); None where nothing of the structure is measured.
+
+    Of several set-ups the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
+    """
+    found = [one for part in problem.parts if (one := _of_setup(part, theta)) is not None]
+    return max(found, key=_badness, default=None)
+
+
+def _badness(found: NoiseOfBodies) -> tuple[bool, bool, float, float]:
+    return found.ignored, bool(found.not_reciprocal), found.doubtful_lines / found.lines, found.share
+
+
+def _of_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     bodies, measurement = problem.measured_bodies, problem.measurement
     if not bodies or not isinstance(measurement, FrfMeasurement):
         return None
@@ -126,4 +140,5 @@ def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
         int((sd > DOUBTFUL).sum()),
         frf.n_lines,
         tuple(body.discrepancy for body in bodies),
+        problem.setup,
     )

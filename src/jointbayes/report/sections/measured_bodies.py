@@ -16,25 +16,26 @@ def measured_bodies_section(inputs: ReportInputs) -> Section | None:
     found = inputs.summary.measured_bodies
     if found is None:
         return None
-    bodies = inputs.posterior.problem.measured_bodies
+    parts = inputs.posterior.problem.parts
+    rows = [_row(part.setup, body) for part in parts for body in part.measured_bodies]
     head = ("Body", "DOFs", "Lines", "Noise, median (%)", "Reciprocity")
     note = (
         "Noise: standard deviation of the receptances over their size, median over lines and pairs. Reciprocity: mean "
         "square of the difference of FRFs when force and response change places over what their noise allows, 1 "
         "expected; a dash where no pair was measured both ways. Nothing is interpolated."
     )
-    table = Table("Measured bodies", head, tuple(map(_row, bodies)), align="llrrr", note=note)
+    table = Table("Measured bodies", head, tuple(rows), align="llrrr", note=note)
     return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(found.sentence)), table))
 
 
-def _row(body: MeasuredBody) -> tuple[str, ...]:
+def _row(setup: str, body: MeasuredBody) -> tuple[str, ...]:
     a, b = np.triu_indices(len(body.dofs))
     size = np.abs(body.receptance[:, a, b])
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
     relative = float(np.median(sd[size > 0] / size[size > 0]))
     f = body.frequency_hz
     return (
-        foreign(body.name),
+        foreign(f"{body.name} in set-up {setup}" if setup else body.name),
         foreign(", ".join(body.dofs)),
         f"{f.size}, {f[0]:g} to {f[-1]:g} Hz",
         number(100 * relative, 2),
