@@ -1,5 +1,6 @@
 """Measured bodies of a case file: read through channels, rotations and offsets, and what is refused in one line."""
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from jointbayes.case.case import Case, load_case
 from jointbayes.errors import CaseError
-from jointbayes.frf import FrfSet, Substructures
+from jointbayes.frf import FrfSet, MeasuredFile, Substructures
 from jointbayes.inference import LogPosterior
 from jointbayes.measurement.formats import write_frf
 from tests.conftest import edited
@@ -85,6 +86,8 @@ def test_a_body_is_read_through_its_channels_and_rotations(directory):
     assert (np.abs(body.receptance - want) / (size[:, :, None] * size[:, None, :])).max() < 1e-5
     assert case.problem.structure.propagate
     assert case.problem.joint_frf is None
+    content = (directory / "spindle.uff").read_bytes()
+    assert body.files == (MeasuredFile("spindle.uff", len(content), hashlib.sha256(content).hexdigest()),)
 
 
 def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_body(directory):

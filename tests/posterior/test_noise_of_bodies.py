@@ -8,9 +8,9 @@ import pytest
 from benchmarks.measured_body import SETTINGS, data_set
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
+from jointbayes.frf import MeasuredBody, MeasuredFile, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Setup
-from jointbayes.posterior import Posterior
+from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.noise_of_bodies import DOUBTFUL, noise_of_bodies
 from jointbayes.posterior.verdicts import verdict_line
@@ -75,6 +75,33 @@ def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_pa
     assert (stored.covariance == body.covariance).all()
     theta = posterior.thinned(5)
     assert (again.problem.log_posterior(theta) == posterior.problem.log_posterior(theta)).all()
+
+
+def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint(posterior, tmp_path):
+    problem = posterior.problem
+    (body,) = problem.measured_bodies
+    file = MeasuredFile("nose.uff", 1234, 32 * "ab")
+
+    def of(changed):
+        return replace(posterior, problem=replace(problem, structure=replace(problem.structure, measured=(changed,))))
+
+    of(replace(body, files=(file,))).save(tmp_path / "posterior.nc")
+    again = load_posterior(tmp_path / "posterior.nc")
+    summary = again.summary().to_json()
+    assert summary["measured_bodies"]["files"] == {
+        "spindle": [{"name": "nose.uff", "size": 1234, "sha256": file.sha256}]
+    }
+    section = measured_bodies_section(ReportInputs(again))
+    listed = section.blocks[-1]
+    assert listed.rows == (("spindle", "nose.uff", "1234", f"`{file.sha256}`"),)
+    assert len(measured_bodies_section(ReportInputs(posterior)).blocks) == len(section.blocks) - 1
+    usual = posterior.summary().data_sha256
+    assert summary["data_sha256"] == usual
+    for changed in (
+        replace(body, receptance=body.receptance * (1 + 1e-12)),
+        replace(body, covariance=body.covariance * (1 + 1e-12)),
+    ):
+        assert data_sha256(of(changed).problem) != usual
 
 
 def test_the_band_holds_what_the_errors_of_the_body_make_of_the_frfs(posterior):

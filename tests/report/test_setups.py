@@ -103,7 +103,7 @@ def test_the_summary_says_of_each_set_up_what_it_says_of_a_lone_test(overhangs):
         z = part.log_posterior.standardised(overhangs.estimate.theta)
         assert said["fit"]["n_data"] == z[0].size
         assert_allclose(said["fit"]["chi2_per_line"], (np.abs(z) ** 2).mean(), rtol=1e-12)
-        assert said["data_sha256"] == data_sha256(part.measurement)
+        assert said["data_sha256"] == data_sha256(part)
         assert said["check"]["sentence"].startswith(f"Set-up {part.setup}: ")
         best = part.natural_frequencies_hz(TABLE_3, len(said["natural_frequencies_hz"]["map"]))[0]
         assert_allclose(said["natural_frequencies_hz"]["map"], best, rtol=1e-12)
@@ -113,7 +113,7 @@ def test_the_summary_says_of_each_set_up_what_it_says_of_a_lone_test(overhangs):
     assert summary["fit"]["n_data"] == sum(n_data)
     chi2 = [said["fit"]["chi2_per_line"] for said in summary["setups"].values()]
     assert_allclose(summary["fit"]["chi2_per_line"], np.average(chi2, weights=n_data), rtol=1e-12)
-    assert summary["data_sha256"] == data_sha256(*(part.measurement for part in parts))
+    assert summary["data_sha256"] == data_sha256(overhangs.problem)
     assert len({summary["data_sha256"], *(said["data_sha256"] for said in summary["setups"].values())}) == 4
 
 

@@ -1,6 +1,7 @@
 """Measured bodies of a case: from their files to receptances at the DOFs that joints and data name."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -68,6 +69,7 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
 
     measured = read_measurement(spec.file, directory, plan_of_files(spec))
     assert isinstance(measured, FrfMeasurement)
+    assert measured.provenance is not None  # as of all that is read
     whole = MeasuredBody.of(measured.frf, measured.variance, name)
     motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}
     for label, rotation in spec.rotations.items():
@@ -80,4 +82,4 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
             f"measured body {name}: found no joint, output or input at its DOFs {', '.join(spec.labels)}; expected a "
             "joint to one of them; name its DOF in the joint, or remove the body"
         )
-    return whole.seen_at(motions)
+    return replace(whole.seen_at(motions), files=measured.provenance.files)

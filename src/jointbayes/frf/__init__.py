@@ -4,7 +4,7 @@ from jointbayes.frf.coupling import LowRankCoupling, receptance_model
 from jointbayes.frf.direct import DirectSolve
 from jointbayes.frf.floating import rigid_body_modes
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
-from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, Substructures
+from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, MeasuredFile, Substructures
 from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
 from jointbayes.frf.mode_shapes import AssembledShapes, Modal
 from jointbayes.frf.ports import Ports, ReceptanceModel
@@ -14,6 +14,7 @@ __all__ = [
     # data
     "FrfSet",
     "MeasuredBody",
+    "MeasuredFile",
     "Quantity",
     "Substructures",
     "quantity_factor",

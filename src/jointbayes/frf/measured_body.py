@@ -22,7 +22,7 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf.frf_set import FrfSet, quantity_factor, read_only
 from jointbayes.structure import Structure, StructureFamily, as_family
 
-__all__ = ["AnyStructure", "MeasuredBody", "Substructures", "substructures"]
+__all__ = ["AnyStructure", "MeasuredBody", "MeasuredFile", "Substructures", "substructures"]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -32,6 +32,15 @@ SAME_LINE = 1e-9
 #: A_ab and A_ba that differ by this share of their size, at half of the lines, are of opposite sign or other DOFs.
 NOT_RECIPROCAL = 0.5
 _SYMMETRIC, _NEGATIVE = 1e-9, -1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredFile:
+    """A file of measurements by name, size in bytes, and SHA-256 of its content."""
+
+    name: str
+    size: int
+    sha256: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +66,8 @@ class MeasuredBody:
     discrepancy
         Mean square of A_ab − A_ba over what the errors of both allow, 1 expected; None where no pair was measured both
         ways.
+    files
+        In which it was measured, if in any.
 
     Raises
     ------
@@ -70,10 +81,12 @@ class MeasuredBody:
     receptance: ComplexArray
     covariance: Array
     discrepancy: float | None = None
+    files: tuple[MeasuredFile, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
         object.__setattr__(self, "dofs", tuple(self.dofs))
+        object.__setattr__(self, "files", tuple(self.files))
         object.__setattr__(self, "receptance", read_only(self.receptance, np.complex128))
         object.__setattr__(self, "covariance", read_only(self.covariance))
         lines, m = self.frequency_hz.size, len(self.dofs)

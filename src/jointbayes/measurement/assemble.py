@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.errors import MeasurementError
-from jointbayes.frf import FrfSet
+from jointbayes.frf import FrfSet, MeasuredFile
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.measurement.channels import ChannelMap, map_records
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
@@ -22,7 +22,7 @@ from jointbayes.measurement.formats import in_band, iter_records, join_frfs
 from jointbayes.measurement.modal.fit import fit_modes, identify_modes
 from jointbayes.measurement.mode_data import Measurement
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
-from jointbayes.measurement.provenance import MeasuredFile, MeasuredMode, Provenance
+from jointbayes.measurement.provenance import MeasuredMode, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import at_joint, with_rotations
 from jointbayes.measurement.signals.impact import frfs_of_hits

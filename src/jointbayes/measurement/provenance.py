@@ -4,18 +4,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from jointbayes.frf import MeasuredFile
 from jointbayes.measurement.channels import ChannelUse
 
-__all__ = ["MeasuredFile", "MeasuredMode", "MeasurementWarning", "Provenance"]
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredFile:
-    """A file by name, size in bytes, and SHA-256 of its content."""
-
-    name: str
-    size: int
-    sha256: str
+__all__ = ["MeasuredMode", "MeasurementWarning", "Provenance"]
 
 
 @dataclass(frozen=True, slots=True)

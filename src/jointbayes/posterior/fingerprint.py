@@ -11,8 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from jointbayes.inference import Problem
-from jointbayes.joint.quantities import prefixed
-from jointbayes.posterior.run_record import data_sha256
+from jointbayes.posterior.run_record import bodies_of, measurement_sha256
 from jointbayes.posterior.stored_problem import described
 from jointbayes.sampling import SamplerSettings
 
@@ -51,15 +50,14 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
     seed, settings
         Of the run.
     """
-    parts = {"seed": str(seed), "data": "".join(data_sha256(part.measurement)[:16] for part in problem.parts)}
+    parts = {"seed": str(seed), "data": "".join(measurement_sha256(part.measurement)[:16] for part in problem.parts)}
     if (joint_frf := getattr(problem.measurement, "joint_frf", None)) is not None:
         values = np.ascontiguousarray(joint_frf.values)
         parts["data at the joint"] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
-    of_setups = ((part.setup, body) for part in problem.parts for body in part.measured_bodies)
-    for setup, body in of_setups:
+    for name, body in bodies_of(problem).items():
         arrays = (body.frequency_hz, body.receptance, body.covariance)
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
-        parts[f"measured body {prefixed(setup, body.name) if setup else body.name}"] = digest.hexdigest()[:16]
+        parts[f"measured body {name}"] = digest.hexdigest()[:16]
     parts |= {
         f"sampling.{one.name}": str(getattr(settings, one.name))
         for one in fields(settings)

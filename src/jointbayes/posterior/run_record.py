@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Protocol
@@ -10,11 +10,21 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
+from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement, ModalMeasurement
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
 
-__all__ = ["RunRecord", "SampledCase", "data_sha256", "package_versions", "sampler_figures"]
+__all__ = [
+    "RunRecord",
+    "SampledCase",
+    "bodies_of",
+    "data_sha256",
+    "measurement_sha256",
+    "package_versions",
+    "sampler_figures",
+]
 
 Array = NDArray[np.float64]
 
@@ -101,15 +111,32 @@ class SampledCase(Protocol):
         ...
 
 
-def data_sha256(*measurements: Measurement) -> str:
-    """Fingerprint of the numbers that were analysed, those of all set-ups."""
+def bodies_of(problem: Problem) -> dict[str, MeasuredBody]:
+    """Measured bodies of all set-ups by their names; of several set-ups with the name of each before it."""
+    return {prefixed(part.setup, body.name): body for part in problem.parts for body in part.measured_bodies}
+
+
+def data_sha256(problem: Problem) -> str:
+    """Fingerprint of the numbers that were analysed: data and measured bodies of all set-ups."""
+    arrays = [array for part in problem.parts for array in _arrays_of(part.measurement)]
+    for body in bodies_of(problem).values():
+        arrays += [body.frequency_hz, body.receptance, body.covariance]
+    return _sha256(arrays)
+
+
+def measurement_sha256(measurement: Measurement) -> str:
+    """Fingerprint of the data of one set-up alone."""
+    return _sha256(_arrays_of(measurement))
+
+
+def _arrays_of(measurement: Measurement) -> Sequence[NDArray[Any]]:
+    if isinstance(measurement, ModalMeasurement):
+        return measurement.arrays
+    return measurement.frf.frequency_hz, measurement.frf.values, measurement.variance
+
+
+def _sha256(arrays: Iterable[NDArray[Any]]) -> str:
     digest = hashlib.sha256()
-    arrays: list[NDArray[Any]] = []
-    for measurement in measurements:
-        if isinstance(measurement, ModalMeasurement):
-            arrays += measurement.arrays
-        else:
-            arrays += [measurement.frf.frequency_hz, measurement.frf.values, measurement.variance]
     for array in arrays:
         digest.update(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()

@@ -98,7 +98,7 @@ def _setup(
         posterior.checks[number],
         posterior.diagnoses[number],
         _frequencies(posterior, part, initial, measured_hz),
-        data_sha256(measured),
+        data_sha256(part),
         measured.provenance.as_json() if measured.provenance else None,
     )
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.frf import MeasuredFile
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
@@ -16,7 +17,7 @@ from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.noise_of_bodies import NoiseOfBodies
 from jointbayes.posterior.rounding import in_columns, number, rounded, rounded_interval
-from jointbayes.posterior.run_record import RunRecord, data_sha256
+from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
     NaturalFrequencies,
@@ -115,6 +116,8 @@ class Summary:
         What the elements do to the result; None where the structure is given by matrices.
     measured_bodies
         What the errors of measured bodies do to the result; None where the structure is modelled throughout.
+    files_of_bodies
+        In which each of them was measured, by its name.
     knowledge
         What `gather_knowledge` found; None where it was not asked.
     data_sha256
@@ -136,6 +139,7 @@ class Summary:
     diagnosis: Diagnosis
     mesh: MeshCheck | None
     measured_bodies: NoiseOfBodies | None
+    files_of_bodies: Mapping[str, tuple[MeasuredFile, ...]]
     knowledge: Knowledge | None
     data_sha256: str
     setups: Mapping[str, SetupSummary]
@@ -174,6 +178,10 @@ class Summary:
         ]
         return "\n".join(lines)
 
+    def _bodies_json(self, found: NoiseOfBodies) -> dict[str, Any]:
+        files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}
+        return found.as_json() | {"files": files}
+
     def to_json(self) -> dict[str, Any]:
         """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
         record, frequencies = self.record, self.natural_frequencies_hz
@@ -192,7 +200,7 @@ class Summary:
             "fit": fit_json(self.fit, self.diagnosis),
             "check": check_json(self.check, self.diagnosis),
             "mesh": None if self.mesh is None else self.mesh.as_json(),
-            "measured_bodies": None if self.measured_bodies is None else self.measured_bodies.as_json(),
+            "measured_bodies": None if self.measured_bodies is None else self._bodies_json(self.measured_bodies),
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "sampler": record.sampler,
             "versions": record.versions,
@@ -250,8 +258,9 @@ def summarise(
         diagnosis=posterior.diagnosis,
         mesh=posterior.mesh,
         measured_bodies=posterior.noise_of_bodies,
+        files_of_bodies={name: body.files for name, body in bodies_of(problem).items()},
         knowledge=knowledge,
-        data_sha256=data_sha256(*(part.measurement for part in problem.parts)),
+        data_sha256=data_sha256(problem),
         setups=setups,
     )
 

@@ -16,26 +16,36 @@ def measured_bodies_section(inputs: ReportInputs) -> Section | None:
     found = inputs.summary.measured_bodies
     if found is None:
         return None
-    parts = inputs.posterior.problem.parts
-    rows = [_row(part.setup, body) for part in parts for body in part.measured_bodies]
+    bodies = [
+        (f"{body.name} in set-up {part.setup}" if part.setup else body.name, body)
+        for part in inputs.posterior.problem.parts
+        for body in part.measured_bodies
+    ]
     head = ("Body", "DOFs", "Lines", "Noise, median (%)", "Reciprocity")
     note = (
         "Noise: standard deviation of the receptances over their size, median over lines and pairs. Reciprocity: mean "
         "square of the difference of FRFs when force and response change places over what their noise allows, 1 "
         "expected; a dash where no pair was measured both ways. Nothing is interpolated."
     )
-    table = Table("Measured bodies", head, tuple(rows), align="llrrr", note=note)
-    return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(found.sentence)), table))
+    rows = tuple(_row(name, body) for name, body in bodies)
+    table = Table("Measured bodies", head, rows, align="llrrr", note=note)
+    files = tuple(
+        (foreign(name), foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`")
+        for name, body in bodies
+        for file in body.files
+    )
+    listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
+    return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(found.sentence)), table, *listed))
 
 
-def _row(setup: str, body: MeasuredBody) -> tuple[str, ...]:
+def _row(name: str, body: MeasuredBody) -> tuple[str, ...]:
     a, b = np.triu_indices(len(body.dofs))
     size = np.abs(body.receptance[:, a, b])
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
     relative = float(np.median(sd[size > 0] / size[size > 0]))
     f = body.frequency_hz
     return (
-        foreign(f"{body.name} in set-up {setup}" if setup else body.name),
+        foreign(name),
         foreign(", ".join(body.dofs)),
         f"{f.size}, {f[0]:g} to {f[-1]:g} Hz",
         number(100 * relative, 2),

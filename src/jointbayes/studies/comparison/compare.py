@@ -119,8 +119,7 @@ def compare(
                 raise
             except JointBayesError as error:
                 raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    measured = (part.measurement for part in cases[0].problem.parts)
-    return Comparison(tuple(candidates), seed, data_sha256(*measured))
+    return Comparison(tuple(candidates), seed, data_sha256(cases[0].problem))
 
 
 def require_same_data(cases: Sequence[Case]) -> None:
@@ -149,9 +148,9 @@ def _data_of(problem: Problem) -> tuple[object, ...]:
         return tuple((part.setup, *_data_of(part)) for part in problem.parts)
     measured = problem.measurement
     if not isinstance(measured, FrfMeasurement):
-        return (data_sha256(measured),)
+        return (data_sha256(problem),)
     frf = measured.frf
-    return data_sha256(measured), frf.outputs, frf.inputs, frf.quantity, problem.residual_kind
+    return data_sha256(problem), frf.outputs, frf.inputs, frf.quantity, problem.residual_kind
 
 
 def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
