@@ -90,6 +90,24 @@ def test_a_body_is_read_through_its_channels_and_rotations(directory):
     assert body.files == (MeasuredFile("spindle.uff", len(content), hashlib.sha256(content).hexdigest()),)
 
 
+def test_a_rotation_about_y_has_the_sign_of_the_right_hand_rule(directory):
+    upright = case_of(
+        directory,
+        ("[joint]\n", '[joint]\nkind = "rigid"\n'),
+        *((f'= "{old}:y"', f'= "{old}:z"') for old in ("nose", "-back")),
+        ('rotations."nose:rz"]', 'rotations."nose:ry"]'),
+        ('stations = ["back:y", "nose:y"]', 'stations = ["back:z", "nose:z"]'),
+        ('against = ["nose:y", "nose:rz"]', 'against = ["nose:z", "nose:ry"]'),
+        ('dofs = ["1:y", "1:rz"]', 'dofs = ["1:z", "1:ry"]'),
+        ('{ "7:y" = "7:y" }', '{ "7:y" = "7:z" }'),
+        ("elements = 6\n", "elements = 6\ndofs_per_node = 5\n"),
+        (TEXT[TEXT.index("[prior]") : TEXT.index("[data]")], "[uncertain]\nloss_factor = { sd_percent = 5.0 }\n\n"),
+    )
+    (body,) = upright.problem.measured_bodies
+    (across,) = case_of(directory).problem.measured_bodies
+    np.testing.assert_allclose(body.receptance, across.receptance * np.array([[1, -1], [-1, 1]]), rtol=1e-12)
+
+
 def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_body(directory):
     case = case_of(directory, ('file = "spindle.uff"', 'file = "spindle.uff"\npropagate = false'))
     assert case.problem.ignores_noise_of_bodies
@@ -106,6 +124,16 @@ def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_b
             '\n"4:y" = "-back:y"',
             '\n"4:y" = "-back:y"\n"3:y" = "3:y"',
             r'found "3:y", which is a DOF of \[structure\] as well',
+        ),
+        (
+            '"4:y" = "-back:y"\n\n[bodies.spindle.rotations."nose:rz"]\nstations = ["back:y", "nose:y"]',
+            '"4:y" = "-back:z"\n\n[bodies.spindle.rotations."nose:rz"]\nstations = ["back:z", "nose:y"]',
+            r'rotations\."nose:rz"\.stations: found stations along x that move in z and y for rz; expected all of them',
+        ),
+        (
+            "spacing_mm = 62.5",
+            'spacing_mm = 62.5\naxis = "y"',
+            r'rotations\."nose:rz"\.stations: found stations along y that move in y for rz; expected all of them in x',
         ),
         ('stations = ["back:y", "nose:y"]', 'stations = ["front:y", "nose:y"]', "no channel of the body stands for"),
         ('kind = "measured_frf"\nfile = "tip.uff"', 'kind = "measured_frequencies"\nfile = "tip.uff"', "has no modes"),

@@ -539,6 +539,16 @@ def test_files_that_do_not_hold_what_the_case_says_are_refused_in_one_line(tmp_p
             'data.rotations."1:y"',
             'found "1:y"; expected a rotation',
         ),
+        (
+            frf_data(variance=COHERENCE + '[data.rotations."1:rz"]\nstations = ["1:z", "2:z"]\n'),
+            'data.rotations."1:rz".stations',
+            "found stations along x that move in z for rz; expected all of them in y",
+        ),
+        (
+            frf_data(variance=COHERENCE + '[data.rotations."1:rz"]\nstations = ["1:x", "2:x"]\naxis = "y"\n'),
+            'data.rotations."1:rz".axis',
+            'found "y"; expected "x"',
+        ),
     ],
 )
 def test_faults_of_the_data_table_are_named_by_key(data, key, words):

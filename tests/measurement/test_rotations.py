@@ -5,8 +5,10 @@ import pytest
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
+from jointbayes.joint import Joint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.rotations import Rotation, at_joint, with_rotations
+from jointbayes.structure import BeamMaterial, Body, FrameRecipe, LossFactor, Member, Section
 from tests.conftest import CLAMP, pair_matrix, rod
 
 LINES = np.linspace(30.0, 800.0, 40)
@@ -119,3 +121,34 @@ def test_a_rotation_measured_and_derived_is_refused():
     frf = measured(("41:y", "1:y", "2:y", "1:rz"))
     with pytest.raises(MeasurementError, match="found it among the measured DOFs"):
         with_rotations(FrfMeasurement(frf, np.ones(frf.values.shape)), [FIRST])
+
+
+@pytest.mark.parametrize("axis", range(3), ids="xyz")
+def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
+    lines = np.array([60.0, 350.0])
+    far, near = (tuple(length * (i == axis) for i in range(3)) for length in (0.3, 0.299))
+    rod = Member(("root", "near", "tip"), Section.rectangle(0.02, 0.03), BeamMaterial(2.1e11, 0.3, 7800.0))
+    free = FrameRecipe(Body({"root": (0.0, 0.0, 0.0), "near": near, "tip": far}, (rod,)), LossFactor(0.02)).structure()
+    root = Joint(tuple(f"root:{way}" for way in ("x", "y", "z", "rx", "ry", "rz")))
+    for across in (i for i in range(3) if i != axis):
+        direction, turn = "xyz"[across], f"r{'xyz'[3 - axis - across]}"
+        dofs = (f"near:{direction}", f"tip:{direction}", f"tip:{turn}")
+        model = DirectSolve(free, root, Ports(lines, dofs, dofs[1:2]))
+        frf = FrfSet(lines, model.receptance(np.diag([1e8] * 3 + [1e5] * 3))[0], dofs, dofs[1:2])
+        found = Rotation(dofs[2], dofs[:2], 1e-3, "first order", axis="xyz"[axis]).of(frf).values[:, 0, 0]
+        true = frf.frf(dofs[2], dofs[1])
+        assert np.linalg.norm(found - true) < 5e-3 * np.linalg.norm(true)  # the shear angle at the driven tip remains
+
+
+@pytest.mark.parametrize(
+    ("dof", "stations", "axis"),
+    [
+        ("1:rz", ("1:y", "2:z"), "x"),
+        ("1:rz", ("1:z", "2:z"), "x"),
+        ("1:rx", ("1:y", "2:y"), "x"),
+        ("1:rz", ("1:y", "2:y"), "y"),
+    ],
+)
+def test_stations_that_a_rotation_does_not_move_are_refused(dof, stations, axis):
+    with pytest.raises(MeasurementError, match="one direction for all"):
+        Rotation(dof, stations, SPACING, "first order", axis=axis)

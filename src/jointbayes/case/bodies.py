@@ -75,7 +75,8 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
     for label, rotation in spec.rotations.items():
         if label in wanted:
             assert rotation.spacing_mm is not None  # as its table asks
-            weights = Rotation(label, rotation.stations, rotation.spacing_mm * _MM, rotation.scheme).weights
+            spacing = rotation.spacing_mm * _MM
+            weights = Rotation(label, rotation.stations, spacing, rotation.scheme, axis=rotation.axis).weights
             motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
     if not motions:
         raise MeasurementError(

@@ -102,7 +102,7 @@ def _rotation(label: str, spec: RotationSpec, structure: StructureSpec) -> Rotat
     spacing = (second - first) * structure.length_mm / structure.elements
     if spec.spacing_mm is not None:
         spacing = float(np.copysign(spec.spacing_mm, spacing))
-    return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood)
+    return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood, spec.axis)
 
 
 def require_inside(directory: Path, names: Sequence[str], place: Callable[[int], str], key: str = "data.file") -> None:

@@ -26,6 +26,7 @@ __all__ = [
     "full_stiffnesses",
     "is_rotation",
     "is_rotation_unit",
+    "rotation_sign",
     "spring_stiffnesses",
     "without_damping",
 ]
@@ -82,6 +83,22 @@ def prefixed(joint: str, name: str) -> str:
 def words_of(words: str, joint: str) -> str:
     """What a quantity of a joint is, for messages."""
     return f"{words} of {joint}" if joint else words
+
+
+def rotation_sign(rotation: str, translation: str, axis: str) -> int:
+    """Sign s of θ = s ∂u/∂(axis), where a line along `axis` turns by θ and its points move by u: e_axis × e_u = s e_θ.
+
+    0 where this rotation does not move the line in this direction.
+
+    Examples
+    --------
+    >>> rotation_sign("rz", "y", "x"), rotation_sign("ry", "z", "x"), rotation_sign("rx", "y", "x")
+    (1, -1, 0)
+    """
+    turn = (axis, translation, rotation.removeprefix("r"))
+    if sorted(turn) != ["x", "y", "z"] or not rotation.startswith("r"):
+        return 0
+    return 1 if "".join(turn) in "xyzxy" else -1
 
 
 def direction_of(label: str) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
+from jointbayes.joint.quantities import direction_of, rotation_sign
 from jointbayes.measurement.data import FrfMeasurement
 
 __all__ = ["DifferenceScheme", "Rotation", "at_joint", "with_rotations"]
@@ -41,7 +42,7 @@ class Rotation:
     dof
         Label of the rotation, ``"1:rz"``.
     stations
-        Translational DOFs in order along the structure: two for ``"first order"``, else three.
+        Translational DOFs in order along the structure, in one direction: two for ``"first order"``, else three.
     spacing
         Distance s of neighbouring stations along the positive axis, m; negative where the stations run backwards, as at
         the far end of a beam.
@@ -50,16 +51,22 @@ class Rotation:
         ``"second order, centre"`` (x2 − x0)/2s at x1.
     in_likelihood
         Whether the rotation, not its stations, is what the likelihood sees.
+    axis
+        Axis along which the stations lie, ``"x"``, ``"y"`` or ``"z"``: it is its positive direction that the spacing
+        counts in.
 
     Raises
     ------
     MeasurementError
-        If the number of stations does not fit the scheme or the spacing is zero.
+        If the number of stations does not fit the scheme, the spacing is zero, or the rotation does not move points of
+        the axis in the direction of the stations.
 
     Notes
     -----
     For equal independent errors σ at the stations the rotation's error is √2 σ/s, √26 σ/2s and σ/(√2 s). At a
     free end, where curvature and its slope vanish, first order has *less* bias than second order.
+
+    By the right-hand rule a line along x has θz = ∂v/∂x and θy = −∂w/∂x, one along y has θz = −∂u/∂y.
     """
 
     dof: str
@@ -67,6 +74,7 @@ class Rotation:
     spacing: float
     scheme: DifferenceScheme
     in_likelihood: bool = False
+    axis: str = "x"
 
     def __post_init__(self) -> None:
         if self.scheme not in _SCHEMES:
@@ -77,11 +85,22 @@ class Rotation:
                 f"rotation: found {len(self.stations)} stations {self.spacing:g} m apart; expected {count} stations a "
                 f"non-zero distance apart for scheme {self.scheme!r}; correct the stations or the scheme"
             )
+        if not self._sign:
+            raise MeasurementError(
+                f"rotation {self.dof}: found stations {', '.join(self.stations)} along {self.axis}; expected one "
+                "direction for all, at right angles to their line and to the axis of the rotation; correct them"
+            )
+
+    @property
+    def _sign(self) -> int:
+        turn = direction_of(self.dof)
+        signs = {rotation_sign(turn, direction_of(station), self.axis) for station in self.stations}
+        return signs.pop() if len(signs) == 1 else 0
 
     @property
     def weights(self) -> Array:
         """Of the stations' translations, 1/m, shape (stations,)."""
-        return np.array(_SCHEMES[self.scheme]) / self.spacing
+        return self._sign * np.array(_SCHEMES[self.scheme]) / self.spacing
 
     def of(self, frf: FrfSet) -> FrfSet:
         """FRFs of the rotation from those of its stations."""

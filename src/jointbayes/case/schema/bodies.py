@@ -48,6 +48,8 @@ class MeasuredBodySpec(MeasuredSpec):
         for label, rotation in self.rotations.items():
             if ":r" not in label:
                 yield Finding(("rotations", label), f'found "{label}"', "a rotation", 'write for example "spindle:rz"')
+            else:
+                yield from rotation.wrong_directions(label)
             if rotation.spacing_mm is None:
                 yield Finding(("rotations", label, "spacing_mm"), missing=True)
             if rotation.in_likelihood:

@@ -26,6 +26,7 @@ from jointbayes.case.schema.fields import (
     positive,
 )
 from jointbayes.case.schema.limits import MOST_FILES
+from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
 
 __all__ = [
     "ChannelSpec",
@@ -78,6 +79,7 @@ _SCHEME = key_field(
     'the differences, "first order" (two stations), "second order, end" or "second order, centre"', "first order"
 )
 _SPACING = positive("the distance of neighbouring stations in mm", 20.0)
+_AXIS = key_field('the axis along which the stations lie, "x", "y" or "z"', "x")
 _USE = key_field("true (the rotation is data, its stations are not) or false (it serves the iteration)", False)
 
 
@@ -88,6 +90,7 @@ class RotationSpec(Spec):
     scheme: Annotated[Literal["first order", "second order, end", "second order, centre"], _SCHEME] = "first order"
     spacing_mm: Annotated[float | None, _SPACING] = None
     in_likelihood: Annotated[bool, _USE] = False
+    axis: Annotated[Literal["x", "y", "z"], _AXIS] = "x"
 
     def _findings(self) -> Iterator[Finding]:
         needed = 2 if self.scheme == "first order" else 3
@@ -98,6 +101,16 @@ class RotationSpec(Spec):
         for i, station in enumerate(self.stations):
             if ":r" in station:
                 yield Finding(("stations", i), f'found "{station}"', "a translation", 'write for example "1:y"')
+
+    def wrong_directions(self, label: str) -> Iterator[Finding]:
+        """Yield stations that the rotation of this label does not move in one known sense."""
+        turn, directions = direction_of(label), list(dict.fromkeys(map(direction_of, self.stations)))
+        if len(directions) == 1 and rotation_sign(turn, directions[0], self.axis):
+            return
+        fitting = [d for d in DIRECTIONS[:3] if rotation_sign(turn, d, self.axis)]
+        found = f"found stations along {self.axis} that move in {' and '.join(directions)} for {turn}"
+        expected = f"all of them in {fitting[0]}" if fitting else "stations along an axis that the rotation turns"
+        yield Finding(("rotations", label, "stations"), found, expected, "correct the stations, the rotation or axis")
 
 
 _SOURCE = key_field('where the variance comes from, "coherence", "repeats" or "relative"', "coherence")
@@ -228,10 +241,15 @@ class MeasuredFrfSpec(MeasuredSpec):
                 if label not in known:
                     found = f'found "{label}", which no channel stands for'
                     yield Finding((key, i), found, f"one of {listed(list(known))}", "map its channel or remove it")
-        for label in self.rotations:
+        for label, rotation in self.rotations.items():
             if ":r" not in label:
                 found, expected = f'found "{label}"', "a rotation"
                 yield Finding(("rotations", label), found, expected, 'write for example [data.rotations."1:rz"]')
+                continue
+            if rotation.axis != "x":
+                place = ("rotations", label, "axis")
+                yield Finding(place, f'found "{rotation.axis}"', '"x", along which the beam lies', "remove it")
+            yield from rotation.wrong_directions(label)
 
 
 class MeasuredFrequenciesSpec(MeasuredSpec):
