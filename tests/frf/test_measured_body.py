@@ -16,7 +16,17 @@ from jointbayes.frf import (
     receptance_model,
 )
 from jointbayes.joint import Joint, Joints
-from jointbayes.structure import BeamFamily, BeamRecipe, LossFactor, ModalDamping, Rayleigh, Section, Structure, beam
+from jointbayes.structure import (
+    BeamFamily,
+    BeamRecipe,
+    LossFactor,
+    ModalDamping,
+    Rayleigh,
+    Section,
+    Structure,
+    ViscousMatrix,
+    beam,
+)
 from tests.conftest import STEEL
 
 LINES = np.arange(40.0, 1200.0, 20.0)
@@ -47,7 +57,8 @@ def spindle() -> Structure:
 def dynamic_stiffness(structure: Structure, omega: float) -> np.ndarray:
     """Z of one body, written out."""
     alpha, beta = structure.damping.viscous
-    c = alpha * structure.mass + beta * structure.stiffness
+    given = structure.damping.matrix
+    c = alpha * structure.mass + beta * structure.stiffness if given is None else given
     return structure.stiffness * (1 + 1j * structure.damping.hysteretic) + 1j * omega * c - omega**2 * structure.mass
 
 
@@ -153,6 +164,37 @@ def test_an_uncertain_model_beside_a_measured_body_is_the_one_of_its_factors():
     stiffer = BeamFamily(replace(recipe, material=replace(STEEL, youngs_modulus=1.05 * STEEL.youngs_modulus)), {})
     want = receptance_model(Substructures(stiffer, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
     assert error_of_peak(found[0], want[0]) < 1e-6
+
+
+@pytest.mark.parametrize("law", [ModalDamping((0.01, 0.03)), LossFactor(0.02)], ids=["modal", "loss factor"])
+@pytest.mark.parametrize("k", [K_TWO, DAMPED_TWO], ids=["undamped joint", "damped joint"])
+def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k):
+    recipe = BeamRecipe(0.18, Section.circle(0.02), STEEL, law, elements=6)
+    family, factors = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)}), np.array([[1.0], [1.05], [0.97]])
+    ports, body = Ports(LINES[::8], ("7:y", "s4:y"), ("7:y",)), measured_spindle().at_lines(LINES[::8])
+    model = receptance_model(Substructures(family, (body,)), TWO, ports)
+    batch = np.stack([k, 1.1 * k, 0.9 * k])
+    found, noise = model.receptance(batch, factors), NoisePropagation(model).covariance(batch, factors)
+    for i, row in enumerate(factors):
+        one = with_matrix(family.structure(row))
+        truth = dense((one, spindle()), TWO, batch[i], ports.outputs, ports.inputs, ports.omega)
+        assert error_of_peak(found[i], truth) < 1e-5  # modes are interpolated
+        alone = receptance_model(Substructures(one, (body,)), TWO, ports)
+        want = NoisePropagation(alone).covariance(batch[i])[0]
+        assert np.abs(noise[i] - want).max() < 1e-5 * np.abs(want).max()
+
+
+def with_matrix(structure: Structure) -> Structure:
+    """Modal damping of a body by itself as a matrix C = MΦ diag(2ζω) ΦᵀM."""
+    law = structure.damping
+    if not law.of_assembled_modes:
+        return structure
+    modes = structure.modes()
+    rigid = int((modes.eigenvalues <= 0).sum())
+    rate = np.zeros(structure.n_dofs)
+    rate[rigid:] = 2 * law.per_mode(structure.n_dofs - rigid) * np.sqrt(modes.eigenvalues[rigid:])
+    weighted = structure.mass @ modes.shapes
+    return replace(structure, damping=ViscousMatrix((weighted * rate) @ weighted.T))
 
 
 def test_sensors_beside_the_joint_see_it_through_a_rigid_link():

@@ -77,7 +77,9 @@ def free_receptance(
     """
     eigenvalues, motions = modes(factors)  # one for all where no factor changes them
     alpha, beta = family.nominal.damping.viscous
+    # one row for all where no factor changes them
     ratios, losses = family.damping_ratios(factors), family.loss_factors(factors)
+    ratios, losses = (np.broadcast_to(one, (len(factors), *one.shape[1:])) for one in (ratios, losses))
     free = np.empty((len(factors), omega.size, motions.shape[1], motions.shape[1]), dtype=complex)
     for i, out in enumerate(free):
         lam = eigenvalues[min(i, len(eigenvalues) - 1)]
