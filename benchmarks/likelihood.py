@@ -21,7 +21,7 @@ from benchmarks.timing import (
 )
 from jointbayes.frf import receptance_model
 from jointbayes.inference import Likelihood, likelihood_of
-from jointbayes.joint import Joint
+from jointbayes.joint import Joint, Joints
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 from jointbayes.structure import BeamMaterial, DampingLaw, LossFactor, ModalDamping, Section, Structure, beam
 
@@ -64,7 +64,7 @@ def contestants(law: str, f_step_hz: float, batch: int = BATCH) -> dict[str, Con
     return entries
 
 
-def synthetic(structure: Structure, joint: Joint, true: np.ndarray, ports: jb.Ports) -> Likelihood:
+def synthetic(structure: Structure, joint: Joint | Joints, true: np.ndarray, ports: jb.Ports) -> Likelihood:
     """Likelihood of FRFs computed from a joint, with noise added."""
     exact = receptance_model(structure, joint, ports).receptance(true)[0]
     variance = RelativeNoise(0.03, 0.01).variance(exact)
@@ -88,7 +88,8 @@ def many_dof_contestants(f_step_hz: float, batch: int = BATCH) -> dict[str, Cont
         scale = np.sqrt(np.resize([1e9, 5e9, 5e9, 1.5e6, 1.5e6, 1e6], r))
         factors = np.eye(r) + 0.1 * np.random.default_rng(2).normal(size=(batch, r, r))
         matrices = scale[:, None] * (factors @ factors.swapaxes(-1, -2)) * scale
-        likelihood = synthetic(rod(law, 5), Joint(dofs[:r]), matrices[0], ports)
+        joints = Joints(tuple(Joint((label,), name=label) for label in dofs[:r]))
+        likelihood = synthetic(rod(law, 5), joints, matrices[0], ports)
         entries[f"jointbayes, joint of {r} DOFs, {law}"] = Contestant(
             partial(likelihood.log_likelihood, matrices), batch
         )

@@ -128,6 +128,17 @@ BROKEN = {
     "a prior of none": (("[data]\n", f"[joints.right.prior]\nkx = {PRIOR}\n[data]\n"), "joints.right.prior", "no kx"),
     "a truth of none": (("krz = 3e4", "krx = 3e4"), "data.truth.stiffness", "right.krz"),
     "axes": ((LEFT, LEFT + "axes = [[1, 0, 0], [0, 1, 0], [0, 0.6, 0.8]]\n"), "joints.left.axes", "right angles"),
+    "left-handed axes": (
+        (LEFT, LEFT + "axes = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n"),
+        "joints.left.axes",
+        "found left-handed axes",
+    ),
+    "two points": ((LEFT, 'dofs = ["1:y", "3:rz"]\n'), "joints.left.dofs", 'found "3:rz" beside "1:y"'),
+    "two points on the other side": (
+        (RIGHT, 'dofs = ["5:y", "5:rz"]\nagainst = ["5:x", "6:rz"]'),
+        "joints.right.against",
+        "DOFs of one point, 5",
+    ),
     "no direction": ((LEFT, 'dofs = ["1:y", "1:w"]\n'), "joints.left.dofs", "direction"),
     "a held DOF": (("supports = []", 'supports = ["11:y"]'), "joints.right.dofs", "held fixed"),
     "places": ((RIGHT, RIGHT + '\nagainst = ["9:y", "9:rz"]'), "joints.right.against", "different places"),

@@ -100,6 +100,7 @@ def test_joints_side_by_side_are_their_selections_side_by_side():
         lambda: Joints((Joint(("1:y",), name="b"), Joint(("2:y",), name="b"))),
         lambda: Joint(("1:y",), axes=((1, 0, 0), (0, 1, 0), (0, 0, 2))),
         lambda: Joint(("1:y",), axes=((1, 0), (0, 1))),
+        lambda: Joint(("1:y", "1:rz"), axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))),
         lambda: Joint(("1:y",), offset_m=(1, 2)),
         lambda: Joint(("1:y",), offset_m=(1, 2, np.nan)),
         lambda: Joint(("tip",), offset_m=(1, 2, 3)).selection(rod()),

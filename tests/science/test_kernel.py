@@ -16,7 +16,7 @@ from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.modal import JoinedModes
 from jointbayes.inference import JointPrior, LogPosterior, Normal
 from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
-from jointbayes.joint import Joint, LogStiffness
+from jointbayes.joint import Joint, Joints, LogStiffness
 from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, pair_matrix, rod
@@ -71,12 +71,17 @@ def test_the_misfit_kernel_computes_the_distance_of_the_direct_solve(law):
         np.testing.assert_allclose(model.misfit(moved, per_peak).chi2(matrix[None]), distance, rtol=1e-6)
 
 
+def joints_at(dofs):
+    """A joint to ground at each of these DOFs, whose K^J may be coupled throughout."""
+    return Joints(tuple(Joint((label,), name=f"at {label}") for label in dofs))
+
+
 @pytest.mark.parametrize(
     "dofs", [("1:y",), ("1:y", "1:rz"), ("1:y", "1:rz", "5:y"), tuple(f"{n}:y" for n in range(1, 7))]
 )
 @pytest.mark.parametrize("law", LAWS)
 def test_joints_of_any_number_of_dofs(law, dofs):
-    structure, joint, r = with_law(law), Joint(dofs), len(dofs)
+    structure, joint, r = with_law(law), joints_at(dofs), len(dofs)
     ports = Ports(np.geomspace(20.0, 2500.0, 40), ("11:y", "1:y"), ("11:y",))
     model, direct = model_of(structure, joint, ports), DirectSolve(structure, joint, ports)
     rng = np.random.default_rng(r)
@@ -106,7 +111,7 @@ def joints_of_many_dofs(r, seed):
 @pytest.mark.parametrize("r", [3, 6])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_misfit_of_joints_of_many_dofs_is_the_distance_of_the_direct_solve(law, r):
-    structure, joint = with_law(law), Joint(tuple(f"{n}:y" for n in range(1, r + 1)))
+    structure, joint = with_law(law), joints_at([f"{n}:y" for n in range(1, r + 1)])
     ports = Ports(np.geomspace(20.0, 2500.0, 70), ("11:y", "9:rz"), ("11:y", "8:y"))
     model, direct = model_of(structure, joint, ports), DirectSolve(structure, joint, ports)
     for matrix in joints_of_many_dofs(r, seed=r):
@@ -124,7 +129,7 @@ def test_the_misfit_of_joints_of_many_dofs_is_the_distance_of_the_direct_solve(l
 @pytest.mark.parametrize("dofs", [("1:y", "1:rz"), ("1:y", "1:rz", "5:y")])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_gradient_is_the_slope_of_the_likelihood(law, dofs):
-    structure, joint, r = with_law(law), Joint(dofs), len(dofs)
+    structure, joint, r = with_law(law), joints_at(dofs), len(dofs)
     ports = Ports(np.geomspace(20.0, 2500.0, 100), ("11:y", "1:rz"), ("11:y",))
     model = model_of(structure, joint, ports)
     rng = np.random.default_rng(3)
@@ -166,7 +171,7 @@ def test_a_joint_that_resonates_undamped_on_a_line_is_impossible_and_counted():
     frequency = np.array([omega / (2 * np.pi)])
     ports = Ports(frequency, ("1:y",), ("1:y",))
     assert ports.omega[0] == omega
-    model = LowRankCoupling(two_masses(LossFactor(0.0)), Joint(("1:y", "2:y")), ports)
+    model = LowRankCoupling(two_masses(LossFactor(0.0)), joints_at(("1:y", "2:y")), ports)
     measured = model.receptance(np.diag([100.0, 100.0]))[0]
     frf = synthetic_of(ports, measured)
     likelihood = FrfLikelihood(model, frf)
@@ -291,7 +296,7 @@ def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
 
 
 def misfit_of_many_dofs():
-    structure, joint = with_law("loss factor"), Joint(tuple(f"{n}:y" for n in range(1, 7)))
+    structure, joint = with_law("loss factor"), joints_at([f"{n}:y" for n in range(1, 7)])
     ports = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",))
     matrices = joints_of_many_dofs(6, seed=1)
     model = model_of(structure, joint, ports)

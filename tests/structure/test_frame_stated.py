@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jointbayes.joint import Joint
 from jointbayes.structure import (
     BeamFamily,
     BeamMaterial,
@@ -85,11 +84,6 @@ def test_the_height_of_a_member_without_up_lies_across_z_or_along_y(end, moves, 
     beam = BeamRecipe(0.4, lying, steel, LAW)
     found, expected = (r.structure({}, r.mesh((), 8000.0)).modes().frequency_hz[2:5] for r in (frame, beam))
     assert_allclose(found, expected, rtol=1e-8)
-
-
-def test_both_sides_of_a_joint_may_turn_with_the_same_rotation():
-    joint = Joint(("1:x",), ("1:y",), offset_m=(0, 0.1, 0), offset_against_m=(0.3, 0, 0))
-    assert joint.on(("1:x", "1:y", "1:rz")).ravel().tolist() == pytest.approx([1.0, -1.0, -0.1 - 0.3])
 
 
 def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():

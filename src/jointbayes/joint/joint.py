@@ -58,7 +58,8 @@ class Joint:
     Raises
     ------
     ModelError
-        If a DOF occurs twice, the two sides differ in number, or the axes are not at right angles to each other.
+        If a DOF occurs twice, a side has DOFs of several points, the two sides differ in number or directions, or the
+        axes are not at right angles to each other, or left-handed.
     """
 
     dofs: tuple[str, ...]
@@ -79,12 +80,17 @@ class Joint:
                 f"{self._where}: found {len(self.dofs)} DOFs against {len(self.against)}; "
                 "expected as many on both sides, or none (ground) on the other; correct the labels"
             )
+        self._require_points_and_directions()
         if self.axes is not None:
             turn = np.asarray(self.axes, dtype=float)
             if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=_ORTHONORMAL):
                 raise ModelError(
                     f"{self._where}: found axes {self.axes}; expected three unit vectors at right angles to each "
                     "other, one a row; correct them"
+                )
+            if np.linalg.det(turn) < 0:
+                raise ModelError(
+                    f"{self._where}: found left-handed axes {self.axes}; expected z = x × y; turn one of them round"
                 )
             object.__setattr__(self, "axes", tuple(map(tuple, turn.tolist())))
         for side in ("offset_m", "offset_against_m"):
@@ -94,6 +100,21 @@ class Joint:
             if np.shape(offset) != (3,) or not np.isfinite(offset).all():
                 raise ModelError(f"{self._where}: found {side} {offset}; expected x, y and z in m; correct it")
             object.__setattr__(self, side, tuple(map(float, offset)))
+
+    def _require_points_and_directions(self) -> None:
+        for side in (self.dofs, self.against):
+            points = dict.fromkeys(label.rpartition(":")[0] for label in side)
+            if len(points) > 1:
+                raise ModelError(
+                    f"{self._where}: found DOFs {', '.join(side)} at {len(points)} points; expected those of one point "
+                    "on each side; make it several joints, each with a name"
+                )
+        for near, far in zip(self.dofs, self.against, strict=False):
+            if ":" in near and ":" in far and direction_of(near) != direction_of(far):
+                raise ModelError(
+                    f"{self._where}: found {near} against {far}; expected the same direction on both sides, in the "
+                    "same order; correct the labels"
+                )
 
     def __str__(self) -> str:
         other_side = ", ".join(self.against) or "ground"
