@@ -2,6 +2,7 @@
 
 import math
 import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 
@@ -48,7 +49,6 @@ from jointbayes.joint import (
     Damped,
     Joint,
     Parametrisation,
-    Quantity,
     as_joints,
     blocks_of,
     parametrisation_named,
@@ -76,6 +76,7 @@ __all__ = [
     "measurement_of",
     "noise_law",
     "noise_of",
+    "own_stiffnesses",
     "parametrisation_of",
     "quantities_of",
     "recipe_of",
@@ -93,7 +94,7 @@ DEFAULT_GUESS_FACTOR = 1e3
 #: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
 DEFAULT_LOSS = 1e-4, 1.0
 DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
-#: Units of EI/L³, EI/L² and EI/L.
+#: Units of stiffnesses.
 _UNITS = [quantity.unit for quantity in COUPLED]
 _MOST_MODES = 30  # whose frequencies may be uncertain one by one
 
@@ -109,12 +110,23 @@ def recipe_of(spec: StructureSpec, data: DataSpec, measurement: Measurement | No
     return structure_recipe(spec, loaded)
 
 
-def joint_marginals(spec: CaseSpec, joint: JointSpec, recipe: StructureRecipe) -> list[Marginal]:
-    """Priors on the coordinates of one joint of a case."""
+def own_stiffnesses(joint: JointSpec, structure: StructureSpec, recipe: StructureRecipe) -> dict[str, float]:
+    """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
+
+    Empty where both sides are measured bodies, of which there is no model.
+    """
+    for side in (joint.dofs, joint.against):
+        if side and structure.absent(side[0]) is None:
+            places = {q.name: q.places[0] for q in joint.quantities if q.unit != "1"}
+            return {name: recipe.own_stiffness(side[i], side[j]) for name, (i, j) in places.items()}
+    return {}
+
+
+def joint_marginals(spec: CaseSpec, joint: JointSpec, own: Mapping[str, float], length: float) -> list[Marginal]:
+    """Priors on the coordinates of one joint of a case: as stated, or from the structure's own stiffnesses and size."""
     priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
     if priors is None:
-        own = recipe.own_stiffness(joint.dofs[0])
-        return [_default_marginal(axis, own, recipe.extent) for axis in joint.coordinates]
+        return [_default_marginal(axis, own, length) for axis in joint.coordinates]
     return [_marginal(getattr(priors, axis.name)) for axis in joint.coordinates]
 
 
@@ -150,38 +162,36 @@ def true_stiffness(spec: CaseSpec, truth: TruthSpec) -> Array:
     return np.array([truth.by_name[name] for name in spec.all_quantities])
 
 
-def _default_marginal(axis: Coordinate, own: Array, length: float) -> Marginal:
+def _default_marginal(axis: Coordinate, own: Mapping[str, float], length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic and axis.unit not in _UNITS:  # a loss factor, or a dashpot
-        ends = DEFAULT_LOSS if axis.unit == "1" else [end * _dashpot(axis, own) for end in DEFAULT_DASHPOT_FACTORS]
+        ends = DEFAULT_LOSS if axis.unit == "1" else [end * own[axis.quantity] for end in DEFAULT_DASHPOT_FACTORS]
         return Uniform(*np.log(ends))
     if axis.logarithmic:
-        k = own[_UNITS.index(axis.unit)]
-        return Uniform(*np.log([factor * k for factor in DEFAULT_PRIOR_FACTORS]))
+        return Uniform(*np.log([factor * own[axis.quantity] for factor in DEFAULT_PRIOR_FACTORS]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
-def _dashpot(quantity: Coordinate | Quantity, own: Array) -> float:
-    """The beam's own stiffness of the motion of a dashpot, for one second: N·s/m or N·m·s/rad."""
-    return float(own[-1 if "rad" in quantity.unit else 0])
-
-
-def guess_of(joint: JointSpec, recipe: StructureRecipe) -> Array:
+def guess_of(joint: JointSpec, own: Mapping[str, float], marginals: Sequence[Marginal]) -> Array:
     """First guess of the quantities of a joint, (q,): as stated, or of a coupled pair a translational spring alone.
 
-    Joints of other kinds begin far stiffer than the structure.
+    Joints of other kinds begin far stiffer than the structure; those between measured bodies in the middle of their
+    priors.
     """
-    own = recipe.own_stiffness(joint.dofs[0])
+    if joint.quantities and not own:
+        guess = kind_of(joint).middle(np.array([marginal.mean for marginal in marginals]))
+        return guess if joint.initial is None else np.concatenate([stiffness_of(joint.initial), guess[len(COUPLED) :]])
     if joint.initial is not None:
         guess = stiffness_of(joint.initial)
-    elif joint.kind == "coupled":
-        guess = own * [DEFAULT_GUESS_FACTOR, 0.0, 0.0]
     else:
-        springs = [0.0 if q.may_be_negative else own[_UNITS.index(q.unit)] for q in joint.stiffnesses]
+        yielding = [not q.may_be_negative for q in joint.stiffnesses]
+        if joint.kind == "coupled":
+            yielding[1:] = [False, False]
+        springs = [own[q.name] if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
         guess = DEFAULT_GUESS_FACTOR * np.array(springs)
     damping = [
         math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
-        * (1.0 if q.unit == "1" else _dashpot(q, own))
+        * (1.0 if q.unit == "1" else own[q.name])
         for q in joint.damping
     ]
     return np.concatenate([guess, damping])

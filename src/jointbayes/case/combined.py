@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.build import guess_of, joint_marginals, kind_of, quantities_of, workshop_priors
+from jointbayes.case.build import guess_of, joint_marginals, kind_of, own_stiffnesses, quantities_of, workshop_priors
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.setups import joint_of_setup
@@ -111,8 +111,10 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 continue
             kinds[named] = owner if named != owner else kind_of(joint)
             if named == owner:
-                marginals += joint_marginals(one.spec, joint, one.recipe)
-                guesses.append(guess_of(joint, one.recipe))
+                own = own_stiffnesses(joint, one.spec.structure, one.recipe)
+                priors = joint_marginals(one.spec, joint, own, one.recipe.extent)
+                marginals += priors
+                guesses.append(guess_of(joint, own, priors))
     nuisances: dict[str, Nuisance] = {}
     of_noise: dict[str, Nuisance] = {}
     for one in setups:

@@ -1,8 +1,7 @@
 """A frame as a recipe: everything its matrices are made from, each quantity open to a factor."""
 
-import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,24 +131,31 @@ class FrameRecipe:
         own = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *own, *_OF_ALL)
 
-    def own_stiffness(self, dof: str) -> Array:
-        """EI/L³ (N/m), EI/L² (N) and EI/L (N·m/rad) of the stiffest member at a DOF's point, shape (3,)."""
-        point = dof.rpartition(":")[0]
-        found = [
-            member.material.youngs_modulus
-            * max(member.section.inertia_y, member.section.inertia_z)
-            / math.dist(body.stations(member)[0].place, body.stations(member)[-1].place) ** np.array([3.0, 2.0, 1.0])
-            for name, body in self.bodies
-            for member in body.members
-            if any(f"{_prefix(name)}{station.point}" == point for station in body.stations(member))
+    def own_stiffness(self, row: str, column: str) -> float:
+        """EI/L³ (N/m), EI/L² (N) or EI/L (N·m/rad) of two DOFs of a point.
+
+        EI is the smallest of the members that end or pass there, about any axis and at either end; L is the diagonal of
+        the box that holds the body: a short member at the point says little of how the body gives way.
+        """
+        self.require_dof(row)
+        point = row.rpartition(":")[0]
+        name, body = next(
+            (name, body) for name, body in self.bodies if any(_prefix(name) + p == point for p, _ in body.all_points)
+        )
+        stations = [body.stations(member) for member in body.members]
+        bending = [
+            member.material.youngs_modulus * min(section.inertia_y, section.inertia_z)
+            for member, along in zip(body.members, stations, strict=True)
+            if any(_prefix(name) + station.point == point for station in along)
+            for section in (member.section, member.end_section or member.section)
         ]
-        return max(found, key=lambda stiffness: float(stiffness[0]))
+        extent = _diagonal([station.place for along in stations for station in along])
+        return min(bending) / extent ** (3 - (":r" in row) - (":r" in column))
 
     @property
     def extent(self) -> float:
         """Largest distance between two corners of the box that holds all points, m."""
-        places = np.array(list(self.positions.values()))
-        return float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
+        return _diagonal(list(self.positions.values()))
 
     def has_quantity(self, name: str) -> bool:
         """Whether a quantity is one of the frame's."""
@@ -282,6 +288,12 @@ class FrameRecipe:
     def materials(self) -> tuple[BeamMaterial, ...]:
         """Materials of all members."""
         return tuple(member.material for _, body in self.bodies for member in body.members)
+
+
+def _diagonal(places: Sequence[Vector]) -> float:
+    """Of the box that holds all places, m."""
+    given = np.array(places)
+    return float(np.linalg.norm(given.max(axis=0) - given.min(axis=0)))
 
 
 def _prefix(name: str) -> str:

@@ -1,5 +1,6 @@
 """Structures given by their matrices: small K, M and C, and masses with springs and dampers between them."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -97,14 +98,16 @@ class MatrixRecipe:
                 f"{diagonal.min():.4g} at {printable(at)}; expected a {kind} one; correct the {name} matrix"
             )
 
-    def own_stiffness(self, dof: str) -> Array:
-        """The structure's stiffness at a DOF for all three of a pair's, shape (3,): of a rotation in N·m/rad.
+    def own_stiffness(self, row: str, column: str) -> float:
+        """The structure's stiffness at a DOF, N/m or of a rotation N·m/rad; of two DOFs the root of their product.
 
         Of a mass that nothing holds that of a spring with which it has 100 Hz.
         """
-        at = self.dofs.index(dof)
-        held = float(self.stiffness[at, at])
-        return np.full(3, held if held > 0 else float(self.mass[at, at]) * (2 * np.pi * _SOME_HZ) ** 2)
+        each = []
+        for at in (self.dofs.index(row), self.dofs.index(column)):
+            held = float(self.stiffness[at, at])
+            each.append(held if held > 0 else float(self.mass[at, at]) * (2 * np.pi * _SOME_HZ) ** 2)
+        return each[0] if row == column else math.sqrt(each[0]) * math.sqrt(each[1])
 
     @property
     def extent(self) -> float:

@@ -52,8 +52,8 @@ class Recipe(Protocol):
         """Size, m."""
         ...
 
-    def own_stiffness(self, dof: str) -> Array:
-        """The structure's own stiffness about a DOF: N/m, N and N·m/rad, shape (3,), to which a joint's compares."""
+    def own_stiffness(self, row: str, column: str) -> float:
+        """Its stiffness by itself where two DOFs of a point are: what default priors are relative to."""
         ...
 
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> Any:  # noqa: ANN401 (its own)

@@ -147,10 +147,12 @@ class BeamRecipe:
         """Place of every numbered point, m."""
         return {str(i + 1): (self.length * i / self.elements, 0.0, 0.0) for i in range(self.elements + 1)}
 
-    def own_stiffness(self, dof: str) -> NDArray[np.float64]:
-        """EI/L³ (N/m), EI/L² (N) and EI/L (N·m/rad) in bending along a translation, shape (3,)."""
-        inertia = self.section.inertia_y if dof.endswith("z") else self.section.inertia_z
-        return self.material.youngs_modulus * inertia / self.length ** np.array([3.0, 2.0, 1.0])
+    def own_stiffness(self, row: str, column: str) -> float:
+        """EI/L³ (N/m), EI/L² (N) or EI/L (N·m/rad) of two DOFs, of bending in the plane of the first."""
+        across_y = row.rpartition(":")[2] in ("z", "ry")
+        inertia = self.section.inertia_y if across_y else self.section.inertia_z
+        each = self.material.youngs_modulus * inertia / self.length ** np.array([3.0, 2.0, 1.0])
+        return float(each[(":r" in row) + (":r" in column)])
 
     @property
     def extent(self) -> float:

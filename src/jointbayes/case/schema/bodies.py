@@ -16,10 +16,11 @@ from jointbayes.case.schema.structure_parts import POINT
 
 if TYPE_CHECKING:
     from jointbayes.case.schema.data import DataSpec
+    from jointbayes.case.schema.joint import JointSpec
     from jointbayes.case.schema.priors import UncertainSpec
     from jointbayes.case.schema.structure import StructureSpec
 
-__all__ = ["MeasuredBodySpec", "bodies_findings", "labels_of_bodies"]
+__all__ = ["MeasuredBodySpec", "bodies_findings", "labels_of_bodies", "unknown_size_findings"]
 
 _KIND = key_field('the kind of body, "measured"', "measured")
 _VARIANCE = Field(description="the variance of the FRFs: source")
@@ -96,3 +97,16 @@ def bodies_findings(
     if isinstance(damping, ModalDampingSpec) and damping.measured:
         expected = "damping ratios of the modelled structure by itself"
         yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")
+
+
+def unknown_size_findings(
+    joints: Mapping[str, JointSpec], structure: StructureSpec, priors: Mapping[str, object]
+) -> Iterator[Finding]:
+    """Yield joints between measured bodies alone that have no priors: default ones come from a model's stiffness."""
+    for name, joint in joints.items():
+        sides = [side for side in (joint.dofs, joint.against) if side]
+        modelled = any(structure.absent(side[0]) is None for side in sides)
+        if joint.coordinates and priors[name] is None and not modelled:
+            place = ("joints", name, "prior") if name else ("prior",)
+            expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
+            yield Finding(place, "found no prior", expected, "state it")

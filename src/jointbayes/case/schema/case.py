@@ -17,7 +17,7 @@ from pydantic import Field, Strict
 from jointbayes.case.case_text import CaseText, case_text
 from jointbayes.case.errors import Finding, fault_lines, fault_paths, show_key
 from jointbayes.case.named_files import DATA_FILE, named_files
-from jointbayes.case.schema.bodies import MeasuredBodySpec, bodies_findings, labels_of_bodies
+from jointbayes.case.schema.bodies import MeasuredBodySpec, bodies_findings, labels_of_bodies, unknown_size_findings
 from jointbayes.case.schema.data import DataSpec, SyntheticFrfSpec
 from jointbayes.case.schema.fields import Spec, key_field
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
@@ -143,6 +143,10 @@ class CaseSpec(Spec):
         elsewhere = labels_of_bodies(self.bodies)
         yield from dof_findings(self.structure, self.all_joints, self.data, self.plan, elsewhere)
         yield from bodies_findings(self.bodies, self.structure, self.data, self.uncertain)
+        if self.bodies:
+            alone = {name: one for name, one in self.joints.items() if one.shared is None} or self.all_joints
+            priors = {name: one.prior for name, one in self.joints.items()} or {"": self.prior}
+            yield from unknown_size_findings(alone, self.structure, priors)
         if self.prior is not None and self.joint is not None:
             yield from prior_findings(self.joint, self.prior)
         lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping

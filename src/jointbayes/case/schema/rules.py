@@ -72,9 +72,20 @@ def dof_findings(
         labelled |= {("data", "shapes", "dofs"): shapes.dofs, ("data", "shapes", "reference"): shapes.reference}
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
-        yield from _immovable_dofs(structure, labels, loc, elsewhere)
+        found = list(_immovable_dofs(structure, labels, loc, elsewhere))
+        yield from found or (_several_points(labels, loc) if loc[0] in ("joint", "joints") else ())
     if isinstance(data, MeasuredSpec):
         yield from _channel_findings(structure, data, elsewhere)
+
+
+def _several_points(labels: Sequence[str], loc: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield the first DOF of one side of a joint that lies at another point than the first."""
+    for i, label in enumerate(labels):
+        point = labels[0].split(":")[0]
+        if label.split(":")[0] != point:
+            found = f'found "{label}" beside "{labels[0]}"'
+            yield Finding((*loc, i), found, f"DOFs of one point, {point}", "correct it, or make it two joints")
+            return
 
 
 def _immovable_dofs(
