@@ -135,7 +135,7 @@ BROKEN = {
     ),
     "two points": ((LEFT, 'dofs = ["1:y", "3:rz"]\n'), "joints.left.dofs", 'found "3:rz" beside "1:y"'),
     "two points on the other side": (
-        (RIGHT, 'dofs = ["6:y", "6:rz"]\nagainst = ["5:y", "6:rz"]'),
+        (RIGHT, 'dofs = ["6:y", "6:rz"]\nagainst = ["5:y", "7:rz"]'),
         "joints.right.against",
         "DOFs of one point, 5",
     ),

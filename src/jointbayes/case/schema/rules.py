@@ -72,8 +72,8 @@ def dof_findings(
         labelled |= {("data", "shapes", "dofs"): shapes.dofs, ("data", "shapes", "reference"): shapes.reference}
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
-        found = list(_immovable_dofs(structure, labels, loc, elsewhere))
-        yield from found or (_several_points(labels, loc) if loc[0] in ("joint", "joints") else ())
+        immovable = list(_immovable_dofs(structure, labels, loc, elsewhere))
+        yield from immovable or (_several_points(labels, loc) if loc[0] in ("joint", "joints") else ())
     if isinstance(data, MeasuredSpec):
         yield from _channel_findings(structure, data, elsewhere)
 
