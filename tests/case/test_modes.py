@@ -131,6 +131,7 @@ def test_priors_on_the_stiffness_itself():
         ).replace('distribution = "uniform"', 'distribution = "normal"'))  # fmt: skip
 
 
+@pytest.mark.science
 def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
     text = changed(("[122.0, nan]", "[122.0, 755.0]"), ("[-0.61, nan]", "[-0.61, -0.5]"))
     case = jb.case_from_text("modes", text)

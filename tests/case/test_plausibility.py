@@ -149,6 +149,7 @@ def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(t
     assert (last, result.stdout, result.exit_code) == ("jointbayes: stopped here", "", 2)
 
 
+@pytest.mark.science
 def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
     inputs = ReportInputs(of_case(frequency_posterior, warnings=notes))
@@ -158,6 +159,7 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 
+@pytest.mark.science
 def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):
     text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))
     jb.write_report(replace(frequency_posterior, case=jb.case_from_text("case", text)), tmp_path / "out")

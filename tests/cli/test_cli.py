@@ -221,6 +221,7 @@ def test_a_report_without_convergence_says_so_before_anything_else(unconverged, 
     assert cli("report", unconverged / "posterior.nc", "--out", tmp_path / "other").exit_code == 3
 
 
+@pytest.mark.science
 def test_by_default_the_run_directory_is_named_after_the_case(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "clamp.toml").write_text(edited(cheap_frequencies_text(), SHORT), encoding="utf-8")
@@ -229,6 +230,7 @@ def test_by_default_the_run_directory_is_named_after_the_case(tmp_path, monkeypa
     assert {p.name for p in (tmp_path / "reports").iterdir()} == {"clamp"}
 
 
+@pytest.mark.science
 def test_what_init_writes_runs_as_it_stands(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "next: jointbayes run my_case.toml" in cli("init").output
@@ -247,6 +249,7 @@ def test_init_overwrites_nothing_and_needs_a_directory(tmp_path):
     assert listing(tmp_path) == {"my_case.toml": b"mine"}
 
 
+@pytest.mark.science
 def test_a_byte_order_mark_and_windows_line_ends_survive_a_whole_run(tmp_path):
     config = tmp_path / "windows.toml"
     text = edited(cheap_frequencies_text(), SHORT)

@@ -155,6 +155,7 @@ def test_figures_are_those_of_their_definitions(parts: int) -> None:
     assert check.largest_p_value == pytest.approx(np.mean(1 - (1 - tail) ** 60))
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("pairs", [1, 3])
 def test_white_residuals_have_a_uniform_whiteness_p_value(pairs: int) -> None:
     rng = np.random.default_rng(11)

@@ -368,6 +368,7 @@ def test_a_normal_prior_that_does_the_work_is_named():
     assert "rests on the prior" in known.verdict_reason or known.contraction < LEAST_CONTRACTION
 
 
+@pytest.mark.science
 @pytest.mark.parametrize(
     "wanted", ["truth k22 10 times above", "bound k11 10 times below", "truth k12 100 times below"]
 )

@@ -268,6 +268,7 @@ def test_a_report_without_published_values_names_none(cheap_posterior):
     assert "published" not in said.lower()
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("k12", [0.0, -3.44e7])
 def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posterior, k12):
     report = report_of(cheap_posterior, reference=np.array([5.05e9, k12, 1.52e6]))
@@ -276,6 +277,7 @@ def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posteri
     assert said == [mode_sentence(cheap_posterior), on_edge]
 
 
+@pytest.mark.science
 def test_a_coupling_of_free_sign_from_frfs_builds_too():
     text = edited(cheap_text(), ('parametrisation = "log"', 'parametrisation = "signed"'))
     at, end = text.index("[prior.k12]"), text.index("[prior.k22]")
@@ -289,6 +291,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
     assert "spans a factor of" in of_kind(report.lead, Paragraph)[1].text
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("measured", [(120.0,), (120.0, 762.0, 2101.0, 4000.0)])
 def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_posterior, measured):
     report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_audit=True)

@@ -95,6 +95,7 @@ def test_a_killed_run_goes_on_to_the_same_bits(begin, undisturbed, tmp_path, ste
     same(resumed(begin, tmp_path / "run"), undisturbed)
 
 
+@pytest.mark.science
 def test_a_run_that_fits_its_proposal_anew_goes_on_to_the_same_bits(tmp_path):
     rng = np.random.default_rng(3)
     slow = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)

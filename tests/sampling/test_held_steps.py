@@ -65,6 +65,7 @@ def test_tau_of_every_so_many_steps_is_in_steps():
     assert thinned.tau == pytest.approx(every.tau, rel=0.05)
 
 
+@pytest.mark.science
 def test_what_is_held_does_not_grow_with_the_steps(monkeypatch):
     monkeypatch.setattr("jointbayes.sampling.held_steps.MOST_HELD", 200)
     monkeypatch.setattr("jointbayes.sampling.stage.MOST_HELD", 200)

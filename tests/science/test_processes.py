@@ -1,4 +1,7 @@
-"""Several processes on every shipped case: the same draws bit for bit as one process."""
+"""Several processes on shipped cases of each sort of density: the same draws bit for bit as one process.
+
+That the density of every shipped case can be sent to a process is tested in tests/sampling/test_workers.py.
+"""
 
 import dataclasses
 
@@ -11,9 +14,13 @@ from tests.conftest import CONFIGS, FEW_STEPS
 pytestmark = pytest.mark.science
 
 
-@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
-def test_two_processes_give_the_same_bits_as_one(config):
-    case = load_case(config)
+@pytest.mark.parametrize(
+    "name",
+    ["clamped_beam", "clamped_beam_frequencies", "clamped_beam_loss_factor", "spindle_measured", "two_overhangs",
+     "two_storeys_shape"],
+)  # fmt: skip
+def test_two_processes_give_the_same_bits_as_one(name):
+    case = load_case(CONFIGS / f"{name}.toml")
     walkers = max(FEW_STEPS.walkers, 2 * len(case.problem.prior.names))
     settings = dataclasses.replace(FEW_STEPS, walkers=walkers)
     one = sample(case, seed=1, settings=settings)
