@@ -170,7 +170,7 @@ def _intervals(record: Record, *names: str) -> list[str]:
 def _freed(record: Record, name: str) -> list[str]:
     """The intervals with all else exactly known, and with what a workshop does not know."""
     case = record["cases"][name]
-    lines = ["| Uncertain beside the joints | " + " | ".join(stiffnesses(case)) + " |"]
+    lines = ["| Uncertain besides the joints | " + " | ".join(stiffnesses(case)) + " |"]
     lines.append("|---" * (len(stiffnesses(case)) + 1) + "|")
     for row in case["freed"]["rows"]:
         cells = [", ".join(word.replace("_", " ") for word in row["freed"]) or "nothing"]

@@ -272,8 +272,8 @@ def page(found: dict[str, Any]) -> str:
     return "\n".join([
         where_measured(found["environment"]),
         "",
-        "Linearised at the truth; in brackets that of draws from data without errors, where mid-span is measured. Also "
-        "there the posterior is wider than its linearisation: k11 has a long upper tail, with which k12 and k22 go.",
+        "Standard deviations linearised at the true joint; in brackets those of sampled posteriors, of data without "
+        "errors, for the sets with mid-span. They are larger, because k11 has a long upper tail, with which k12 and k22 go.",
         "",
         *lines,
         "",

@@ -117,7 +117,7 @@ def _leaf_tables(summary: dict[str, object]) -> Iterator[tuple[str, set[str]]]:
     for key in ("map", "natural_frequencies_hz", "fit"):
         yield f"`{key}`", set(summary[key])
     for entry in summary["parameters"].values():
-        yield "`parameters.k11`", set(entry)
+        yield "`parameters.NAME`", set(entry)
 
 
 @pytest.mark.parametrize("data", ["clamped_beam", "clamped_beam_frequencies"])

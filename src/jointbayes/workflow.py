@@ -244,7 +244,9 @@ def sample(
     problem, whole = _problem_and_case(case)
     seed = _seed(whole, seed)
     tell = tell or (lambda _line: None)
-    settings = settings or (SamplerSettings() if whole is None else whole.sampler)
+    dimension = len(problem.prior.names)
+    settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
+    settings.require_dimension(dimension)
     if checkpoint is not None:
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings))
     estimate = _found_mode(case, seed, tell, checkpoint)

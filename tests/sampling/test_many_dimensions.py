@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
+from benchmarks.many_joints_data import six_joints
 
+from jointbayes.case.case import case_from_text
+from jointbayes.errors import SamplingError
 from jointbayes.sampling import SamplerSettings, fit_proposal
 from jointbayes.sampling.coordinates import Identity
 from jointbayes.sampling.ensemble import KEPT, MANY_DIMENSIONS, mixture
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.run import run_ensembles
+from jointbayes.workflow import sample
+from tests.conftest import edited
 
 
 def names(d):
@@ -48,3 +53,15 @@ def test_forty_dimensions_are_drawn_within_few_steps():
     assert chains.tau.max() < 25
     assert abs(drawn[:, 1:].mean()) < 0.01
     np.testing.assert_allclose(drawn[:, 1:].std(axis=0), 1.0, atol=0.1)
+
+
+def test_a_case_of_many_unknowns_has_as_many_walkers_as_they_need_unless_it_states_them():
+    stated = six_joints()
+    assert stated.sampler.walkers == 96
+    text = stated.source.text
+    assert case_from_text("six", edited(text, ("walkers = 96", ""))).sampler.walkers == 72  # of 36 unknowns
+    too_few = case_from_text("six", edited(text, ("walkers = 96", "walkers = 48")))
+    told = []
+    with pytest.raises(SamplingError, match="found 48 for 36 parameters, expected at least 72"):
+        sample(too_few, tell=told.append)
+    assert told == []  # before the search for the mode

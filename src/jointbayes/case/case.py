@@ -157,11 +157,14 @@ class Case:
 
     @cached_property
     def sampler(self) -> SamplerSettings:
-        """Sampler settings."""
+        """Sampler settings; where the file states no walkers, as many as its unknowns need."""
         spec = self.spec.sampling
-        return SamplerSettings(
+        settings = SamplerSettings(
             ensembles=spec.ensembles, walkers=spec.walkers, max_steps=spec.max_steps, processes=spec.processes
         )
+        if "walkers" in spec.model_fields_set:
+            return settings
+        return settings.for_dimension(len(self.problem.prior.names))
 
 
 def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case:

@@ -92,6 +92,16 @@ class SamplerSettings:
             return alone
         return replace(alone, check_every=25, tau_factor=20.0, tau_tolerance=0.05, end_tolerance=0.05)
 
+    def for_dimension(self, dimension: int) -> "SamplerSettings":
+        """The same with as many walkers as a density of so many parameters needs, if it has fewer.
+
+        Examples
+        --------
+        >>> [SamplerSettings().for_dimension(d).walkers for d in (3, 24, 36)]
+        [48, 48, 72]
+        """
+        return replace(self, walkers=max(self.walkers, 2 * dimension))
+
     def require_dimension(self, dimension: int) -> None:
         """Check that the walkers are enough for a density of this many parameters.
 

@@ -158,7 +158,7 @@ def _job(
 
 def _parts(case: Case | Problem) -> tuple[Problem, SamplerSettings, int]:
     if isinstance(case, Problem):
-        return case, SamplerSettings(), 1
+        return case, SamplerSettings().for_dimension(len(case.prior.names)), 1
     return case.problem, case.sampler, case.spec.sampling.seed
 
 
