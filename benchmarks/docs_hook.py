@@ -4,13 +4,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # mkdocs loads this file alone
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def on_files(files: Any, config: Any) -> Any:
     """Add every figure that a page of `docs/examples/` shows."""
     from mkdocs.structure.files import File
 
+    if str(ROOT) not in sys.path:  # mkdocs loads this file alone, and takes back what it does to the path meanwhile
+        sys.path.insert(0, str(ROOT))
     from benchmarks import example_figures
 
     for name, text in example_figures.drawn().items():
