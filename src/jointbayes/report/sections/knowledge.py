@@ -22,13 +22,14 @@ def knowledge_section(inputs: ReportInputs) -> Section:
     blocks: list[Block] = [Paragraph(f"**{knowledge.directions_sentence}**")]
     verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
     rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
+    ratio = "rho = k12/√(k11 k22). " if any("rho" in d.quantity for d in knowledge.directions) else ""
     blocks.append(
         Table(
             "Combinations of the stiffnesses that are determined independently",
             ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
             note="Computed from the draws, best known first, with the verdicts of single stiffnesses. "
-            "rho = k12/√(k11 k22). A dash: draws of both signs, or a one-sided limit of 95 % probability.",
+            f"{ratio}A dash: draws of both signs, or a one-sided limit of 95 % probability.",
             row_kinds=tuple(map(kind_of, verdicts)),
         )
     )
