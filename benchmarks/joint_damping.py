@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 import jointbayes as jb
 from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary, write_between
@@ -132,7 +133,21 @@ def section(results: Mapping[str, Any]) -> str:
         verdicts = ", ".join(f"{verdict}: {count}" for verdict, count in data["verdicts"].items())
         rows.append((study, f"`{damping}`", of_sets(data, damping), ", ".join(others), verdicts, data["converged"]))
     head = ("joint", "damping", "its 95 % interval holds the truth", "of the others", "its verdict", "converged")
-    return "\n".join([*table(head, (map(str, row) for row in rows)), "", measured_where(results), ""])
+    return "\n".join(
+        [*table(head, (map(str, row) for row in rows)), "", measured_where(results), "", _lowest(results), ""]
+    )
+
+
+def _lowest(results: Mapping[str, Any]) -> str:
+    """The lowest count of all, and how often one of so many is as low where every interval is right."""
+    sets = min(data["data_sets"] for data in results.values())
+    counts = {(study, k): v["held"] for study, data in results.items() for k, v in data["coverage"].items()}
+    (study, name), lowest = min(counts.items(), key=lambda item: item[1])
+    chance = 1 - float(binom.sf(lowest, sets, 0.95)) ** len(counts)
+    return (
+        f"The {lowest} of {name} ({study}) is the lowest of {len(counts)} counts; with right intervals the lowest of so "
+        f"many is {lowest} or less in {100 * chance:.0f} % of such studies."
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
