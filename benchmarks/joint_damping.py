@@ -145,8 +145,8 @@ def _lowest(results: Mapping[str, Any]) -> str:
     (study, name), lowest = min(counts.items(), key=lambda item: item[1])
     chance = 1 - float(binom.sf(lowest, sets, 0.95)) ** len(counts)
     return (
-        f"The {lowest} of {name} ({study}) is the lowest of {len(counts)} counts; with right intervals the lowest of so "
-        f"many is {lowest} or less in {100 * chance:.0f} % of such studies."
+        f"The {lowest} of {name} ({study}) is the lowest of {len(counts)} counts; with right intervals the lowest of "
+        f"so many is {lowest} or less in {100 * chance:.0f} % of such studies."
     )
 
 

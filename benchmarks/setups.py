@@ -273,7 +273,8 @@ def page(found: dict[str, Any]) -> str:
         where_measured(found["environment"]),
         "",
         "Standard deviations linearised at the true joint; in brackets those of sampled posteriors, of data without "
-        "errors, for the sets with mid-span. They are larger, because k11 has a long upper tail, with which k12 and k22 go.",
+        "errors, for the sets with mid-span. They are larger, because k11 has a long upper tail, with which k12 and "
+        "k22 go.",
         "",
         *lines,
         "",
