@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.sampling import UnfinishedRun
+from jointbayes.sampling import SamplerSettings, UnfinishedRun, checkpoint
 from tests.conftest import CONFIGS, cheap_frequencies_text, edited
 
 EVERY_BLOCK = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
@@ -119,6 +119,39 @@ def test_a_changed_case_is_refused_by_its_key(config, tmp_path):
     assert "structure.elements: found 5, expected 4 as in the checkpoint" in result.stderr
     config.write_text(f"# only a comment\n{text}", encoding="utf-8")
     assert cli("sample", config, "--out", "x.nc", "--resume").exit_code in (0, 3)
+
+
+class Killed(Exception):
+    """In place of SIGKILL: nothing catches it."""
+
+
+def test_a_case_of_two_set_ups_killed_after_a_block_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
+    monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
+    text = cheap_frequencies_text() + "[setups.short.structure]\nlength_mm = 300.0\n"
+    text += "[setups.short.data]\nfrequencies_hz = [170.0, 1080.0, 2900.0]\n[setups.long]\n"
+    settings = SamplerSettings(walkers=8, max_steps=200)
+
+    def kill(told):
+        if told.steps >= 100:
+            raise Killed
+
+    def case(of=text):
+        return jb.case_from_text("two", of)
+
+    with pytest.raises(Killed):
+        jb.sample(case(), seed=2, settings=settings, progress=kill, checkpoint=tmp_path / "run")
+    for name, other in (("short", "length_mm = 300.0"), ("long", "length_mm = 360.0")):
+        changed = edited(text, (other, "length_mm = 310.0"))
+        words = rf"something else: setups\.{name}\.structure\.length_mm: found 310\.0, expected 3.0\.0 as in the checkp"
+        with pytest.raises(jb.CheckpointError, match=words):
+            jb.sample(case(changed), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True)
+    told = []
+    resumed = jb.sample(case(), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True, tell=told.append)
+    assert "going on with the run that was interrupted, after 100 steps" in told
+    undisturbed = jb.sample(case(), seed=2, settings=settings)
+    assert resumed.theta.tobytes() == undisturbed.theta.tobytes()
+    assert resumed.log_density.tobytes() == undisturbed.log_density.tobytes()
 
 
 def places(tmp_path):

@@ -183,7 +183,23 @@ def test_what_a_run_is_of_changes_with_the_data_and_the_tables_of_any_set_up():
     for other in (TWO.replace("200.0", "201.0"), TWO + "[setups.third]\n", TWO.replace("long", "tall")):
         assert parts(BASE + other) != first
     changed = {name for name, value in parts(BASE + TWO.replace("200.0", "201.0")).items() if first.get(name) != value}
-    assert changed == {"data", "setups.short.structure.length_mm"}
+    assert changed == {"data", "data at the joint in short", "setups.short.structure.length_mm"}
+
+
+def test_what_a_run_is_of_changes_with_what_later_set_ups_have_from_the_rest_of_the_file():
+    """The first set-up replaces the length, and the data of both are stated: nothing else tells the two cases apart."""
+    heard = "".join(
+        f"[setups.{name}.data]\nfrequencies_hz = [121.5, 752.5]\n{more}"
+        for name, more in (("short", "[setups.short.structure]\nlength_mm = 200.0\n"), ("long", ""))
+    )
+    base = BASE.split("[data]")[0] + '[data]\nkind = "natural_frequencies"\nsd_relative = 0.0\nsd_hz = 0.5\n'
+
+    def parts(text):
+        case = jb.case_from_text("case", text)
+        return run_fingerprint(case.problem, case, 1, case.sampler)
+
+    first, other = parts(base + heard), parts(base.replace("383.0", "400.0") + heard)
+    assert {name for name in first if first[name] != other[name]} == {"setups.long.structure.length_mm"}
 
 
 def test_the_report_has_a_section_for_each_set_up(overhangs):

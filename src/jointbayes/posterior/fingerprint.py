@@ -3,7 +3,7 @@
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from typing import Any, Protocol
@@ -19,7 +19,7 @@ __all__ = ["run_fingerprint"]
 
 #: Settings that change no draw, and tables of a case that are only shown or compared with the result.
 _NO_MATTER = frozenset({"processes"})
-_ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test"})
+_ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
 _SHOWN = 60  # characters; of longer values a digest
 _PACKAGES = ("jointbayes", "numpy", "scipy", "numba", "emcee")
 
@@ -33,8 +33,8 @@ class StatedCase(Protocol):
         ...
 
     @property
-    def spec(self) -> Any:  # noqa: ANN401 (a pydantic model, of a room that this one does not know)
-        """The case file, checked and typed."""
+    def setups(self) -> Sequence[Any]:
+        """Its set-ups as they were built, each with `name` and `spec`, a pydantic model; empty if built of no text."""
         ...
 
 
@@ -51,9 +51,11 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
         Of the run.
     """
     parts = {"seed": str(seed), "data": "".join(measurement_sha256(part.measurement)[:16] for part in problem.parts)}
-    if (joint_frf := getattr(problem.measurement, "joint_frf", None)) is not None:
-        values = np.ascontiguousarray(joint_frf.values)
-        parts["data at the joint"] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    for part in problem.parts:
+        if (joint_frf := part.measurement.joint_frf) is not None:
+            values = np.ascontiguousarray(joint_frf.values)
+            name = f"data at the joint in {part.setup}" if part.setup else "data at the joint"
+            parts[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
     for name, body in bodies_of(problem).items():
         arrays = (body.frequency_hz, body.receptance, body.covariance)
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
@@ -63,9 +65,10 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
         for one in fields(settings)
         if one.name not in _NO_MATTER
     }
-    if case is not None and case.stated is problem:
-        tables = json.loads(case.spec.model_dump_json())
-        parts |= _flat({name: table for name, table in tables.items() if name not in _ONLY_SHOWN})
+    if case is not None and case.stated is problem and case.setups:
+        for one in case.setups:
+            tables = json.loads(one.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
+            parts |= _flat(tables, f"setups.{one.name}." if one.name else "")
     else:
         parts |= {name: _short(part) for name, part in described(problem).items() if name != "name"}
     versions = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
