@@ -228,6 +228,22 @@ def test_material_and_length_of_a_workshop_are_those_of_every_set_up():
     assert np.isfinite(problem.log_posterior(np.concatenate([np.log(TABLE_3), np.zeros(6)]))).all()
 
 
+def test_damping_of_a_workshop_is_one_factor_that_every_set_up_can_have():
+    """Of ratios of 0.01 and 0.3 the largest bounds it: three times 0.3 is below the critical damping."""
+    stiff = "[setups.long]\n[setups.damped.structure.damping]\nratio = 0.3\n"
+    problem = built(stiff).workshop_problem
+    (factor,) = (one for one in problem.prior.nuisances if one.name.endswith("damping_ratio"))
+    assert_allclose(np.exp(factor.range), [0.1, 3.0], rtol=1e-6)
+    assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()
+
+
+def test_a_factor_that_is_integrated_out_is_each_set_ups_own():
+    case = built("[noise]\nscale = 'integrated'\nown = true\n" + TWO)
+    assert "noise_scale" not in "".join(case.problem.names)
+    built("[noise]\nscale = 'integrated'\n[setups.alone]\n")
+    built("[setups.long]\n[setups.short.noise]\nscale = 'integrated'\n")
+
+
 FAULTS = [
     ("[setups.long.structure]\nlength_mm = -3.0\n", "setups.long.structure.length_mm", "greater than 0"),
     ("[setups.long.structure]\nlenght_mm = 3.0\n", "setups.long.structure.lenght_mm", "length_mm"),
@@ -246,6 +262,7 @@ FAULTS = [
     ("[level]\nname = 'torque'\n[setups.long]\n", "level", "no level of set-up long"),
     ("[level]\nname = 'torque'\n[setups.a]\nlevel = 2.0\n[setups.b]\nlevel = 2.0\n", "level", "the level 2 alone"),
     ("[level]\nname = 'torque'\n[setups.long]\nlevel = 2.0\n", "level", "two levels at least"),
+    ("[noise]\nscale = 'integrated'\n[setups.a]\n[setups.b]\n", "noise.scale", "own = true for a factor of each"),
     ("[noise]\nown = true\n", "noise.own", "several, as [setups.long]"),
     ("[uncertain.length]\nsd_mm = 0.1\n[setups.long]\n[setups.short.structure]\nlength_mm = 200.0\n",
      "uncertain.length.sd_mm", "length_offset"),

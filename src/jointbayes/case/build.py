@@ -73,6 +73,7 @@ __all__ = [
     "joint_marginals",
     "joints_of",
     "kind_of",
+    "largest_ratio",
     "measurement_of",
     "noise_law",
     "noise_of",
@@ -213,16 +214,24 @@ def _marginal(spec: PriorSpec | UniformPriorSpec) -> Marginal:
             return OfStiffness(Normal(spec.mean, spec.sd))
 
 
-def workshop_priors(spec: CaseSpec, measurement: Measurement) -> dict[str, FactorPriorSpec]:
-    """Priors on material, length and damping as in a workshop, where the case takes them as exactly known."""
+def largest_ratio(spec: CaseSpec) -> float:
+    """The largest damping ratio that a case, or one set-up, states; 0 without any."""
+    damping = spec.structure.damping
+    return max(damping.ratio, default=0.0) if isinstance(damping, ModalDampingSpec) else 0.0
+
+
+def workshop_priors(spec: CaseSpec, measurement: Measurement, largest: float) -> dict[str, FactorPriorSpec]:
+    """Priors on material, length and damping as in a workshop, where the case takes them as exactly known.
+
+    One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
+    """
     known, stated = spec.structure.stated, spec.uncertain.given
     usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in known}
     if spec.structure.spans is None or "length_offset" in stated:  # no one length, or one whose error is stated
         usual.pop("length", None)
     damping = spec.structure.damping
-    ratio = (min(damping.ratio), max(damping.ratio)) if isinstance(damping, ModalDampingSpec) else (0.0, 0.0)
-    if ratio[0] > 0 and isinstance(measurement, FrfMeasurement):
-        widest = min(10.0, 0.9 / ratio[1])
+    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and isinstance(measurement, FrfMeasurement):
+        widest = min(10.0, 0.9 / largest)
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     return {name: prior for name, prior in usual.items() if name not in stated}
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.case.build import joints_of, measurement_of, noise_of, recipe_of, stiffness_of
+from jointbayes.case.build import joints_of, largest_ratio, measurement_of, noise_of, recipe_of, stiffness_of
 from jointbayes.case.case_text import CaseText, case_text, read_case_text
 from jointbayes.case.combined import CaseSetup, prior_of, problem_of
 from jointbayes.case.files import (
@@ -153,7 +153,8 @@ class Case:
         """
         if self.problem is not self.stated or not self.setups:
             return None
-        return problem_of([one.with_workshop_uncertainty() for one in self.setups], self.name)
+        largest = max(largest_ratio(one.spec) for one in self.setups)
+        return problem_of([one.with_workshop_uncertainty(largest) for one in self.setups], self.name)
 
     @cached_property
     def sampler(self) -> SamplerSettings:

@@ -77,10 +77,16 @@ class CaseSetup:
             return None
         return Level(stated.level, of.name, of.unit)
 
-    def with_workshop_uncertainty(self) -> "CaseSetup":
-        """The same with material, length and damping uncertain as well, where the case takes them as exactly known."""
+    def with_workshop_uncertainty(self, largest: float) -> "CaseSetup":
+        """The same with material, length and damping uncertain as well, where the case takes them as exactly known.
+
+        Parameters
+        ----------
+        largest
+            Largest damping ratio of all set-ups.
+        """
         spec = self.spec
-        uncertain = spec.uncertain.model_copy(update=workshop_priors(spec, self.measurement))
+        uncertain = spec.uncertain.model_copy(update=workshop_priors(spec, self.measurement, largest))
         return replace(self, spec=spec.model_copy(update={"uncertain": uncertain}))
 
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:

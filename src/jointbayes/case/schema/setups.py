@@ -190,6 +190,7 @@ def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText])
                 )
     yield from _unlike_spreads(specs)
     yield from _shared_bodies(specs)
+    yield from _shared_integral(specs)
 
 
 def _shared_bodies(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
@@ -205,6 +206,15 @@ def _shared_bodies(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding
                 expected = "a measurement of the body for each set-up, or one set-up"
                 yield setup, Finding(("bodies", name), found, expected, "state another file, or remove a set-up")
             first |= {one: first.get(one, setup) for one in body.file}
+
+
+def _shared_integral(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield one factor on the noise of several set-ups to be integrated out: each likelihood integrates its own."""
+    sharing = [name for name, spec in specs.items() if spec.noise.scale == "integrated" and not spec.noise.own]
+    for setup in sharing[1:]:
+        found = 'found "integrated" for one factor of several set-ups, of which each has its own'
+        expected = 'own = true for a factor of each, or scale = "sampled" for one of all'
+        yield setup, Finding(("noise", "scale"), found, expected, "add own = true to [noise]")
 
 
 def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> Iterator[Finding]:
