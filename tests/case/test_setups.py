@@ -263,6 +263,13 @@ FAULTS = [
     ("[level]\nname = 'torque'\n[setups.a]\nlevel = 2.0\n[setups.b]\nlevel = 2.0\n", "level", "the level 2 alone"),
     ("[level]\nname = 'torque'\n[setups.long]\nlevel = 2.0\n", "level", "two levels at least"),
     ("[noise]\nscale = 'integrated'\n[setups.a]\n[setups.b]\n", "noise.scale", "own = true for a factor of each"),
+    ("[setups.a.uncertain.density]\nown = false\nsd_percent = 3.0\n[setups.b.uncertain.density]\nown = false\n"
+     "sd_percent = 2.0\n", "setups.b.uncertain.density", "another prior than in set-up a"),
+    ("[noise]\nscale = 'sampled'\n[setups.a]\n[setups.b.noise]\nown = false\nscale_high_factor = 3.0\n",
+     "setups.b.noise", "another prior than in set-up a"),
+    ("[setups.a.structure.section]\nshape = 'tube'\nouter_diameter_mm = 30.0\ninner_diameter_mm = 20.0\n",
+     "structure.section.diameter_mm", 'remove = ["structure.section.diameter_mm"] in [setups.a]'),
+    ("[compare]\nhypotheses = ['full', 'undamped full']\n", "compare.hypotheses", 'without damping, which is "full"'),
     ("[noise]\nown = true\n", "noise.own", "several, as [setups.long]"),
     ("[uncertain.length]\nsd_mm = 0.1\n[setups.long]\n[setups.short.structure]\nlength_mm = 200.0\n",
      "uncertain.length.sd_mm", "length_offset"),

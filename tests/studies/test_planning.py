@@ -488,7 +488,7 @@ def test_natural_frequencies_cannot_be_planned(tmp_path):
     result = CliRunner().invoke(main, ["plan", str(file)])
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
-    assert "found natural frequencies as data" in result.stderr
+    assert re.match(r".*frequencies.toml:\d+: data.kind: found natural frequencies as data; ", result.stderr)
 
 
 def test_sets_that_a_plan_states_are_simulated_beside_single_candidates(cheap_posterior):

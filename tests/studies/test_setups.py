@@ -1,5 +1,7 @@
 """Studies of a case with several set-ups: each works, or says in one line that it does not."""
 
+import re
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -80,7 +82,7 @@ def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
     assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
     with pytest.raises(CaseError, match="expected one of long, short, heard"):
         simulate(case, None, np.random.default_rng(1))
-    with pytest.raises(CaseError, match="natural_frequencies"):
+    with pytest.raises(CaseError, match=r"^case:\d+: setups.heard.data.kind: found \"natural_frequencies\"; expected"):
         simulate(case, None, np.random.default_rng(1), "heard")
 
 
@@ -90,6 +92,21 @@ def test_simulate_writes_a_file_for_each_set_up(tmp_path):
     result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(out)])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in tmp_path.glob("*.uff")) == ["test-long.uff", "test-short.uff"]
+
+
+@pytest.mark.parametrize(
+    ("last", "key"),
+    [(HEARD, r"setups\.heard\.data\.kind: found \"natural_frequencies\""),
+     ('[setups.slow.virtual_test]\nmethod = "impact"\nsample_rate_hz = 1000.0\n',
+      r"setups\.slow\.virtual_test: found 1000 samples per second")],
+)  # fmt: skip
+def test_where_a_set_up_cannot_be_simulated_no_file_is_written(tmp_path, last, key):
+    (tmp_path / "case.toml").write_text(BASE + TWO + last, encoding="utf-8")
+    result = CliRunner().invoke(main, ["simulate", str(tmp_path / "case.toml"), "--out", str(tmp_path / "test.uff")])
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert re.search(rf"case\.toml:\d+: {key}", line)
+    assert not list(tmp_path.glob("*.uff"))
 
 
 def test_hypotheses_are_those_of_every_set_up():

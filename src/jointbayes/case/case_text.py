@@ -72,6 +72,10 @@ class CaseText:
         known = (self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
         return next(known, (self.name, 1))
 
+    def inherits(self, path: KeyPath) -> bool:
+        """Whether a key stands in the file that this one builds on, or of a set-up in the rest of the file."""
+        return path not in self.own if self.setup else self.place(path)[0] != self.name
+
     def order(self, path: KeyPath) -> tuple[bool, str, int]:
         """What sorts keys as they are read: those of the case's own file first."""
         file, line = self.place(path)

@@ -135,8 +135,8 @@ def _shared(first: Nuisance, other: Nuisance, setup: str) -> Nuisance:
     """A quantity that set-ups share; where they state other values for it, one factor on each of these."""
     if first.prior != other.prior:
         raise ModelError(
-            f"{other.name}: found another prior in set-up {setup} than in those before it, {other.prior!r} and "
-            f"{first.prior!r}; expected one for all; add own = true, or state one"
+            f"{other.name}: found another prior in set-up {setup} than in those before it; expected one for all; add "
+            "own = true, or state one"
         )
     if (first.unit, first.nominal) == (other.unit, other.nominal):
         return first

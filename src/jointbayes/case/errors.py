@@ -306,6 +306,10 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
         path = fault.place.path
         if fault.kind == "unknown":
             words = _unknown_wording(fault, model)
+            if source.inherits(path) and not all(source.inherits((*path[:-1], key)) for key in fault.place.siblings):
+                # a table of another kind over one whose keys it does not have
+                where = f"[{show_key(source.at)}]" if source.setup else "the case file, above the first table"
+                words = (*words[:2], f'take it out with remove = ["{show_key(path)}"] in {where}')
         else:
             words = _missing_wording(fault) if fault.kind == "missing" else _value_wording(fault)
         shown.append(source.fault(path, show_key(source.written(path)), *words))

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from jointbayes.case.build import noise_law, parametrisation_of, true_family, true_stiffness
 from jointbayes.case.case import Case
 from jointbayes.case.combined import CaseSetup
+from jointbayes.case.errors import show_key
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
 from jointbayes.measurement.formats import records_of_frf
@@ -63,10 +65,10 @@ class Truth:
         """The case's `[data]`."""
         data = self.of.spec.data
         if not isinstance(data, SyntheticFrfSpec):
-            raise CaseError(
-                f'{self.case.name}: found data of kind = "{data.kind}"; expected "synthetic_frf", whose [data.truth] a '
-                "virtual test can measure; state a truth"
-            )
+            loc, source = ("data", "kind"), self.of.source
+            expected = 'expected "synthetic_frf", whose [data.truth] a virtual test can measure'
+            words = f'found "{data.kind}"', expected, "state a truth"
+            raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
         return data
 
     @cached_property
@@ -130,6 +132,16 @@ def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Genera
         If the test cannot be made so, for example with blocks too short for the lines.
     """
     truth = Truth(case, setup)
+    try:
+        return _measured(truth, settings, rng)
+    except MeasurementError as error:
+        source = truth.of.source
+        place = fault_start(*source.place(("virtual_test",)))
+        key = show_key(source.written(("virtual_test",)))
+        raise MeasurementError(f"{place} {key}: {str(error).removeprefix('virtual test: ')}") from error
+
+
+def _measured(truth: Truth, settings: VirtualTestSpec | None, rng: np.random.Generator) -> list[Record]:
     test = truth.of.spec.virtual_test if settings is None else settings
     outputs = truth.data.outputs + test.extra_outputs
     averages = test.averages or truth.data.noise.averages or _AVERAGES

@@ -73,14 +73,16 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
     _require_other_file(out, config, "--out")
     case = load_case(config, allow_outside=outside_allowed())
     targets = {one.name: out.with_stem(f"{out.stem}-{one.name}") if one.name else out for one in case.setups}
-    for one in case.setups:
+    measured = {}
+    for one in case.setups:  # all of them before any is written
         _require_other_file(targets[one.name], config, "--out")
         rng = generator_of(one.spec.virtual_test.seed if seed is None else seed, one.name)
-        records = measure(case, None, rng, one.name)
-        write_records(records, targets[one.name], chosen)
+        measured[one.name] = measure(case, None, rng, one.name)
+    for name, records in measured.items():
+        write_records(records, targets[name], chosen)
         for line in describe(records):
             say(line)
-        say(f"Measurement: {targets[one.name]} ({chosen})")
+        say(f"Measurement: {targets[name]} ({chosen})")
 
 
 @click.command("inspect")

@@ -26,6 +26,7 @@ from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.rules import (
     dof_findings,
+    hypotheses_findings,
     joints_findings,
     noise_findings,
     parameter_findings,
@@ -215,7 +216,7 @@ def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec
             specs[setup] = spec
     faults += (told[0] for told in dropped.values() if len(told) == len(texts))  # which no set-up can have
     if not faults:
-        between = (*between_setups(specs, texts), *parameter_findings(specs))
+        between = (*between_setups(specs, texts), *parameter_findings(specs), *hypotheses_findings(specs))
         faults += (_told(texts[setup], finding) for setup, finding in between)
     if faults:
         raise CaseError("\n".join(dict.fromkeys(faults)))

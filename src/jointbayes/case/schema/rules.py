@@ -22,12 +22,14 @@ from jointbayes.case.schema.structure import StructureSpec, absent_dofs
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import similar
 from jointbayes.joint import COORDINATES
+from jointbayes.joint.quantities import without_damping
 
 if TYPE_CHECKING:
     from jointbayes.case.schema.case import CaseSpec
 
 __all__ = [
     "dof_findings",
+    "hypotheses_findings",
     "joints_findings",
     "noise_findings",
     "parameter_findings",
@@ -353,6 +355,19 @@ def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Fin
             expected = "the stiffness to be known best, " + either(f'"{name}"' for name in known)
             remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{known[0]}"'
         yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
+
+
+def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield set-up and finding where a hypothesis leaves out a damping that no joint has."""
+    if any(joint.damping for spec in specs.values() for joint in spec.all_joints.values()):
+        return
+    for setup, spec in specs.items():
+        for i, name in enumerate(spec.compare.hypotheses):
+            undamped, springs = without_damping(name)
+            if undamped:
+                found = f'found "{name}" of joints without damping, which is "{springs}"'
+                expected = "hypotheses on the springs, or viscous or loss_factors in the joint"
+                yield setup, Finding(("compare", "hypotheses", i), found, expected, "remove it")
 
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:

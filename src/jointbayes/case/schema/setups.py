@@ -189,6 +189,7 @@ def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText])
                     Finding((*place, key), found, "joints alike, or own = true", "make them alike or add own = true"),
                 )
     yield from _unlike_spreads(specs)
+    yield from _unlike_priors(specs)
     yield from _shared_bodies(specs)
     yield from _shared_integral(specs)
 
@@ -224,6 +225,26 @@ def _stated_alone(text: CaseText, joint: JointSpec, place: tuple[str, ...]) -> I
         if key in text.own:
             found = "found it for one set-up, of a joint that all set-ups share"
             yield Finding(key, found, "own = true in the table of the joint", "add it, or state this for all set-ups")
+
+
+def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield a prior of an uncertain quantity, or of the noise, that set-ups share and of which they state others."""
+    first: dict[tuple[str, ...], tuple[str, object]] = {}
+    for setup, spec in specs.items():
+        shared: dict[tuple[str, ...], object] = {
+            _place_of(name): prior for name, prior in spec.uncertain.given.items() if not prior.own
+        }
+        if spec.noise.inferred and not spec.noise.own:
+            noise = spec.noise
+            if noise.scale == "sampled":
+                shared["noise",] = noise.scale_low_factor, noise.scale_high_factor
+            if noise.discrepancy is not None:
+                shared["noise", "discrepancy"] = noise.discrepancy
+        for place, prior in shared.items():
+            other, there = first.setdefault(place, (setup, prior))
+            if prior != there:
+                found = f"found another prior than in set-up {other}, with which it shares the quantity"
+                yield setup, Finding(place, found, "one for all, or own = true", "state one, or add own = true")
 
 
 def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.case.build import noise_law, recipe_of
 from jointbayes.case.case import Case
+from jointbayes.case.errors import show_key
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.settings import PlanSpec
@@ -42,15 +43,15 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
         If the data are natural frequencies, or a proposed set-up cannot be.
     """
     specs = {one.name: one.spec for one in case.setups} or {"": case.spec}
+    sources = {one.name: one.source for one in case.setups}
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
     found: list[Candidate] = []
     for part in case.problem.parts:
         if not isinstance(part.measurement, FrfMeasurement):
-            of = f"set-up {part.setup}" if part.setup else case.name
-            raise CaseError(
-                f"{of}: found natural frequencies as data; a plan expects FRFs, whose noise and band it can vary; "
-                'write [data] with kind = "synthetic_frf" or "measured_frf"'
-            )
+            source, loc = sources.get(part.setup, case.source), ("data", "kind")
+            expected = "expected FRFs, whose noise and band a plan can vary"
+            words = "found natural frequencies as data", expected, 'write kind = "synthetic_frf" or "measured_frf"'
+            raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
         spec = specs.get(part.setup, case.spec)
         # a set-up that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}

@@ -288,10 +288,9 @@ def plan(
     tell = progress or (lambda line: None)
     bodies = [body.name for part in case.problem.parts for body in part.measured_bodies]
     if bodies:
-        raise CaseError(
-            f"{case.name}: found the measured body {bodies[0]}; expected a structure that "
-            "is modelled throughout, since FRFs of a body say nothing of other lines and DOFs; plan with a model of it"
-        )
+        expected = "expected a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
+        words = "found a measured body", expected, "plan with a model of it"
+        raise CaseError(case.source.fault(("bodies", bodies[0]), f"bodies.{bodies[0]}", *words))
     candidates = {c.name: c for c in candidates_of(case)}
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
