@@ -320,7 +320,7 @@ def test_an_assumed_joint_is_stated_by_the_names_of_all_its_quantities():
     names = [quantity.name for quantity in case.problem.parametrisation.quantities]
     stated = {name: float(i) for i, name in enumerate(names, 1)}
     assert stated_joint(case.name, case.problem, dict(reversed(stated.items()))) == list(stated.values())
-    for wrong in ({"k11": 1e9, "k12": 1e7, "k22": 1e6}, {**stated, "more": 1.0}):
+    for wrong in ({"k11": 1e9, "k12": 1e7, "k22": 1e6}, {**stated, "more": 1.0}, tuple(stated.values())):
         with pytest.raises(jb.CaseError, match=f"expected a value for each of {', '.join(names)}; state all"):
             plan(case, assume=wrong)
 

@@ -255,8 +255,8 @@ def stated_joint(where: str, problem: Problem, assume: Mapping[str, float]) -> l
     names = [quantity.name for quantity in problem.prior.parametrisation.quantities]
     if set(assume) != set(names):
         raise CaseError(
-            f"{where}: found an assumed joint of {', '.join(assume)}; expected a value for each of {', '.join(names)}; "
-            "state all of them"
+            f"{where}: found an assumed joint of {', '.join(map(str, assume))}; expected a value for each of "
+            f"{', '.join(names)}; state all of them"
         )
     return [float(assume[name]) for name in names]
 
