@@ -18,6 +18,8 @@ from jointbayes.identification import (
     ModeSearch,
     compliance_start,
     first_starts,
+    missing_for_iteration,
+    part_to_iterate,
     refine,
     search_further,
     sensitivity_iteration,
@@ -69,7 +71,9 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     Returns
     -------
     IterationHistory
-        ``.stiffness``, ``.stiffness_history``, ``.residual_norm``, ``.converged``, ``.reason``.
+        ``.stiffness``, ``.stiffness_history``, ``.residual_norm``, ``.converged``, ``.reason``. Of several set-ups the
+        first with FRFs at the joint is iterated, ``.setup``, and of the quantities those that act in it,
+        ``.iterated``.
 
     Raises
     ------
@@ -82,42 +86,38 @@ def identify(case: Case | Problem, initial: ArrayLike | None = None) -> Iteratio
     response functions, Eqs. (3)-(9).
     """
     problem, whole = _problem_and_case(case)
-    # of several set-ups the first that has what the iteration needs
-    problem = next((part for part in problem.parts if part.joint_frf is not None), problem.part(None))
-    measured = problem.measurement
-    if problem.measured_bodies:
-        raise ModelError(
-            f"{problem.name}: found the measured body {problem.measured_bodies[0].name}; the paper's iteration expects "
-            "a structure that is modelled throughout; use find_map instead"
-        )
-    if not isinstance(measured, FrfMeasurement) or problem.joint_frf is None:
-        missing = "found no FRFs at the joint; the paper's iteration expects joint_frf; use find_map instead"
-        if not isinstance(measured, FrfMeasurement):
-            missing = "found natural frequencies as data; the paper's iteration expects FRFs; use find_map instead"
-        elif measured.provenance is not None:
-            missing = measured.provenance.iteration or missing
-        raise ModelError(f"{problem.name}: {missing}")
-    if problem.parametrisation.damped:
-        raise ModelError(
-            f"{problem.name}: found damping of the joint; the paper's iteration expects stiffnesses alone; use "
-            "find_map instead"
-        )
-    start = problem.first_guess if initial is None else np.asarray(initial, dtype=float)
-    problem.parametrisation.check(start)
-    return sensitivity_iteration(
-        problem.structures,
-        problem.joints,
-        problem.joint_frf,
-        measured.frf.outputs,
+    part = part_to_iterate(problem)
+    if part is None:
+        raise ModelError(f"{problem.name}: {_why_not_iterated(problem)}; use find_map instead")
+    assert isinstance(part.measurement, FrfMeasurement)
+    assert part.joint_frf is not None
+    start = part.first_guess if initial is None else np.asarray(initial, dtype=float)
+    part.parametrisation.check(start)
+    history = sensitivity_iteration(
+        part.structures,
+        part.joints,
+        part.joint_frf,
+        part.measurement.frf.outputs,
         start,
-        parametrisation=problem.parametrisation,
+        parametrisation=part.parametrisation,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
+    return replace(history, setup=part.setup)
 
 
-def _has_joint_frf(problem: Problem) -> bool:
-    """Whether the paper's iteration, which knows no damping of the joint, can be made."""
-    return not problem.parametrisation.damped and any(part.joint_frf is not None for part in problem.parts)
+def _why_not_iterated(problem: Problem) -> str:
+    """What was found in place of what the paper's iteration expects."""
+    bodies = [body.name for part in problem.parts for body in part.measured_bodies]
+    if bodies:
+        return (
+            f"found the measured body {bodies[0]}; the paper's iteration expects a structure that is modelled "
+            "throughout"
+        )
+    if problem.parametrisation.damped:
+        return "found damping of the joint; the paper's iteration expects stiffnesses alone"
+    if not any(isinstance(part.measurement, FrfMeasurement) for part in problem.parts):
+        return "found natural frequencies as data; the paper's iteration expects FRFs"
+    return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"
 
 
 def _problem_and_case(given: Case | Problem) -> tuple[Problem, Case | None]:
@@ -171,9 +171,10 @@ def find_map(
         fitted = compliance_start(part.structure, part.joints, part.measurement)
         name = "compliance fit without a guess"
         starts[f"{part.setup}: {name}" if part.setup else name] = own.from_matrix(fitted)
-    iteration = identify(case, guess) if _has_joint_frf(problem) else None
+    iteration = identify(case, guess) if part_to_iterate(problem) is not None else None
     if iteration is not None:
-        starts["paper's iteration"] = iteration.stiffness
+        name = "paper's iteration"
+        starts[f"{iteration.setup}: {name}" if iteration.setup else name] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
     drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
@@ -286,7 +287,7 @@ def _found_mode(
 
     tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
     problem, _ = _problem_and_case(case)
-    iteration = identify(case) if _has_joint_frf(problem) else None
+    iteration = identify(case) if part_to_iterate(problem) is not None else None
     return replace(estimate_from(checkpoint.estimate), iteration=iteration)
 
 
@@ -376,7 +377,7 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
             case = case_around(problem, run.case_text, stated=stated)
     if passed is not None:
         require_same_density(posterior, where, passed=True)
-    iteration = identify(case or problem) if _has_joint_frf(problem) else None
+    iteration = identify(case or problem) if part_to_iterate(problem) is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
 
 

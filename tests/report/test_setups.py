@@ -3,14 +3,19 @@
 import dataclasses
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
+from jointbayes.cli.commands import main
 from jointbayes.errors import ModelError
+from jointbayes.identification import missing_for_iteration, part_to_iterate
+from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
 from jointbayes.posterior.curve import Curve, _change
 from jointbayes.posterior.fingerprint import run_fingerprint
@@ -21,6 +26,7 @@ from jointbayes.report.model import Figure, Paragraph, Table
 from jointbayes.report.sections.curve import curve_section
 from jointbayes.report.sections.lead import lead
 from jointbayes.report.sections.setups import overview_section, setup_section
+from jointbayes.report.sections.starts import starts_section
 from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3
@@ -313,3 +319,64 @@ def test_what_is_no_curve_is_refused_in_one_line(name, which, request):
     with pytest.raises(ModelError, match=r"curve: found .*; expected .*; give") as caught:
         request.getfixturevalue(which).curve(name)
     assert "\n" not in str(caught.value)
+
+
+HEARD_FIRST = """
+[setups.heard]
+remove = ["data"]
+[setups.heard.data]
+kind = "natural_frequencies"
+frequencies_hz = [121.5, 752.5]
+sd_relative = 0.0
+sd_hz = 0.5
+[setups.calm]
+[setups.loud]
+"""
+
+
+def test_the_papers_iteration_is_told_of_the_set_up_and_the_quantities_that_it_iterated(tmp_path):
+    """Nothing of what the others have for themselves may look settled; the first set-up has no FRFs at the joint."""
+    exact = OWN.replace("seed = 1", "seed = 1, added = false")
+    case = jb.case_from_text("case", exact + HEARD_FIRST)
+    names = case.problem.parametrisation.stiffness_names
+    history = jb.identify(case)
+    assert (history.setup, [names[i] for i in history.iterated]) == ("calm", ["calm.k11", "calm.k12", "calm.k22"])
+    assert history.converged
+    assert_allclose(history.stiffness[3:6], TABLE_3, rtol=1e-4)
+    assert (history.stiffness_history[:, [0, 1, 2, 6, 7, 8]] == case.problem.first_guess[[0, 1, 2, 6, 7, 8]]).all()
+
+    middle = posterior_of(built_own := jb.case_from_text("case", OWN + "[setups.calm]\n[setups.loud]\n"))
+    history = jb.identify(built_own)
+    told = replace(middle, estimate=replace(middle.estimate, iteration=history))
+    blocks = starts_section(ReportInputs(told)).blocks
+    (text,) = (block.text for block in blocks if isinstance(block, Paragraph) and "Eqs. 3" in block.text)
+    assert "on set-up calm" in text
+    assert "calm.k22 " in text
+    assert "loud" not in text
+    assert "Quantities that do not act in that set-up stay at the first guess." in text
+    figure = next(block for block in blocks if getattr(block, "identifier", "") == "iteration-stiffness")
+    assert "loud" not in figure.alt
+    assert figure.svg.count('id="axes_') == 3
+
+    (tmp_path / "case.toml").write_text(OWN + HEARD_FIRST)
+    printed = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml")]).stdout
+    head, *_ = printed.splitlines()
+    assert re.findall(r"\S+ \(", head) == ["calm.k11 (", "calm.k12 (", "calm.k22 ("]
+    assert "The paper's iteration on set-up calm " in printed
+
+
+def test_what_files_lack_for_the_papers_iteration_is_told_whichever_set_up_has_them():
+    case = jb.case_from_text("case", BASE + HEARD_FIRST)
+    known = Provenance((), "receptance", 3, (1.0, 2.0), None, (), (), "stated", iteration="found no FRF at 1:rz")
+    setups = [
+        replace(one, measurement=replace(one.measurement, joint_frf=None, provenance=known if n else None))
+        if one.name != "heard"
+        else one
+        for n, one in enumerate(case.problem.setups)
+    ]
+    problem = replace(case.problem, setups=tuple(setups))
+    assert part_to_iterate(case.problem).setup == "calm"
+    assert part_to_iterate(problem) is None
+    assert missing_for_iteration(problem) == "found no FRF at 1:rz"
+    with pytest.raises(ModelError, match="found no FRF at 1:rz; use find_map instead"):
+        jb.identify(problem)

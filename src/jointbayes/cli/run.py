@@ -65,23 +65,24 @@ def identify(config: Path) -> None:
     """Run the paper's sensitivity iteration and the MAP search; print both."""
     case = load(config)
     from jointbayes.cli.progress import show_phase
+    from jointbayes.identification import missing_for_iteration, part_to_iterate
     from jointbayes.posterior.rounding import in_unit
     from jointbayes.workflow import find_map
     from jointbayes.workflow import identify as iterate
 
-    provenance = case.problem.measurement.provenance
     if case.problem.parametrisation.damped:
         say("The paper's iteration is left out: it knows no damping of a joint.")
-    elif case.problem.joint_frf is not None:
+    elif part_to_iterate(case.problem) is not None:
         history = iterate(case)
-        heads = [f"{f'{q.name} ({q.unit})':>12}" for q in case.problem.quantities]
+        heads = [f"{f'{q.name} ({q.unit})':>12}" for q in (case.problem.quantities[i] for i in history.iterated)]
         say(f"{'step':>4} {'residual':>10} {' '.join(heads)}")
-        for step, (norm, k) in enumerate(zip(history.residual_norm, history.stiffness_history, strict=True)):
+        rows = history.stiffness_history[:, history.iterated]
+        for step, (norm, k) in enumerate(zip(history.residual_norm, rows, strict=True)):
             values = " ".join(f"{value:>{len(head)}.4e}" for value, head in zip(k, heads, strict=True))
             say(f"{step:>4} {norm:>10.3e} {values}")
-        say(f"The paper's iteration {history.reason}.")
-    elif provenance is not None and provenance.iteration:
-        say(f"The paper's iteration is left out. {provenance.iteration}.")
+        say(f"The paper's iteration{history.on_setup} {history.reason}.")
+    elif missing := missing_for_iteration(case.problem):
+        say(f"The paper's iteration is left out. {missing}.")
     estimate = find_map(case, tell=show_phase)
     stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
     say("MAP: " + ", ".join(in_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))

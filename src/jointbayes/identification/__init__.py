@@ -4,7 +4,13 @@ from jointbayes.identification.compliance_fit import compliance_start
 from jointbayes.identification.effort import first_starts, search_further
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.identification.mode_search import ModeSearch
-from jointbayes.identification.paper_iteration import IterationHistory, SensitivityKind, sensitivity_iteration
+from jointbayes.identification.paper_iteration import (
+    IterationHistory,
+    SensitivityKind,
+    missing_for_iteration,
+    part_to_iterate,
+    sensitivity_iteration,
+)
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.refine import refine
 from jointbayes.identification.resonances import resonances_hz
@@ -21,6 +27,8 @@ __all__ = [
     "compliance_start",
     "first_starts",
     "frequency_starts",
+    "missing_for_iteration",
+    "part_to_iterate",
     "reconstructed_starts",
     "refine",
     "resonances_hz",

@@ -13,10 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.frf import FrfSet, Ports, receptance_model
+from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
 from jointbayes.structure import Structure, StructureFamily
 
-__all__ = ["IterationHistory", "SensitivityKind", "sensitivity_iteration"]
+__all__ = [
+    "IterationHistory",
+    "SensitivityKind",
+    "missing_for_iteration",
+    "part_to_iterate",
+    "sensitivity_iteration",
+]
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -32,7 +39,7 @@ class IterationHistory:
     Parameters
     ----------
     stiffness_history
-        The joint's quantities at each step, shape (steps + 1, q).
+        The joint's quantities at each step, shape (steps + 1, q); those not `iterated` stay at the first guess.
     residual_norm
         ‖ε‖ at each step relative to the norm of the measured FRFs, shape (steps + 1,).
     converged
@@ -41,6 +48,10 @@ class IterationHistory:
         Steps at which K^J was not positive semidefinite, which no passive joint is.
     reason
         One sentence on how it ended.
+    iterated
+        Which of the quantities act in the data, by their places: of several set-ups those of `setup`.
+    setup
+        The set-up whose data they are; empty where there is one test.
     """
 
     stiffness_history: Array
@@ -48,6 +59,13 @@ class IterationHistory:
     converged: bool
     left_cone: tuple[int, ...]
     reason: str
+    iterated: tuple[int, ...]
+    setup: str = ""
+
+    @property
+    def on_setup(self) -> str:
+        """Words that name the set-up, to stand behind "the paper's iteration"; empty where there is one test."""
+        return f" on set-up {self.setup}" if self.setup else ""
 
     @property
     def stiffness(self) -> Array:
@@ -172,10 +190,10 @@ def _step(
     matrix = np.concatenate([columns.real, columns.imag], axis=1).T
     right = -(weight * residual).ravel()
     right = np.concatenate([right.real, right.imag])
-    scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
+    size = np.linalg.norm(matrix, axis=0)
+    scale = np.where(size == 0, 1.0, size)
     solution, *_ = np.linalg.lstsq(matrix / scale, right, rcond=None)
-    return solution / scale
+    return np.where(size == 0, 0.0, solution / scale)  # what does not act stays to the last bit
 
 
 def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisation) -> IterationHistory:
@@ -193,4 +211,21 @@ def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisa
         reason += (
             f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"
         )
-    return IterationHistory(stiffness, norms, converged, tuple(int(i) for i in outside), reason)
+    iterated = tuple(i for i, quantity in enumerate(kind.quantities) if quantity.places)
+    return IterationHistory(stiffness, norms, converged, tuple(int(i) for i in outside), reason, iterated)
+
+
+def part_to_iterate(problem: Problem) -> Problem | None:
+    """The set-up on which the paper's iteration runs: the first with FRFs at its joint; None where it cannot run.
+
+    It knows no damping of a joint, and neither measured bodies nor modes have such FRFs.
+    """
+    if problem.parametrisation.damped:
+        return None
+    return next((part for part in problem.parts if part.joint_frf is not None), None)
+
+
+def missing_for_iteration(problem: Problem) -> str:
+    """What measurement files lack for the paper's iteration, in words; empty where no file could have had it."""
+    provenances = (part.measurement.provenance for part in problem.parts)
+    return next((known.iteration for known in provenances if known is not None and known.iteration), "")

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.identification import IterationHistory
+from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
 from jointbayes.report import figures
 from jointbayes.report.format import number
@@ -37,27 +37,28 @@ def starts_section(inputs: ReportInputs) -> Section:
     if estimate.sentence:
         text += f" {estimate.sentence}"
     blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
-    provenance = posterior.problem.measurement.provenance
     if estimate.iteration is not None:
         blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
-    elif provenance is not None and provenance.iteration:
-        blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(provenance.iteration)}."))
+    elif missing := missing_for_iteration(posterior.problem):
+        blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(missing)}."))
     return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 
 def _iteration_blocks(
     history: IterationHistory, quantities: tuple[Quantity, ...], published: NDArray[np.float64] | None
 ) -> list[Block]:
-    norm = history.residual_norm
+    norm, iterated = history.residual_norm, [quantities[i] for i in history.iterated]
     settled = ", ".join(
         f"{q.name} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
-        for i, q in enumerate(quantities)
+        for i, q in zip(history.iterated, iterated, strict=True)
         if history.stiffness[i] != 0
     )
+    text = f"**The paper's iteration (Eqs. 3–9)**{foreign(history.on_setup)} {history.reason}. "
+    text += f"Step 5 differs from the last step by: {foreign(settled)}."
+    if len(iterated) < len(quantities):
+        text += " Quantities that do not act in that set-up stay at the first guess."
     return [
-        Paragraph(
-            f"**The paper's iteration (Eqs. 3–9)** {history.reason}. Step 5 differs from the last step by: {settled}."
-        ),
+        Paragraph(text),
         Figure(
             "iteration-norm",
             "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
@@ -67,8 +68,12 @@ def _iteration_blocks(
         Figure(
             "iteration-stiffness",
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
-            f"History of {_listed([q.name for q in quantities])} over the iteration steps with the published values.",
-            figures.histories([f"{q.name} ({q.unit})" for q in quantities], history.stiffness_history, published),
+            f"History of {_listed([q.name for q in iterated])} over the iteration steps with the published values.",
+            figures.histories(
+                [f"{q.name} ({q.unit})" for q in iterated],
+                history.stiffness_history[:, history.iterated],
+                None if published is None else published[list(history.iterated)],
+            ),
         ),
     ]
 
