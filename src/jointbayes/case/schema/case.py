@@ -26,10 +26,8 @@ from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.rules import (
     dof_findings,
-    hypotheses_findings,
     joints_findings,
     noise_findings,
-    parameter_findings,
     plan_findings,
     prior_findings,
     truth_findings,
@@ -38,7 +36,14 @@ from jointbayes.case.schema.rules import (
     virtual_test_findings,
 )
 from jointbayes.case.schema.settings import CompareSpec, IdentificationSpec, PlanSpec, ReferenceSpec, SamplingSpec
-from jointbayes.case.schema.setups import LevelSpec, SetupSpec, between_setups, setups_findings
+from jointbayes.case.schema.setups import (
+    LevelSpec,
+    SetupSpec,
+    between_setups,
+    hypotheses_findings,
+    parameter_findings,
+    setups_findings,
+)
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.setup_texts import planned_texts, setup_texts, without_inherited

@@ -5,34 +5,26 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.damping import LossFactorDampingSpec, ModalDampingSpec, RayleighDampingSpec
 from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
-from jointbayes.case.schema.fields import either, listed
+from jointbayes.case.schema.fields import listed
 from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
 from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.settings import PlanSpec
-from jointbayes.case.schema.setups import ALIKE, quantities_of_setups
+from jointbayes.case.schema.setups import ALIKE
 from jointbayes.case.schema.structure import StructureSpec, absent_dofs
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
-from jointbayes.case.toml_text import similar
 from jointbayes.joint import COORDINATES
-from jointbayes.joint.quantities import without_damping
-
-if TYPE_CHECKING:
-    from jointbayes.case.schema.case import CaseSpec
 
 __all__ = [
     "dof_findings",
-    "hypotheses_findings",
     "joints_findings",
     "noise_findings",
-    "parameter_findings",
     "plan_findings",
     "prior_findings",
     "truth_findings",
@@ -340,34 +332,6 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
     if noise.discrepancy is not None:
         found = "correlation along frequency needs frequency lines, which natural frequencies do not have"
         yield Finding(("noise", "discrepancy"), found, _FRF_ONLY, "remove [noise.discrepancy]")
-
-
-def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
-    known = quantities_of_setups(specs)
-    for setup, spec in specs.items():
-        wanted = spec.plan.parameter
-        if not wanted or wanted in known:
-            continue
-        nearest = similar(wanted, known)
-        expected, remedy = "no plan, since no joint has a stiffness", "remove it"
-        if known:
-            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in known)
-            remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{known[0]}"'
-        yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
-
-
-def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield set-up and finding where a hypothesis leaves out a damping that no joint has."""
-    if any(joint.damping for spec in specs.values() for joint in spec.all_joints.values()):
-        return
-    for setup, spec in specs.items():
-        for i, name in enumerate(spec.compare.hypotheses):
-            undamped, springs = without_damping(name)
-            if undamped:
-                found = f'found "{name}" of joints without damping, which is "{springs}"'
-                expected = "hypotheses on the springs, or viscous or loss_factors in the joint"
-                yield setup, Finding(("compare", "hypotheses", i), found, expected, "remove it")
 
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:

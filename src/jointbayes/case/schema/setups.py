@@ -10,8 +10,9 @@ from pydantic import Field, Strict
 
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Spec, key_field
-from jointbayes.joint.quantities import prefixed
+from jointbayes.case.schema.fields import Spec, either, key_field
+from jointbayes.case.toml_text import similar
+from jointbayes.joint.quantities import prefixed, without_damping
 
 if TYPE_CHECKING:
     from jointbayes.case.schema.case import CaseSpec
@@ -22,8 +23,9 @@ __all__ = [
     "PlannedSetupSpec",
     "SetupSpec",
     "between_setups",
+    "hypotheses_findings",
     "joint_of_setup",
-    "quantities_of_setups",
+    "parameter_findings",
     "setups_findings",
 ]
 
@@ -165,6 +167,34 @@ def quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
         for quantity in joint.quantities
     )
     return tuple(dict.fromkeys(found))
+
+
+def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
+    known = quantities_of_setups(specs)
+    for setup, spec in specs.items():
+        wanted = spec.plan.parameter
+        if not wanted or wanted in known:
+            continue
+        nearest = similar(wanted, known)
+        expected, remedy = "no plan, since no joint has a stiffness", "remove it"
+        if known:
+            expected = "the stiffness to be known best, " + either(f'"{name}"' for name in known)
+            remedy = f'did you mean "{nearest}"?' if nearest else f'write for example parameter = "{known[0]}"'
+        yield setup, Finding(("plan", "parameter"), f'found "{wanted}"', expected, remedy)
+
+
+def hypotheses_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield set-up and finding where a hypothesis leaves out a damping that no joint has."""
+    if any(joint.damping for spec in specs.values() for joint in spec.all_joints.values()):
+        return
+    for setup, spec in specs.items():
+        for i, name in enumerate(spec.compare.hypotheses):
+            undamped, springs = without_damping(name)
+            if undamped:
+                found = f'found "{name}" of joints without damping, which is "{springs}"'
+                expected = "hypotheses on the springs, or viscous or loss_factors in the joint"
+                yield setup, Finding(("compare", "hypotheses", i), found, expected, "remove it")
 
 
 def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]) -> Iterator[tuple[str, Finding]]:
