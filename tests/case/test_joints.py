@@ -128,6 +128,21 @@ BROKEN = {
     "a prior of none": (("[data]\n", f"[joints.right.prior]\nkx = {PRIOR}\n[data]\n"), "joints.right.prior", "no kx"),
     "a truth of none": (("krz = 3e4", "krx = 3e4"), "data.truth.stiffness", "right.krz"),
     "axes": ((LEFT, LEFT + "axes = [[1, 0, 0], [0, 1, 0], [0, 0.6, 0.8]]\n"), "joints.left.axes", "right angles"),
+    "an offset that needs another rotation": (
+        (LEFT, LEFT + "offset_mm = [0, 0, 10]\n"),
+        "joints.left.offset_mm",
+        "move with 1:rx, which the structure does not have",
+    ),
+    "an offset of the other side": (
+        (RIGHT, RIGHT + '\nagainst = ["9:y", "9:rz"]\noffset_against_mm = [76.6, 0, 5]'),
+        "joints.right.offset_against_mm",
+        "move with 9:rx, which the structure does not have",
+    ),
+    "axes out of the plane": (
+        (LEFT, LEFT + "axes = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\n"),
+        "joints.left.axes",
+        "which the structure does not have",
+    ),
     "left-handed axes": (
         (LEFT, LEFT + "axes = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n"),
         "joints.left.axes",

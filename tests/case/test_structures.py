@@ -305,6 +305,13 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
         (MATRICES, "[2.0, 0.01]", "[2.0]", "structure.mass", "found 1 numbers; expected 2 rows"),
         (MATRICES, "[[2e5, -1e4], [-1e4, 1e3]]", "[[2e5, -1e4], [-1e4, -1e3]]", "structure", "positive semidefinite"),
         (MATRICES, 'dofs = ["1:y", "1:rz"]\nst', 'dofs = ["1:y", "1:y"]\nst', "structure.dofs", "listed twice"),
+        (
+            MATRICES,
+            'law = "loss_factor", loss_factor = 0.02',
+            'law = "matrix", damping_matrix = [[-20.0, 0.0], [0.0, 1.0]]',
+            "structure",
+            "structure.damping.damping_matrix: found one with -20 as lowest eigenvalue",
+        ),
         (PORTAL, "right = [500, 0, 0]", "right = [500, 0]", "structure.points.right", ""),
         (PORTAL, '"right:x"', '"left:x"', "structure.supports", "no point left"),
         (PORTAL, '"right:x"', '"right:z"', "structure.supports", "no direction z"),
@@ -342,3 +349,29 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
     assert isinstance(again, FrameFamily)
     assert again.recipe == recipe.recipe
     assert again.ranges == recipe.ranges
+
+
+FLOATING = """
+[structure]
+kind = "chain"
+masses_kg = { 1 = 1.0, 2 = 1.0 }
+damping = { law = "modal", ratio = 0.02 }
+[joints.g]
+kind = "springs"
+dofs = ["1:x"]
+[joints.h]
+kind = "springs"
+dofs = ["2:x"]
+against = ["1:x"]
+[uncertain]
+mode_frequencies = { sd_percent = 1.0 }
+"""
+
+
+def test_mode_frequencies_may_be_uncertain_where_joints_hold_every_mass():
+    text = text_of(FLOATING, "1:x", "1:x", "")
+    start, end = text.index("[data.truth]"), text.index("[data.noise]")
+    truth = "[data.truth.stiffness]\ng = { kx = 1e5 }\nh = { kx = 1e5 }\n"
+    problem = jb.case_from_text("chain", text[:start] + truth + text[end:]).problem
+    assert problem.names == ("g.kx", "h.kx", "mode_frequency_1")
+    assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()

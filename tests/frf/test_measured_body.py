@@ -323,6 +323,8 @@ def measured_one_way(frf):
         (lambda: replace(measured_spindle(), covariance=-np.ones((58, 6, 6))), "not positive semidefinite"),
         (lambda: replace(measured_spindle(), covariance=np.ones((58, 3, 3))), "expected finite numbers of shape"),
         (lambda: replace(measured_spindle(), dofs=("a", "a", "b")), "each label once"),
+        (lambda: replace(measured_spindle(), frequency_hz=LINES[::-1]), "lines that do not increase"),
+        (lambda: replace(measured_spindle(), frequency_hz=np.minimum(LINES, 1000.0)), "lines that do not increase"),
         (lambda: _coupled(Joint(("1:y",), ("s9:y",))), "found DOF 's9:y'"),
     ],
 )

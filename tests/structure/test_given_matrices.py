@@ -6,13 +6,16 @@ from numpy.testing import assert_allclose
 from scipy import linalg
 
 from jointbayes.errors import ModelError
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
+from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.joint import Joint
+from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import (
     LossFactor,
     MatrixFamily,
     MatrixRecipe,
     ModalDamping,
+    Rayleigh,
     Structure,
     ViscousMatrix,
     chain,
@@ -78,6 +81,10 @@ def test_uncertain_damping_and_frequencies_follow_their_factors():
     assert_allclose(found[:, :, 0], terms.sum(axis=-1), rtol=1e-9)
 
 
+def of_two(**loaded) -> MatrixRecipe:
+    return MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, **loaded)
+
+
 @pytest.mark.parametrize(
     ("broken", "words"),
     [
@@ -93,6 +100,11 @@ def test_uncertain_damping_and_frequencies_follow_their_factors():
         (lambda: MatrixRecipe(np.eye(2), np.eye(2), ("1:x", "2:x"), LAW, ("3:x",)), "'3:x'"),
         (lambda: ViscousMatrix([[1, 2], [0, 1]]), "unsymmetric"),
         (lambda: ViscousMatrix([[1, 2]]), "square"),
+        (lambda: ViscousMatrix([[-100.0]]), "takes energy out"),
+        (lambda: ViscousMatrix([[1e6, 2.0], [2.0, 1e-6]]), "takes energy out"),
+        (lambda: of_two(accelerometer_mass=-5.0, accelerometer_dofs=("1:x",)), "-5 + 0 kg"),
+        (lambda: of_two(added_mass=-5.0), "0 + -5 kg"),
+        (lambda: of_two(accelerometer_mass=5.0, accelerometer_dofs=("9:x",)), "'9:x'"),
         (lambda: Structure(np.eye(2), np.eye(2), ViscousMatrix([[1.0]]), ("1:x", "2:x")), "1 rows for 2"),
         (lambda: MatrixFamily(chain([1.0], [], LAW), {"density": (0, 0)}), "'density'"),
         (lambda: MatrixFamily(chain([1.0], [], LossFactor(0.01)), {"damping_ratio": (0, 0)}), "another kind"),
@@ -104,3 +116,24 @@ def test_impossible_matrices_are_refused_in_one_line(broken, words):
     assert words in str(caught.value)
     assert "expected" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_fewer_springs_than_rounding_do_not_make_a_damping_matrix_negative():
+    form = np.array([1.0, -1.0, 0.0])
+    assert ViscousMatrix(3e7 * np.outer(form, form)).matrix.shape == (3, 3)
+
+
+def test_quantities_that_the_damping_matrix_would_make_silent_are_refused():
+    damped = chain([1.0, 2.0], [("ground", "1", 1e5), ("1", "2", 1e5)], dampers=[("1", "ground", 20.0)])
+    family = MatrixFamily(damped, {"mode_frequency_1": (-0.1, 0.1)})
+    with pytest.raises(ModelError, match=r"uncertain quantities mode_frequency_1 with a damping matrix.*; expected"):
+        receptance_model(family, Joint(("2:x",)), PORTS)
+
+
+@pytest.mark.parametrize("law", [LossFactor(0.02), Rayleigh(3.0, 1e-5)])
+def test_errors_of_natural_frequencies_that_frfs_do_not_depend_on_are_refused(law):
+    family = MatrixFamily(chain([1.0, 2.0], [("1", "2", 1e5)], law), {"mode_frequency_1": (-0.1, 0.1)})
+    values = np.ones((7, 2, 1), dtype=complex)
+    measured = FrfMeasurement(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), np.ones(values.shape))
+    with pytest.raises(ModelError, match=r"found mode_frequency_1 for FRFs.*; expected modal damping"):
+        likelihood_of(family, Joint(("1:x",)), measured)

@@ -269,6 +269,8 @@ def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) ->
     """Lowest natural frequencies of a structure with a rigid joint, Hz: no more than `most`, nor than it has."""
     family = family_of_recipe(recipe)
     count = min(most, family.nominal.n_dofs - rigid_body_modes(family.nominal, joint) - joint.size)
+    if count < 1:  # nothing moves where the joint does not
+        return np.empty(0)
     rigid = np.eye(joint.size) * RIGID
     return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
 

@@ -22,6 +22,7 @@ from jointbayes.case.files import (
 )
 from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
+from jointbayes.case.schema.bodies import labels_of_bodies
 from jointbayes.case.schema.case import CaseSpec, needs_files, parse_case, parse_planned, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.setup_texts import setup_texts
@@ -29,7 +30,7 @@ from jointbayes.case.toml_text import KeyPath, fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
-from jointbayes.joint import AnyJoint, Joints, as_joints
+from jointbayes.joint import AnyJoint, Joint, Joints, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
@@ -269,6 +270,7 @@ def _setup(
         joints = "joints" if spec.joints else "joint"
         tell(joints)
         joint = as_joints(joints_of(spec))
+        _require_dofs_of_offsets(spec, place)
         if isinstance(spec.data, MeasuredSpec):
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
@@ -311,6 +313,31 @@ def _require_one_place(
         except ModelError as error:
             message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
             raise CaseError(f"{place(path)} {'.'.join(path)}: {message}, offset_mm") from error
+
+
+def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) -> None:
+    """Refuse own axes and offsets of joints that need DOFs which the structure lacks, by their keys."""
+    elsewhere = labels_of_bodies(spec.bodies)
+    for name, joint in spec.all_joints.items():
+        sides = (
+            ("offset_mm", joint.dofs, joint.offset_mm),
+            ("offset_against_mm", joint.against, joint.offset_against_mm),
+        )
+        for key, dofs, offset in sides:
+            if not dofs:
+                continue
+            turned = Joint(dofs, axes=joint.axes).labels
+            for label in Joint(dofs, axes=joint.axes, offset_m=offset).labels:
+                absent, held = spec.structure.absent(label) is not None, label in spec.structure.supports
+                if label in elsewhere or not (absent or held):
+                    continue
+                table = ("joints", name) if name else ("joint",)
+                path = (*table, "axes" if label in turned else key)
+                what = "which is held fixed" if held else "which the structure does not have"
+                raise CaseError(
+                    f"{place(path)} {'.'.join(path)}: found that {', '.join(dofs)} then move with {label}, {what}; "
+                    "expected DOFs that move; let the structure have it, or correct this"
+                )
 
 
 def _ports(measurement: Measurement) -> tuple[str, ...]:

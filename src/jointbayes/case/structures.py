@@ -9,6 +9,7 @@ from jointbayes.case.schema.frame import BodySpec, FrameSpec, MemberSpec
 from jointbayes.case.schema.matrices import ChainSpec, DampersSpec, MatricesSpec, MatrixDampingSpec
 from jointbayes.case.schema.section import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, TubeSpec
 from jointbayes.case.schema.structure import BeamSpec, StructureSpec
+from jointbayes.errors import ModelError
 from jointbayes.structure import (
     BeamMaterial,
     BeamRecipe,
@@ -158,12 +159,17 @@ def _chain(spec: ChainSpec, loaded: tuple[str, ...]) -> MatrixRecipe:
     )
 
 
+def _viscous(spec: MatrixDampingSpec) -> ViscousMatrix:
+    key = "structure.damping.damping_matrix"
+    given = matrix_of(np.array(spec.damping_matrix), key)
+    try:
+        return ViscousMatrix(given)
+    except ModelError as error:
+        raise ModelError(f"{key}: {str(error).partition(': ')[2]}") from error
+
+
 def _matrices(spec: MatricesSpec, loaded: tuple[str, ...]) -> MatrixRecipe:
-    law = (
-        ViscousMatrix(matrix_of(np.array(spec.damping.damping_matrix), "structure.damping.damping_matrix"))
-        if isinstance(spec.damping, MatrixDampingSpec)
-        else _damping(spec.damping)
-    )
+    law = _viscous(spec.damping) if isinstance(spec.damping, MatrixDampingSpec) else _damping(spec.damping)
     return MatrixRecipe(
         matrix_of(np.array(spec.stiffness), "structure.stiffness"),
         matrix_of(np.array(spec.mass), "structure.mass"),

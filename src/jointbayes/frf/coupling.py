@@ -109,7 +109,7 @@ class LowRankCoupling:
     ------
     ModelError
         If the damping law is modal: its modes are those of the assembled structure, see `AssembledModes`; unless a body
-        is measured. If a measured body lacks one of the lines.
+        is measured. If a measured body lacks one of the lines. If quantities are uncertain beside a damping matrix.
     """
 
     def __init__(self, structure: AnyStructure, joint: AnyJoint, ports: Ports) -> None:
@@ -120,6 +120,11 @@ class LowRankCoupling:
             raise ModelError(
                 "low-rank coupling: found modal damping of the assembled structure; expected a loss factor or "
                 "Rayleigh damping; use the modal sum instead"
+            )
+        if family.names and family.nominal.damping.matrix is not None:
+            raise ModelError(
+                f"low-rank coupling: found the uncertain quantities {', '.join(family.names)} with a damping matrix, "
+                "which no modes diagonalise; expected another damping law, or nothing uncertain; change one of the two"
             )
         joined, outputs, inputs = ports.selections(whole, joint)
         #: Part of each output and input that is the joint's own motion, shape (r, outputs + inputs).

@@ -72,7 +72,8 @@ class MeasuredBody:
     Raises
     ------
     MeasurementError
-        If shapes disagree, a number is not finite, the receptances are not symmetric, or the covariance is none.
+        If shapes disagree, a number is not finite, lines do not increase, the receptances are not symmetric, or the
+        covariance is none.
     """
 
     name: str
@@ -93,6 +94,11 @@ class MeasuredBody:
         pairs = m * (m + 1) // 2
         if m == 0 or len(set(self.dofs)) != m:
             raise MeasurementError(f"{self._where}: found DOFs {self.dofs}; expected one or more, each label once")
+        if self.frequency_hz.ndim != 1 or not lines or not (np.diff(self.frequency_hz) > 0).all():
+            raise MeasurementError(
+                f"{self._where}: found lines that do not increase; expected one or more frequencies, each above "
+                "the one before; sort them with their receptances"
+            )
         for what, array, shape in (
             ("receptances", self.receptance, (lines, m, m)),
             ("a covariance", self.covariance, (lines, pairs, pairs)),

@@ -31,6 +31,7 @@ from jointbayes.inference.propagated import PropagatedNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.structure import is_mode_frequency
 
 __all__ = ["FrfLikelihood", "Likelihood", "likelihood_of"]
 
@@ -276,8 +277,8 @@ def likelihood_of(
     Raises
     ------
     ModelError
-        If a measured DOF does not exist in the structure, there are more modes than DOFs, or the data are modes and a
-        body is measured.
+        If a measured DOF does not exist in the structure, there are more modes than DOFs, the data are modes and a
+        body is measured, or errors of natural frequencies are uncertain that the FRFs do not depend on.
     """
     whole = substructures(structure)
     family = whole.family
@@ -289,6 +290,13 @@ def likelihood_of(
             )
         modal = modal_model(family, joint, measurement)
         return ModalLikelihood(modal, measurement, (*family.names, *(noise.names if noise else ())), noise)
+    if (errors := [name for name in family.names if is_mode_frequency(name)]) and (
+        whole.measured or not family.nominal.damping.of_assembled_modes
+    ):
+        raise ModelError(
+            f"likelihood: found {', '.join(errors)} for FRFs that are not summed over the modes of the assembled "
+            "structure; expected modal damping of a structure that is modelled throughout; remove them"
+        )
     frf: FrfSet = measurement.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))

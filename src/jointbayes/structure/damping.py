@@ -1,4 +1,4 @@
-"""Damping laws of a structure; a joint itself carries no damping, as in the paper."""
+"""Damping laws of a structure without its joints, whose own damping stands beside their stiffness."""
 
 import math
 from collections.abc import Mapping
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError, array_of
+from jointbayes.structure.signs import NOT_NEGATIVE, lowest_eigenvalue
 
 __all__ = ["DampingLaw", "LossFactor", "ModalDamping", "Rayleigh", "ViscousMatrix"]
 
@@ -127,7 +128,7 @@ class ViscousMatrix(DampingLaw):
     Raises
     ------
     ModelError
-        If it is not a square, symmetric, finite matrix.
+        If it is not a square, symmetric, finite matrix, or has a negative eigenvalue: it would feed energy in.
     """
 
     viscous_matrix: NDArray[np.float64]
@@ -143,6 +144,12 @@ class ViscousMatrix(DampingLaw):
             gap = np.abs(given - given.T).max(initial=0.0)
         if gap > 1e-10 * np.abs(given).max(initial=0.0):
             raise ModelError("damping matrix: found an unsymmetric one; expected a symmetric one; correct it")
+        lowest = lowest_eigenvalue(given, "damping matrix: found one")
+        if lowest < -NOT_NEGATIVE:
+            raise ModelError(
+                f"damping matrix: found one with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1; expected a "
+                "positive semidefinite one, which takes energy out; correct it"
+            )
 
     @property
     def matrix(self) -> NDArray[np.float64]:

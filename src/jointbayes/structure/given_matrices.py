@@ -12,6 +12,7 @@ from jointbayes.structure.damping import DampingLaw, ViscousMatrix
 from jointbayes.structure.family import MOST_HELD, FixedFamily, FreeModes
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.reduction import Forced
+from jointbayes.structure.signs import NOT_NEGATIVE, lowest_eigenvalue
 from jointbayes.structure.uncertain_family import UncertainFamily
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
 
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 GROUND = "ground"
 _QUANTITIES = ("damping_ratio", "loss_factor")
 _SOME_HZ = 100.0
-_NOT_NEGATIVE = 1e-9  # part of the largest eigenvalue of a scaled matrix that rounding may leave below zero
+_MOST_MASS = 1e6  # kg
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,8 @@ class MatrixRecipe:
     Raises
     ------
     ModelError
-        If shapes disagree, or a matrix is not symmetric or has a negative eigenvalue.
+        If shapes disagree, a matrix is not symmetric or has a negative eigenvalue, an accelerometer's mass is negative,
+        or a DOF does not exist.
 
     Examples
     --------
@@ -77,20 +79,18 @@ class MatrixRecipe:
             object.__setattr__(self, name, array_of(getattr(self, name), float, f"structure: {name}", ModelError))
         whole = Structure(self.stiffness, self.mass, self.damping, self.dofs, self.positions)
         whole.index(self.supports)
+        if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
+            raise ModelError(
+                f"structure: found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg; expected "
+                "masses of at least 0; correct them"
+            )
+        whole.index(self.accelerometer_dofs)
         self._require_sign("mass", whole.mass, definite=True)
         self._require_sign("stiffness", whole.stiffness, definite=False)
 
     def _require_sign(self, name: str, matrix: Array, *, definite: bool) -> None:
-        diagonal = np.diag(matrix)
-        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        with np.errstate(all="ignore"):  # numbers at the ends of double precision
-            scaled = matrix / np.outer(scale, scale)
-        if not np.isfinite(scaled).all():
-            raise ModelError(
-                f"structure: found a {name} matrix whose entries are too far apart; expected one machine's"
-            )
-        lowest = float(np.linalg.eigvalsh(scaled).min())
-        if lowest < -_NOT_NEGATIVE or (definite and lowest <= _NOT_NEGATIVE / 1e3):
+        lowest, diagonal = lowest_eigenvalue(matrix, f"structure: found a {name} matrix"), np.diag(matrix)
+        if lowest < -NOT_NEGATIVE or (definite and lowest <= NOT_NEGATIVE / 1e3):
             kind = "positive definite" if definite else "positive semidefinite"
             at = self.dofs[int(np.argmin(diagonal))]
             raise ModelError(

@@ -92,7 +92,8 @@ class BeamRecipe:
     element
         How it is discretised.
     richer
-        Whether elements are four orders richer than it takes: a reference for others. No matter to the paper's element.
+        Whether elements are four orders richer than it takes, one where points are many: a reference for others. No
+        matter to the paper's element.
     """
 
     length: float

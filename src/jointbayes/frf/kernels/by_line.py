@@ -139,7 +139,7 @@ def error_roots(
                     for s in range(r):
                         total -= b[row, s] * a[s, r + c]
                     x[row, c] = total
-            # motion of the joint under a unit force at each port, with the part that is the port's own
+            # forces on the free bodies along the joint under a unit force at each port, its own part included
             _solve(m, x)
             for d in range(dofs):
                 for c in range(q):
