@@ -1,5 +1,7 @@
 """Frames that say the same by hand: factors, tapers with points on them, heights of members that state none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -98,3 +100,18 @@ def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():
         at = beam.index(("1:y", "1:rz", "4:y"))
         exact = np.linalg.inv(beam.stiffness - square * beam.mass)[np.ix_(at, at)]
         assert_allclose((rows / (lam - square)) @ rows.T, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize("stub", [1e-2, 1e-3, 1e-4])
+def test_a_short_stub_leaves_rigid_body_motions_and_soft_supports_what_they_are(stub):
+    bar = Member(("a", "b", "c"), Section.rectangle(0.02, 0.005), BeamMaterial(2.1e11, 0.3, 7800.0))
+    body = Body({"a": (0, 0, 0), "b": (3 - stub, 0, 0), "c": (3.0, 0, 0)}, (bar,))
+    free = FrameRecipe(body, LAW, ("x", "y", "rz"))
+    modes = free.structure(None, free.mesh(("b:y", "c:y"), 20.0)).modes().frequency_hz
+    assert (modes[:3] == 0.0).all()
+    assert modes[3] > 2.9
+    held = replace(free, supports=("a:x", "a:y", "a:rz"))
+    (first, *_) = held.structure(None, held.mesh(("b:y", "c:y"), 20.0)).modes().frequency_hz
+    stiffness, mass = 2.1e11 * 0.02 * 0.005**3 / 12, 7800.0 * 0.02 * 0.005
+    euler = 1.875104069**2 / 9.0 * np.sqrt(stiffness / mass) / (2 * np.pi)  # shear takes far less than 1e-4 of it
+    assert first == pytest.approx(euler, rel=1e-4)

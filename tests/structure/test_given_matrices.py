@@ -137,3 +137,13 @@ def test_errors_of_natural_frequencies_that_frfs_do_not_depend_on_are_refused(la
     measured = FrfMeasurement(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), np.ones(values.shape))
     with pytest.raises(ModelError, match=r"found mode_frequency_1 for FRFs.*; expected modal damping"):
         likelihood_of(family, Joint(("1:x",)), measured)
+
+
+@pytest.mark.parametrize(("tiny", "spring"), [(1e-6, 1e9), (1e-7, 1e10), (1e-9, 1e12)])
+def test_a_soft_support_beside_a_stiff_small_part_is_no_rigid_body_motion(tiny, spring):
+    masses, link = {"big": 1000.0, "tiny": tiny}, ("big", "tiny", spring)
+    held = chain(masses, [("ground", "big", 4e4), link], LAW).structure().modes().frequency_hz
+    assert_allclose(held, np.sqrt([4e4 / (1000 + tiny), spring / tiny]) / (2 * np.pi), rtol=1e-6)
+    free = chain(masses, [link], LAW).structure().modes().frequency_hz
+    assert free[0] == 0.0
+    assert free[1] > 0

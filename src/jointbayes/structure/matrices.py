@@ -13,8 +13,10 @@ from jointbayes.structure.damping import DampingLaw
 __all__ = ["Modes", "Structure", "mode_shift"]
 
 
-#: An eigenvalue so far below the shift is that of a rigid-body mode: what is left is rounding of the stiffness matrix.
-_RIGID = 1e-10
+#: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ. In
+#: rigid-body motions of beams, frames and chains it is at most 0.6 times as much, on the softest supports that were
+#: tried thousands.
+_RIGID = 30 * np.finfo(float).eps
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +157,8 @@ class Structure:
         exact = exact if added_stiffness is None else exact + added_stiffness
         strain = (low.T.astype(np.longdouble) @ exact * low.T).sum(axis=1)
         eigenvalues[: low.shape[1]] = strain / (low.T @ self.mass * low.T).sum(axis=1)
-        eigenvalues[eigenvalues < _RIGID * shift] = 0.0
+        cancelled = (np.abs(low.T) @ np.abs(stiffness) * np.abs(low.T)).sum(axis=1)
+        eigenvalues[: low.shape[1]][strain <= _RIGID * cancelled] = 0.0
         return Modes(eigenvalues, shapes)
 
 
