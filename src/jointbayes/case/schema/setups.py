@@ -213,7 +213,9 @@ def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText])
             unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
             if unlike:
                 key = "dofs" if unlike[0] == "directions" else unlike[0]
-                found = f"another {' and '.join(unlike)} than in set-up {first}, with which it shares its quantities"
+                found = (
+                    f"found another {' and '.join(unlike)} than in set-up {first}, with which it shares its quantities"
+                )
                 yield (
                     setup,
                     Finding((*place, key), found, "joints alike, or own = true", "make them alike or add own = true"),

@@ -1,0 +1,138 @@
+"""What set-ups of a case share and what is each one's own, by small changes that would give or take one too many."""
+
+import pytest
+
+from jointbayes.case.schema.case import parse_setups
+from jointbayes.errors import CaseError
+from jointbayes.inference import StudentNoise
+from tests.case.test_bodies import TEXT as MEASURED
+from tests.case.test_setups import BASE, TWO, built
+from tests.case.test_structures import SPINDLE, text_of
+
+HEARD = """
+[setups.long]
+[setups.heard]
+remove = ["data"]
+[setups.heard.data]
+kind = "natural_frequencies"
+frequencies_hz = [121.5, 752.5]
+sd_relative = 0.0
+sd_hz = 0.5
+"""
+PEAKS = '[data]\nkind = "natural_frequencies"\nfrequencies_hz = [121.5, 752.5]\nsd_relative = 0.0\nsd_hz = 0.5\n'
+HEARD_ALL = BASE.split("[data]")[0] + PEAKS
+UNEXPLAINED = "[noise.discrepancy]\nscale_low = 0.01\nscale_high = 1.0\nlength_low_hz = 50.0\nlength_high_hz = 500.0\n"
+
+
+def fault(text):
+    """The one line by which a case is refused."""
+    with pytest.raises(CaseError) as caught:
+        parse_setups(text, "case")
+    (line,) = str(caught.value).splitlines()
+    return line
+
+
+def test_a_quantity_of_a_body_that_one_set_up_states_is_its_own():
+    text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y")
+    specs = parse_setups(text + "[setups.a]\n[setups.b.uncertain.bodies.tool.density]\nsd_percent = 1.0\n")
+    assert {name: spec.uncertain.given["tool.density"].own for name, spec in specs.items()} == {"a": False, "b": True}
+    assert not specs["b"].uncertain.given["youngs_modulus"].own
+
+
+def test_priors_that_set_ups_do_not_share_may_differ():
+    each = "[setups.a.uncertain.density]\nsd_percent = 3.0\n[setups.b.uncertain.density]\nsd_percent = 2.0\n"
+    assert built(each).problem.names[3:] == ("a.density", "b.density")
+    scales = "[noise]\nscale = 'sampled'\n[setups.a.noise]\n[setups.b.noise]\nscale_high_factor = 3.0\n"
+    assert built(scales).problem.names[3:] == ("a.noise_scale", "b.noise_scale")
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ("[noise]\nscale = 'sampled'\n[setups.a]\n[setups.b.noise]\nown = false\nscale_low_factor = 0.9\n", "noise"),
+        (
+            UNEXPLAINED + "[setups.a]\n[setups.b.noise]\nown = false\ndiscrepancy.scale_high = 0.5\n",
+            "noise.discrepancy",
+        ),
+    ],
+)
+def test_noise_that_set_ups_share_has_one_prior(more, key):
+    line = fault(BASE + more)
+    assert f": setups.b.{key}: found another prior than in set-up a, with which it shares the quantity" in line
+
+
+def test_what_a_set_up_itself_states_and_cannot_have_is_told():
+    """Only what the file says for all is left out of it."""
+    assert ": setups.heard.uncertain.gain: " in fault(
+        BASE + HEARD + "[setups.heard.uncertain.gain]\nsd_percent = 1.0\n"
+    )
+    assert parse_setups(BASE + "[uncertain.gain]\nsd_percent = 1.0\n" + HEARD)["heard"].uncertain.given == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "name"), [(text_of(SPINDLE, "tool.tip:y", "tool.tip:y"), "tool"), (MEASURED, "spindle")]
+)
+def test_a_set_up_named_like_a_body_is_refused(text, name):
+    assert f"setups.{name}: found the name of a body, so that {name}.k11 would be two things" in fault(
+        f"{text}[setups.{name}]\n"
+    )
+
+
+def test_levels_without_set_ups_are_refused():
+    assert ": level: found no set-ups; expected a level in the table of each set-up" in fault(
+        BASE + "[level]\nname = 'torque'\n"
+    )
+
+
+def test_the_first_guess_of_a_shared_joint_is_stated_for_all():
+    line = fault(BASE + TWO + "[setups.long.joint]\ninitial = { k11 = 1e8, k12 = 0.0, k22 = 1e6 }\n")
+    assert ": setups.long.joint.initial: found it for one set-up, of a joint that all set-ups share" in line
+    own = parse_setups(BASE + TWO + "[setups.long.joint]\nown = true\ninitial = { k11 = 1e8, k12 = 0.0, k22 = 1e6 }\n")
+    assert own["long"].joint.initial is not None
+
+
+def test_the_prior_of_a_shared_joint_with_a_name_is_stated_for_all():
+    joints = HEARD_ALL.split("[prior]")[0].replace("[joint]", "[joints.left]") + PEAKS
+    prior = "distribution = 'log_uniform'\nlow = 1e8\nhigh = 1e12\n"
+    each = "".join(f"[setups.short.joints.left.prior.k{n}]\n{prior}" for n in (11, 12, 22))
+    line = fault(f"{joints}[setups.long]\n{each}")
+    assert ": setups.short.joints.left.prior: found it for one set-up" in line
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "what"),
+    [
+        ("viscous = ['k11']\n", "viscous", "viscous"),
+        ("loss_factors = ['k11']\n", "loss_factors", "loss_factors"),
+        ("dofs = ['1:z', '1:ry']\n", "dofs", "directions"),
+        ("parametrisation = 'elastic_centre'\n", "parametrisation", "parametrisation"),
+    ],
+)
+def test_joints_that_share_their_quantities_are_alike(keys, key, what):
+    base = HEARD_ALL.replace("length_mm", "dofs_per_node = 5\nlength_mm") if what == "directions" else HEARD_ALL
+    base = base.split("[prior]")[0] + PEAKS
+    line = fault(f"{base}[setups.long]\n[setups.short.joint]\n{keys}")
+    assert f": setups.short.joint.{key}: found another {what} than in set-up long, with which it shares" in line
+    assert parse_setups(f"{base}[setups.long]\n[setups.short.joint]\nown = true\n{keys}")
+
+
+def test_one_measurement_of_a_body_may_stand_in_several_set_ups_where_its_noise_is_ignored():
+    both = "[setups.a]\n[setups.b]\n"
+    assert ": bodies.spindle: found spindle.uff in set-ups a and b" in fault(MEASURED + both)
+    ignored = MEASURED.replace('file = "spindle.uff"', 'file = "spindle.uff"\npropagate = false')
+    assert list(parse_setups(ignored + both)) == ["a", "b"]
+
+
+def test_unknowns_are_in_one_order_those_of_the_data_behind_those_of_the_structure():
+    more = "[uncertain.gain]\nsd_percent = 1.0\n[noise]\nscale = 'sampled'\n[setups.a]\n"
+    more += "[setups.b.uncertain.gain]\nsd_percent = 2.0\n[setups.b.uncertain.density]\nsd_percent = 3.0\n"
+    assert built(more).problem.names[3:] == ("b.density", "gain", "b.gain", "noise_scale")
+
+
+def test_each_set_up_has_its_residuals_their_distribution_and_the_guess_of_all():
+    guess = BASE.replace("[joint]", "[joint]\ninitial = { k11 = 2e8, k12 = 0.0, k22 = 3e6 }")
+    more = "[setups.a.noise]\nresiduals = 'log_magnitude'\n[setups.b.noise]\ndistribution = 'student_t'\ndof = 5.0\n"
+    problem = built(more, guess).problem
+    assert [one.residual_kind for one in problem.setups] == ["log_magnitude", "complex"]
+    assert [isinstance(one.noise, StudentNoise) for one in problem.setups] == [False, True]
+    assert problem.first_guess.tolist() == [2e8, 0.0, 3e6]
