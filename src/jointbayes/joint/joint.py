@@ -43,8 +43,8 @@ class Joint:
     Parameters
     ----------
     dofs
-        Labels of the r DOFs on the structure's side, all of one point, e.g. ``("1:y", "1:rz")``; in the joint's own axes
-        if it has any.
+        Labels of the r DOFs on the structure's side, all of one point, e.g. ``("1:y", "1:rz")``; in the joint's own
+        axes if it has any.
     against
         Labels of the r DOFs on the other side, of one point and in the same directions; empty means ground.
     name
