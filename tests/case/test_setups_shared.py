@@ -2,7 +2,9 @@
 
 import pytest
 
-from jointbayes.case.schema.case import parse_setups
+from jointbayes.case.case_text import case_text
+from jointbayes.case.schema.case import parse_planned, parse_setups
+from jointbayes.case.setup_texts import setup_texts, without_inherited
 from jointbayes.errors import CaseError
 from jointbayes.inference import StudentNoise
 from tests.case.test_bodies import TEXT as MEASURED
@@ -136,3 +138,32 @@ def test_each_set_up_has_its_residuals_their_distribution_and_the_guess_of_all()
     assert [one.residual_kind for one in problem.setups] == ["log_magnitude", "complex"]
     assert [isinstance(one.noise, StudentNoise) for one in problem.setups] == [False, True]
     assert problem.first_guess.tolist() == [2e8, 0.0, 3e6]
+
+
+def test_of_the_quantities_of_bodies_only_that_which_a_set_up_cannot_have_is_left_out():
+    text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y") + "[uncertain.bodies.holder.density]\nsd_percent = 2.0\n"
+    key = ("uncertain", "bodies", "tool", "density")
+    found, rest = without_inherited(setup_texts(case_text(text + "[setups.a]\n", "case"))["a"], key)
+    assert found == key
+    assert rest.data["uncertain"]["bodies"] == {"tool": {}, "holder": {"density": {"sd_percent": 2.0}}}
+    assert "youngs_modulus" in rest.data["uncertain"]
+
+
+def test_a_proposed_set_up_has_no_level_of_those_that_were_made():
+    made = "[level]\nname = 'torque'\n[setups.low]\nlevel = 5.0\n[setups.high]\nlevel = 20.0\n"
+    source = case_text(f"{BASE}{made}[plan.setups.new.structure]\nlength_mm = 200.0\n", "case")
+    assert {name: spec.structure.length_mm for name, spec in parse_planned(source).items()} == {"new": 200.0}
+
+
+def test_a_set_up_is_proposed_beside_other_data_than_frfs_if_it_states_none():
+    plan = "[plan.setups.new.structure]\nlength_mm = 200.0\n"
+    measured = BASE.split("[data]")[0] + "[data]" + MEASURED.split("[data]")[1]
+    assert list(parse_planned(case_text(measured + plan, "case"))) == ["new"]
+    line = fault(f"{measured}{plan}[plan.setups.new.data]\nf_max_hz = 100.0\n")
+    assert ': plan.setups.new.data: found a table beside data of kind = "measured_frf"' in line
+
+
+def test_a_quantity_of_a_body_in_a_case_of_one_test_is_named_by_its_place():
+    text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y")
+    text = text.replace("[uncertain.bodies.tool.density]", "[uncertain.bodies.tool.density]\nown = true")
+    assert ": uncertain.bodies.tool.density.own: found true in a case of one test" in fault(text)
