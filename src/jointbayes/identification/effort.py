@@ -69,7 +69,8 @@ def search_further(
     """Go on searching while the best mode does not explain the data and starts disagree, at most three rounds.
 
     Each round matches more natural frequencies, screens more draws, and lets all starts, and the modes known so far,
-    climb first on a density that is flattened.
+    climb first on a density that is flattened. Of many unknowns each reconstructs the joints' motions from more and
+    other points instead, and what the last round gained says nothing of the next.
 
     Parameters
     ----------
@@ -83,14 +84,15 @@ def search_further(
         Called with one line before each round.
     """
     log_posterior = problem.log_posterior
-    first, rounds, last_gain = search.best[1], 0, 0.0
+    first, rounds, last_gain, many = search.best[1], 0, 0.0, False
     while True:
         theta, density = search.best
         squares, limit = squared_residuals(log_posterior, theta)
         reached = list(search.reached().values())
         effort = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
         agreed = effort.agreeing >= max(AGREED * effort.starts, LEAST_AGREEING)
-        if effort.explains or agreed or rounds == ROUNDS or (rounds and last_gain < GAIN):
+        in_vain = rounds > 0 and last_gain < GAIN and not many
+        if effort.explains or agreed or rounds == ROUNDS or in_vain:
             return effort
         rounds += 1
         if tell is not None:
@@ -99,19 +101,28 @@ def search_further(
                 f"{effort.starts - effort.agreeing} of {effort.starts} starts disagree: searching further, round "
                 f"{rounds} of at most {ROUNDS}"
             )
-        _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
+        many = _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
         last_gain = search.best[1] - density
 
 
-def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator, number: int) -> None:
-    """Climb from more starts, and from the modes known so far, the density flattened at first."""
+def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator, number: int) -> bool:
+    """Climb from more starts; whether these are reconstructed motions of many unknown joints.
+
+    Otherwise from the modes known so far as well, the density flattened at first.
+    """
     log_posterior = problem.log_posterior
+    reconstructed = reconstructed_starts(problem, rng, 2**number)
+    if len(reconstructed):
+        named = enumerate(reconstructed, 1)
+        search.climb({f"round {number}: reconstructed joint motion {i}": theta for i, theta in named})
+        return True
     matched = frequency_starts(problem, rng, _POINTS)
     screened = screened_draws(log_posterior, rng, _SCREENED, _KEPT)
     starts = {f"round {number}: natural frequencies {i}": t for i, t in enumerate(matched, 1)}
     starts |= {f"round {number}: screened draw {i}": t for i, t in enumerate(screened, 1)}
     search.climb(starts, _weights(problem))
     search.climb_on(_weights(problem))
+    return False
 
 
 def _weights(problem: Problem) -> list[Array]:

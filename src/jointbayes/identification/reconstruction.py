@@ -17,6 +17,7 @@ applications. Inverse Problems 19(2), R1-R26. DOI 10.1088/0266-5611/19/2/201
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -51,13 +52,13 @@ _WIDE = 4.0  # prior standard deviations, where a prior has no ends
 _AT_ONCE = 3_000_000  # complex numbers held in memory together
 
 
-def reconstructed_starts(problem: Problem, rng: np.random.Generator) -> Array:
+def reconstructed_starts(problem: Problem, rng: np.random.Generator, effort: int = 1) -> Array:
     """Points from which to climb the posterior, shape (n, d), the best first.
 
     None where few coordinates are unknown, or the data are no FRFs. Nearly rigid joints and sixteen Sobol points of
     the prior climb with the first tolerance; from the three best ends single coordinates are moved elsewhere and climb
     again, as long as that gains; then the tolerance falls. What is uncertain besides the joints stays at the mean of
-    its prior.
+    its prior. Where two springs must change together no single one gains: with more effort pairs are moved as well.
 
     Parameters
     ----------
@@ -65,20 +66,25 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator) -> Array:
         The problem.
     rng
         Scrambles the points of the prior.
+    effort
+        How many times as many points, a power of 2; above 1 twice as many ends.
     """
     count = len(problem.parametrisation.names)
     with_frfs = [part for part in problem.parts if isinstance(part.measurement, FrfMeasurement)]
     if count < MANY_UNKNOWNS or not with_frfs:
         return np.empty((0, len(problem.names)))
     misfit = _Misfit(problem, [_Part.of(part) for part in with_frfs])
-    starts = misfit.inside(scipy.stats.qmc.Sobol(count, seed=rng).random(_POINTS))
+    starts = misfit.inside(scipy.stats.qmc.Sobol(count, seed=rng).random(effort * _POINTS))
     starts = [misfit.nearly_rigid(), *starts]
     ends = sorted((misfit.climb(x, _FIRST) for x in starts), key=lambda end: end[1])
     chosen: list[tuple[Array, float]] = []
     for x, value in ends:
         if all(np.abs(x - other).max() > _SAME for other, _ in chosen) and np.isfinite(value):
             chosen.append((x, value))
-    chosen = sorted((_moved_elsewhere(misfit, *end) for end in chosen[:_KEPT]), key=lambda end: end[1])
+    chosen = [_moved_elsewhere(misfit, *end, 1) for end in chosen[: min(effort, 2) * _KEPT]]
+    chosen.sort(key=lambda end: end[1])
+    if effort > 1:
+        chosen[:_KEPT] = [_moved_elsewhere(misfit, *end, 2) for end in chosen[:_KEPT]]
     out = []
     for x, _ in chosen:
         for tolerance in _LATER:
@@ -87,16 +93,20 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator) -> Array:
     return np.array(out).reshape(-1, len(problem.names))
 
 
-def _moved_elsewhere(misfit: "_Misfit", x: Array, value: float) -> tuple[Array, float]:
-    """A better end of a climb from points that differ from x in one coordinate, and so on from there."""
+def _moved_elsewhere(misfit: "_Misfit", x: Array, value: float, together: int) -> tuple[Array, float]:
+    """A better end of a climb from points that differ from x in so many coordinates, and so on from there."""
+    sets = np.array(list(combinations(range(x.size), together)))
+    steps = np.array(list(product(_PLACES, repeat=together)))
+    own = np.arange(len(sets))
     for _ in range(_ROUNDS):
-        places = np.tile(x, (x.size, len(_PLACES), 1))
-        own = np.arange(x.size)
-        places[own, :, own] = misfit.clipped(np.tile(_PLACES, (x.size, 1)).T).T
+        places = np.tile(x, (len(sets), len(steps), 1))
+        for column, values in zip(sets.T, steps.T, strict=True):
+            places[own, :, column] = values
+        places = misfit.clipped(places)
         values = misfit.value(places.reshape(-1, x.size), _FIRST).reshape(places.shape[:2])
-        values[np.abs(places[own, :, own] - x[:, None]) < _ELSEWHERE] = np.inf
+        values[np.abs(places - x).max(axis=-1) < _ELSEWHERE] = np.inf
         best = np.argmin(values, axis=1)
-        first = np.argsort(values[own, best])[:_TRIED]
+        first = np.argsort(values[own, best])[: together * _TRIED]
         ends = [misfit.climb(places[i, best[i]], _FIRST) for i in first if np.isfinite(values[i, best[i]])]
         if not ends:
             break
