@@ -17,7 +17,7 @@ from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
-from jointbayes.posterior.curve import Curve, _change
+from jointbayes.posterior.curve import Curve, _change, curves_of
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report.build import SECTIONS_OF_DATA
@@ -252,6 +252,14 @@ def test_a_curve_has_the_quantity_of_each_set_up_in_the_order_of_the_levels(torq
     assert (narrow.low > curve.low).all()
     assert (narrow.high < curve.high).all()
     assert re.search(r"; no change between \d+ N m and \d+ N m is shown\.$", torques.curve("k11").sentence)
+
+
+def test_levels_that_are_all_the_same_make_no_curve(torques):
+    setups = [dataclasses.replace(one, level=jb.Level(5.0, "torque", "N m")) for one in torques.problem.setups]
+    alike = dataclasses.replace(torques, problem=jb.Problem(setups=setups, prior=torques.problem.prior))
+    assert curves_of(alike) == ()
+    with pytest.raises(jb.ModelError, match="curve: found 1 levels of set-ups with 'k22'"):
+        alike.curve("k22")
 
 
 def torques_with(torques, **values):

@@ -101,9 +101,11 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     setups = _with_levels(problem.setups)
     found = [(one, own_name(one.name, name, known)) for one in setups]
     named = [(one, own) for one, own in found if own is not None]
-    levels = {_value(one) for one in setups}
+    levels = {_value(one) for one, _ in named}
     if len(levels) < 2 or not any(own != name for _, own in named):
-        what = f"{len(levels)} levels of set-ups" if len(levels) < 2 else f"{name!r} in no set-up of its own"
+        what = (
+            f"{len(levels)} levels of set-ups with {name!r}" if len(levels) < 2 else f"{name!r} in no set-up of its own"
+        )
         raise ModelError(
             f"curve: found {what}; expected a quantity that is each set-up's own, and two levels at least; give the "
             "set-ups levels that differ, and the joint own quantities"
@@ -177,14 +179,12 @@ def _is_positive(posterior: PosteriorDraws, name: str) -> bool:
 
 def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
     """The curve of every quantity of the joints that set-ups with levels have for themselves."""
-    setups = _with_levels(posterior.problem.setups)
-    names = dict.fromkeys(
-        name.removeprefix(f"{one.name}.")
-        for name in posterior.stiffness_names
-        for one in setups
-        if name.startswith(f"{one.name}.")
-    )
-    return tuple(curve_of(posterior, name) for name in names) if len(set(map(_value, setups))) > 1 else ()
+    levels: dict[str, set[float]] = {}
+    for name in posterior.stiffness_names:
+        for one in _with_levels(posterior.problem.setups):
+            if name.startswith(f"{one.name}."):
+                levels.setdefault(name.removeprefix(f"{one.name}."), set()).add(_value(one))
+    return tuple(curve_of(posterior, name) for name, found in levels.items() if len(found) > 1)
 
 
 def _with_levels(setups: Sequence[Setup]) -> list[Setup]:
