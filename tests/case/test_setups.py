@@ -12,6 +12,7 @@ from jointbayes.errors import CaseError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from jointbayes.studies.planning.case_candidates import candidates_of
 from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix
 
 BASE = """
@@ -242,6 +243,11 @@ def test_a_factor_that_is_integrated_out_is_each_set_ups_own():
     assert "noise_scale" not in "".join(case.problem.names)
     built("[noise]\nscale = 'integrated'\n[setups.alone]\n")
     built("[setups.long]\n[setups.short.noise]\nscale = 'integrated'\n")
+
+
+def test_a_plan_may_propose_set_ups_to_a_lone_test_whose_noise_is_integrated_out():
+    case = built("[noise]\nscale = 'integrated'\n[plan.setups.short.structure]\nlength_mm = 200.0\n")
+    assert [one.name for one in candidates_of(case) if one.setup] == ["short"]
 
 
 FAULTS = [

@@ -9,6 +9,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
+from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
@@ -328,3 +329,13 @@ def test_noise_that_no_present_set_up_shares_is_refused_in_one_line(text, messag
     assert message in str(refused.value)
     assert re.match(r"planned:\d+: ", str(refused.value))
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["measured_stations", "measured_rotation"])
+def test_a_set_up_proposed_beside_measured_data_has_the_tails_of_their_estimated_variance(name):
+    path = CONFIGS / f"{name}.toml"
+    text = path.read_text(encoding="utf-8") + "\n[plan.setups.short.structure]\nlength_mm = 300.0\n"
+    case = jb.case_from_text(name, text, directory=CONFIGS)
+    (short,) = (one for one in candidates_of(case) if one.setup == "short")
+    assert isinstance(case.problem.noise, StudentNoise)
+    assert short.noise == case.problem.noise

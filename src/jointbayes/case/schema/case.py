@@ -41,6 +41,7 @@ from jointbayes.case.schema.setups import (
     SetupSpec,
     between_setups,
     hypotheses_findings,
+    integral_findings,
     parameter_findings,
     setups_findings,
 )
@@ -221,7 +222,12 @@ def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec
             specs[setup] = spec
     faults += (told[0] for told in dropped.values() if len(told) == len(texts))  # which no set-up can have
     if not faults:
-        between = (*between_setups(specs, texts), *parameter_findings(specs), *hypotheses_findings(specs))
+        between = (
+            *between_setups(specs, texts),
+            *integral_findings(specs),
+            *parameter_findings(specs),
+            *hypotheses_findings(specs),
+        )
         faults += (_told(texts[setup], finding) for setup, finding in between)
     if faults:
         raise CaseError("\n".join(dict.fromkeys(faults)))

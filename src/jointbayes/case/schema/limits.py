@@ -49,7 +49,6 @@ def _of(keys: str, least: float, most: float) -> Limits:
     return Limits(tuple(keys.split()), least, most)
 
 
-_STIFFNESSES = [quantity.name for quantity in COUPLED]
 #: One row for each kind of number; docs/case-file.md shows the same table.
 TABLE = (
     _of("length_mm spacing_mm offset_mm offset_against_mm", 1e-3, 1e6),

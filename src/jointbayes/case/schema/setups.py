@@ -24,6 +24,7 @@ __all__ = [
     "SetupSpec",
     "between_setups",
     "hypotheses_findings",
+    "integral_findings",
     "joint_of_setup",
     "parameter_findings",
     "setups_findings",
@@ -157,7 +158,7 @@ def joint_of_setup(setup: str, name: str, spec: CaseSpec) -> tuple[str, str]:
     return named, owning
 
 
-def quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
+def _quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
     """Names of the stiffnesses of the joints of all set-ups, those that are shared once."""
     found = (
         prefixed(joint_of_setup(setup, name, spec)[0], quantity.name)
@@ -171,7 +172,7 @@ def quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
 
 def parameter_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
     """Yield set-up and finding where the plan wants to know a stiffness that no set-up has."""
-    known = quantities_of_setups(specs)
+    known = _quantities_of_setups(specs)
     for setup, spec in specs.items():
         wanted = spec.plan.parameter
         if not wanted or wanted in known:
@@ -223,25 +224,25 @@ def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText])
     yield from _unlike_spreads(specs)
     yield from _unlike_priors(specs)
     yield from _shared_bodies(specs)
-    yield from _shared_integral(specs)
 
 
 def _shared_bodies(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
     """Yield a body whose one measurement several set-ups have, so that its errors would be counted as independent."""
-    first: dict[str, str] = {}
+    first: dict[tuple[str, str], str] = {}
     for setup, spec in specs.items():
         for name, body in spec.bodies.items():
             if not body.propagate:
                 continue
-            other, file = next(((first[one], one) for one in body.file if one in first), (setup, ""))
+            read = [(file, channel) for file in body.file for channel in body.channels]
+            other, (file, _) = next(((first[one], one) for one in read if one in first), (setup, ("", "")))
             if other != setup:
                 found = f"found {file} in set-ups {other} and {setup}, with one error that would count as one of each"
                 expected = "a measurement of the body for each set-up, or one set-up"
                 yield setup, Finding(("bodies", name), found, expected, "state another file, or remove a set-up")
-            first |= {one: first.get(one, setup) for one in body.file}
+            first |= {one: first.get(one, setup) for one in read}
 
 
-def _shared_integral(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+def integral_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
     """Yield one factor on the noise of several set-ups to be integrated out: each likelihood integrates its own."""
     sharing = [name for name, spec in specs.items() if spec.noise.scale == "integrated" and not spec.noise.own]
     for setup in sharing[1:]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.case.case import Case
+from jointbayes.case.errors import show_key
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -286,11 +287,13 @@ def plan(
         If the prior thinks the assumed joint impossible.
     """
     tell = progress or (lambda line: None)
-    bodies = [body.name for part in case.problem.parts for body in part.measured_bodies]
+    bodies = [(part.setup, body.name) for part in case.problem.parts for body in part.measured_bodies]
     if bodies:
+        setup, name = bodies[0]
+        source = {one.name: one.source for one in case.setups}.get(setup, case.source)
         expected = "expected a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
         words = "found a measured body", expected, "plan with a model of it"
-        raise CaseError(case.source.fault(("bodies", bodies[0]), f"bodies.{bodies[0]}", *words))
+        raise CaseError(source.fault(("bodies", name), show_key(source.written(("bodies", name))), *words))
     candidates = {c.name: c for c in candidates_of(case)}
     if posterior is not None and posterior.problem.names != case.problem.names:
         raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")

@@ -10,9 +10,11 @@ from jointbayes.case.build import joints_of, noise_law, noise_of, recipe_of
 from jointbayes.case.case import Case
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.combined import CaseSetup
+from jointbayes.case.files import with_estimated_variance, with_measured_damping
 from jointbayes.case.schema.case import CaseSpec, parse_planned
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.matrices import MatricesSpec
+from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.setup_texts import planned_texts
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, ModelError
@@ -50,7 +52,11 @@ def proposed_setups(case: Case) -> tuple[Candidate, ...]:
 
 def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
     """A proposed set-up as far as it can be without data, of which those of the first present one say what they are."""
+    if not case.setups:
+        raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
     first = case.setups[0]
+    if isinstance(spec.data, MeasuredSpec):
+        spec = with_estimated_variance(with_measured_damping(spec, first.measurement), first.measurement)
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
             "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "
