@@ -82,7 +82,7 @@ class MatrixRecipe:
         if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
             raise ModelError(
                 f"structure: found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg; expected "
-                "masses of at least 0; correct them"
+                f"masses from 0 to {_MOST_MASS:g} kg; correct them"
             )
         whole.index(self.accelerometer_dofs)
         self._require_sign("mass", whole.mass, definite=True)
