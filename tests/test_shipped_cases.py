@@ -15,6 +15,8 @@ from jointbayes.cli.common import draw
 CASES = numbers.shipped()
 RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
 RUN = [name for name, path in CASES.items() if "run" in numbers.claims(path)]
+#: Twelve stiffnesses, and what they would be with an uncertain material, take minutes.
+LONG = ("portal_frame",)
 #: Draws differ on another machine or with another version of a package: median and ends of the interval then scatter by
 #: a few per cent of its width, the end of a long tail by more.
 SAME = 0.2
@@ -54,7 +56,7 @@ def drawn_once(monkeypatch):
 
 
 @pytest.mark.science
-@pytest.mark.parametrize("name", RUN)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name in LONG else []) for name in RUN])
 def test_a_shipped_case_runs_and_checks_as_its_comments_say_and_the_pages_quote(name, tmp_path, drawn_once):
     path, claims = CASES[name], numbers.claims(CASES[name])
     result = CliRunner().invoke(main, ["run", str(path), "--out", str(tmp_path / "run")])

@@ -25,6 +25,7 @@ def test_without_anything_admitted_the_check_says_that_the_model_does_not_explai
     assert not found.structure
 
 
+@pytest.mark.long
 def test_with_errors_of_frequencies_the_prediction_holds_what_is_measured():
     found = analyse(WRONGS[0], FREQUENCIES, 0)
     assert found.explains
