@@ -90,7 +90,7 @@ def draws(case: jb.Case, tau_factor: float | None = None) -> dict[str, Any]:
         "converged": posterior.converged,
         "reason": posterior.reason,
         "ess": min(sampler["ess"].values()),
-        "unknowns": len(posterior.names),
+        "unknowns": len(posterior.problem.names),
         "evaluations": sampler["evaluations"],
         "efficiency": sampler["proposal_efficiency"],
     }
