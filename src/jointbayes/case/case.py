@@ -14,11 +14,10 @@ from jointbayes.case.build import joints_of, largest_ratio, measurement_of, nois
 from jointbayes.case.case_text import CaseText, case_text, read_case_text
 from jointbayes.case.combined import CaseSetup, prior_of, problem_of
 from jointbayes.case.files import (
+    as_measured,
     plan_of,
     require_inside,
     require_lowest,
-    with_estimated_variance,
-    with_measured_damping,
 )
 from jointbayes.case.matrix_files import with_matrices
 from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
@@ -278,7 +277,7 @@ def _setup(
             if measurement is None and not allow_outside:
                 require_inside(directory, spec.data.file, lambda number: place(("data", "file", number)))
             measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
-            spec = with_estimated_variance(with_measured_damping(spec, measurement), measurement)
+            spec = as_measured(spec, measurement)
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data, measurement)
             _require_one_place(spec, joint, recipe, place)

@@ -34,12 +34,11 @@ from jointbayes.measurement.variance import RelativeNoise
 from jointbayes.structure import StructureRecipe
 
 __all__ = [
+    "as_measured",
     "plan_of",
     "plan_of_files",
     "require_inside",
     "require_lowest",
-    "with_estimated_variance",
-    "with_measured_damping",
 ]
 
 _MM, _G = 1e-3, 1e-3
@@ -164,7 +163,18 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
             )
 
 
-def with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+def as_measured(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+    """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
+
+    Raises
+    ------
+    MeasurementError
+        If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
+    """
+    return _with_estimated_variance(_with_measured_damping(spec, measured), measured)
+
+
+def _with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
 
     A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
@@ -180,7 +190,7 @@ def with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     return spec.model_copy(update={"noise": chosen})
 
 
-def with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+def _with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     """The case with the damping ratios that the data show, where it asks for them.
 
     For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are

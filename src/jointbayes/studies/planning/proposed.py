@@ -10,7 +10,7 @@ from jointbayes.case.build import joints_of, noise_law, noise_of, recipe_of
 from jointbayes.case.case import Case
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.combined import CaseSetup
-from jointbayes.case.files import with_estimated_variance, with_measured_damping
+from jointbayes.case.files import as_measured
 from jointbayes.case.schema.case import CaseSpec, parse_planned
 from jointbayes.case.schema.data import SyntheticFrfSpec
 from jointbayes.case.schema.matrices import MatricesSpec
@@ -56,7 +56,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
         raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
     first = case.setups[0]
     if isinstance(spec.data, MeasuredSpec):
-        spec = with_estimated_variance(with_measured_damping(spec, first.measurement), first.measurement)
+        spec = as_measured(spec, first.measurement)
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
             "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "
