@@ -84,6 +84,11 @@ class MeasuredBody:
     discrepancy: float | None = None
     files: tuple[MeasuredFile, ...] = ()
 
+    @property
+    def arrays(self) -> tuple[Array, ComplexArray, Array]:
+        """Lines, receptances and their covariance: what is measured, in numbers."""
+        return self.frequency_hz, self.receptance, self.covariance
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency_hz", read_only(self.frequency_hz))
         object.__setattr__(self, "dofs", tuple(self.dofs))

@@ -57,8 +57,7 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
             name = f"data at the joint in {part.setup}" if part.setup else "data at the joint"
             parts[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
     for name, body in bodies_of(problem).items():
-        arrays = (body.frequency_hz, body.receptance, body.covariance)
-        digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
+        digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in body.arrays))
         parts[f"measured body {name}"] = digest.hexdigest()[:16]
     parts |= {
         f"sampling.{one.name}": str(getattr(settings, one.name))

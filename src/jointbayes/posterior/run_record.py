@@ -120,7 +120,7 @@ def data_sha256(problem: Problem) -> str:
     """Fingerprint of the numbers that were analysed: data and measured bodies of all set-ups."""
     arrays = [array for part in problem.parts for array in _arrays_of(part.measurement)]
     for body in bodies_of(problem).values():
-        arrays += [body.frequency_hz, body.receptance, body.covariance]
+        arrays += body.arrays
     return _sha256(arrays)
 
 
