@@ -60,7 +60,7 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator, effort: int
     the prior climb with the first tolerance; from the three best ends single coordinates are moved elsewhere and climb
     again, as long as that gains; then the tolerance falls. What is uncertain besides the joints stays at the mean of
     its prior. Where two springs must change together no single one gains: with more effort pairs are moved as well, of
-    more than twelve unknowns some pairs drawn at random, so that a round costs at most ten times the first search.
+    more than twelve unknowns some pairs drawn at random.
 
     Parameters
     ----------
