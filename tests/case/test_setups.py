@@ -48,6 +48,15 @@ length_mm = 200.0
 [setups.short.data]
 outputs = ["11:y", "6:y"]
 """
+HEARD = """
+[setups.heard]
+remove = ["data"]
+[setups.heard.data]
+kind = "natural_frequencies"
+frequencies_hz = [121.5, 752.5]
+sd_relative = 0.0
+sd_hz = 0.5
+"""
 CLAMP_EDGE = """
 [uncertain.length_offset]
 sd_mm = 1.9
@@ -127,15 +136,8 @@ sd_percent = 1.0
 outputs = ["6:y"]
 [virtual_test]
 extra_outputs = ["3:y"]
-[setups.heard]
-remove = ["data"]
-[setups.heard.data]
-kind = "natural_frequencies"
-frequencies_hz = [121.5, 752.5]
-sd_relative = 0.0
-sd_hz = 0.5
 """
-    case = built(TWO + heard)
+    case = built(TWO + heard + HEARD)
     assert case.problem.names == (*PAIR.names, "gain")
     with pytest.raises(CaseError) as caught:
         parse_setups(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO)

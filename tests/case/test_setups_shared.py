@@ -8,19 +8,10 @@ from jointbayes.case.setup_texts import setup_texts, without_inherited
 from jointbayes.errors import CaseError
 from jointbayes.inference import StudentNoise
 from tests.case.test_bodies import TEXT as MEASURED
-from tests.case.test_setups import BASE, TWO, built
+from tests.case.test_setups import BASE, HEARD, TWO, built
 from tests.case.test_structures import SPINDLE, text_of
 
-HEARD = """
-[setups.long]
-[setups.heard]
-remove = ["data"]
-[setups.heard.data]
-kind = "natural_frequencies"
-frequencies_hz = [121.5, 752.5]
-sd_relative = 0.0
-sd_hz = 0.5
-"""
+LONG_AND_HEARD = "\n[setups.long]\n" + HEARD
 PEAKS = '[data]\nkind = "natural_frequencies"\nfrequencies_hz = [121.5, 752.5]\nsd_relative = 0.0\nsd_hz = 0.5\n'
 HEARD_ALL = BASE.split("[data]")[0] + PEAKS
 UNEXPLAINED = "[noise.discrepancy]\nscale_low = 0.01\nscale_high = 1.0\nlength_low_hz = 50.0\nlength_high_hz = 500.0\n"
@@ -66,9 +57,9 @@ def test_noise_that_set_ups_share_has_one_prior(more, key):
 def test_what_a_set_up_itself_states_and_cannot_have_is_told():
     """Only what the file says for all is left out of it."""
     assert ": setups.heard.uncertain.gain: " in fault(
-        BASE + HEARD + "[setups.heard.uncertain.gain]\nsd_percent = 1.0\n"
+        BASE + LONG_AND_HEARD + "[setups.heard.uncertain.gain]\nsd_percent = 1.0\n"
     )
-    assert parse_setups(BASE + "[uncertain.gain]\nsd_percent = 1.0\n" + HEARD)["heard"].uncertain.given == {}
+    assert parse_setups(BASE + "[uncertain.gain]\nsd_percent = 1.0\n" + LONG_AND_HEARD)["heard"].uncertain.given == {}
 
 
 @pytest.mark.parametrize(

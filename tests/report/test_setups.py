@@ -29,6 +29,7 @@ from jointbayes.report.sections.setups import overview_section, setup_section
 from jointbayes.report.sections.starts import starts_section
 from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
+from tests.case.test_setups import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3
 
 HEARD = """
@@ -329,14 +330,7 @@ def test_what_is_no_curve_is_refused_in_one_line(name, which, request):
     assert "\n" not in str(caught.value)
 
 
-HEARD_FIRST = """
-[setups.heard]
-remove = ["data"]
-[setups.heard.data]
-kind = "natural_frequencies"
-frequencies_hz = [121.5, 752.5]
-sd_relative = 0.0
-sd_hz = 0.5
+HEARD_FIRST = f"""{OF_PEAKS}
 [setups.calm]
 [setups.loud]
 """
