@@ -2,6 +2,7 @@
 
 import json
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from benchmarks import example_figures, numbers, quoted
 from click.testing import CliRunner
 
+import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.cli.common import draw
 
@@ -64,6 +66,7 @@ def test_a_shipped_case_runs_and_checks_as_its_comments_say_and_the_pages_quote(
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert summary["converged"]
     require_what_is_said(name, summary)
+    require_the_figures_of_arviz(jb.load_posterior(tmp_path / "run" / "posterior.nc"), summary)
     if "check" in claims:
         result = CliRunner().invoke(main, ["check", str(path)])
         assert result.exit_code == claims["check"], result.output
@@ -72,6 +75,25 @@ def test_a_shipped_case_runs_and_checks_as_its_comments_say_and_the_pages_quote(
         for line in result.stdout.splitlines():
             off = re.search(r"\(([+-][\d.]+) %\)", line)
             assert not (line.startswith("ok") and off and abs(float(off[1])) > 2), line
+
+
+def require_the_figures_of_arviz(posterior, summary):
+    """R̂ over ensembles, and effective sizes and Monte Carlo errors over walkers, are what ArviZ finds in the draws."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # of its import
+        import arviz
+    for name, entry in summary["parameters"].items():
+        values = posterior.values(name)
+        # each ensemble one chain, in the order of its steps: the halves are then those of all its walkers
+        pooled = np.ascontiguousarray(posterior.by_ensemble(name)).reshape(posterior.by_ensemble(name).shape[0], -1)
+        assert entry["r_hat"] == pytest.approx(float(arviz.rhat(pooled)), abs=2e-3)
+        scale = np.log(values) if (values > 0).all() else values
+        for method in ("bulk", "tail"):
+            assert entry[f"ess_{method}"] == pytest.approx(float(arviz.ess(scale, method=method)), rel=1e-6)
+        for probability, error in zip((0.025, 0.975), entry["interval95_error"], strict=True):
+            theirs = float(arviz.mcse(values, method="quantile", prob=probability))
+            # theirs takes walkers for independent chains, which never makes the error larger than it is
+            assert 0.8 < error / theirs < 3
 
 
 def require_what_is_said(name, summary):

@@ -1,7 +1,10 @@
 """Figures of a report as SVG text, drawn with matplotlib; no file, no screen, the same bytes in every run."""
 
+import importlib
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -162,52 +165,60 @@ def histories(titles: Sequence[str], history: Array, published: Array | None) ->
 
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:
-    """Marginals and pairs of draws, shape (n, parameters), with prior, mode and published values in the same terms."""
+    """Marginals and pairs of draws, shape (n, parameters), with prior, mode and published values in the same terms.
+
+    References
+    ----------
+    Foreman-Mackey, D. (2016). corner.py: Scatterplot matrices in Python. DOI 10.21105/joss.00024
+    """
 
     def draw(canvas: Canvas) -> None:
         count = len(labels)
-        span = [_range(posterior[:, i], None if published is None else published[i]) for i in range(count)]
-        grid = panels(canvas, count, count, left=0.6, bottom=0.6, apart=(0.08, 0.08))
+        ranges = [_range(posterior[:, i], None if published is None else published[i]) for i in range(count)]
+        grid = panels(canvas, count, count, left=0.7, bottom=0.75, apart=(0.08, 0.08))
+        corner = _corner_package()
+        corner.corner(
+            posterior,
+            bins=_BINS,
+            range=ranges,
+            levels=(0.393, 0.68, 0.95),
+            smooth=1.0,  # bins
+            color=_BLUE,
+            hist_kwargs={"density": True},
+            contour_kwargs={"linewidths": 1.0},
+            labels=labels,
+            labelpad=-0.04,
+            max_n_ticks=4,
+            plot_datapoints=False,
+            plot_density=False,
+            no_fill_contours=True,
+            fig=canvas,
+        )
         for i, j in np.ndindex(count, count):
             axes = grid[i, j]
             if j > i:
                 axes.remove()
                 continue
-            axes.set_xlim(span[j])
             if i == j:
-                axes.hist(posterior[:, i], bins=_BINS, range=span[i], density=True, histtype="step", color=_BLUE)
                 _prior_line(axes, prior[:, i])
-            else:
-                _pair(axes, posterior[:, j], posterior[:, i], span[j], span[i])
             _mark(axes, j, i, mode, _ORANGE, "-", "o")
             if published is not None:
                 _mark(axes, j, i, published, _GREEN, "--", "s")
             axes.grid(visible=False)
-            axes.xaxis.set_major_locator(MaxNLocator(4))
-            axes.tick_params(axis="x", rotation=45, labelbottom=i == count - 1)
-            axes.tick_params(axis="y", left=j < i, labelleft=j == 0 < i)
-            if i == count - 1:
-                axes.set_xlabel(labels[j])
-            if j == 0 < i:
-                axes.yaxis.set_major_locator(MaxNLocator(4))
-                axes.set_ylabel(labels[i])
 
     return svg(draw, 6.2, 6.2)
 
 
-def _pair(axes: Axes, x: Array, y: Array, x_span: tuple[float, float], y_span: tuple[float, float]) -> None:
-    """Contours that hold 39, 68 and 95 % of the draws."""
-    count, *edges = np.histogram2d(y, x, bins=_BINS, range=(y_span, x_span))
-    place = np.arange(_BINS)
-    weight = np.exp(-0.5 * (place[:, None] - place) ** 2)  # smoothed by one bin
-    weight /= weight.sum(axis=1, keepdims=True)
-    density = weight @ count @ weight.T
-    ranked = np.sort(density, axis=None)[::-1]
-    held = np.cumsum(ranked) / ranked.sum()
-    levels = np.unique([ranked[np.searchsorted(held, share)] for share in (0.95, 0.68, 0.393)])
-    centres = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
-    axes.contour(centres[1], centres[0], density, levels=levels, colors=_BLUE, linewidths=1.0)
-    axes.set_ylim(y_span)
+def _corner_package() -> ModuleType:
+    """The package corner, without ArviZ, which it loads for inputs that it is not given here: a second of each run."""
+    if "corner" not in sys.modules and "arviz" not in sys.modules:
+        sys.modules["corner.arviz_corner"] = None  # type: ignore[assignment]  # as if ArviZ were not installed
+        try:
+            return importlib.import_module("corner")
+        finally:  # whoever imports corner next has it whole
+            for name in [name for name in sys.modules if name.partition(".")[0] == "corner"]:
+                del sys.modules[name]
+    return importlib.import_module("corner")
 
 
 def _range(values: Array, reference: float | None) -> tuple[float, float]:
