@@ -145,6 +145,44 @@ def test_a_holder_and_a_tool_inherit_what_they_do_not_state():
     assert workshop.names[3:] == ("youngs_modulus", "density", "tool.density")
 
 
+STRAIGHT = SPINDLE.replace(", inertia_kg_m2 = [1e-6, 2e-6, 2e-6], offset_mm = [1, 0, 0]", "")
+
+
+def test_an_error_of_a_length_in_mm_is_one_of_the_straight_body_that_has_it():
+    def length_of(structure, out="tool.tip:y"):
+        prior = built(structure, out, out).problem.prior
+        return next(n for n in prior.nuisances if n.name.endswith("length"))
+
+    bar = """[structure]
+    kind = "frame"
+    youngs_modulus_gpa = 210.0
+    density_kg_m3 = 7800.0
+    section = { shape = "circle", diameter_mm = 25.0 }
+    points = { 1 = [100, 20, 0], 5 = [555.4, 627.2, 0], 3 = [327.7, 323.6, 0] }
+    members = [{ points = [1, 3, 5] }]
+    damping = { law = "modal", ratio = 0.01 }
+    [joint]
+    dofs = ["1:x", "1:rz"]
+    """
+    uncertain = length_of(bar + "[uncertain.length]\nsd_mm = 0.05\n", "5:x")
+    assert (uncertain.unit, uncertain.nominal) == ("mm", pytest.approx(759.0))
+    assert uncertain.prior.sd == pytest.approx(6.5876e-5, rel=1e-5)
+    tool = length_of(STRAIGHT.replace("density]\nsd_percent = 3.0", "length]\nsd_mm = 0.05"))
+    assert (tool.name, tool.unit, tool.nominal) == ("tool.length", "mm", 100.0)
+    assert tool.prior.sd == pytest.approx(5e-4)
+    like = STRAIGHT.replace("tip = [180, 0, 0]", "tip = [160, 0, 0]") + "[uncertain.length]\nsd_mm = 0.2\n"
+    assert length_of(like).prior.sd == pytest.approx(0.2 / 80)
+    with pytest.raises(CaseError, match=r"uncertain.length.sd_mm: found one factor for bodies of different lengths"):
+        built(STRAIGHT + "[uncertain.length]\nsd_mm = 0.05\n", "tool.tip:y", "tool.tip:y")
+
+
+def test_a_workshop_knows_the_lengths_of_straight_frames_to_half_a_per_cent():
+    case = built(STRAIGHT, "tool.tip:y", "tool.tip:y")
+    lengths = [n for n in case.workshop_problem.prior.nuisances if n.name == "length"]
+    assert [(n.unit, n.prior.sd) for n in lengths] == [("× stated", 0.005)]
+    assert "length" not in built(PORTAL, "3:y", "1:x").workshop_problem.names
+
+
 def test_a_case_without_priors_takes_the_frames_own_stiffness():
     text = text_of(PORTAL, "3:y", "1:x", "")
     low, _ = jb.case_from_text("frame", text).problem.prior.marginals[0].support
@@ -321,6 +359,8 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
         (PORTAL, '["x", "y", "rz"]', '["x", "y", "rr"]', "structure.directions", '"rr"'),
         (PORTAL, 'kind = "frame"', 'kind = "frames"', "structure.kind", '"frame"'),
         (SPINDLE, "bodies.tool.density]", "bodies.tol.density]", "uncertain.bodies.tol.density", "without this"),
+        (SPINDLE, "tool.density]", "tool.length]", "uncertain.bodies.tool.length", "inertias at points"),
+        (SPINDLE, "youngs_modulus]", "length]", "uncertain.length", "inertias at points"),
         (SPINDLE, '"tool.shank:rz"]', '"tool.shnk:rz"]', "joint.against", "no point tool.shnk"),
         (SPINDLE, '["nose", "step"]', '["nose", "stop"]', "structure.bodies.holder.members", '"stop"'),
         (SPINDLE, "mass_kg = 0.02", "mass_kg = -0.02", "structure.bodies.tool.masses.mass_kg", "at least 0"),

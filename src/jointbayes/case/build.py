@@ -227,7 +227,7 @@ def workshop_priors(spec: CaseSpec, measurement: Measurement, largest: float) ->
     """
     known, stated = spec.structure.stated, spec.uncertain.given
     usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in known}
-    if spec.structure.spans is None or "length_offset" in stated:  # no one length, or one whose error is stated
+    if "length_offset" in stated:  # the error of the length is stated
         usual.pop("length", None)
     damping = spec.structure.damping
     if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and isinstance(measurement, FrfMeasurement):
@@ -276,7 +276,7 @@ def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) ->
 
 
 def factor_prior(spec: FactorPriorSpec | OffsetPriorSpec, value: float = 1.0) -> Marginal:
-    """Prior on the logarithm of a factor on a stated value, or on an offset in m, of which `value` mm are a metre."""
+    """Prior on the logarithm of a factor on a value, of a length in mm; or on an offset in m, that is `value` mm."""
     if isinstance(spec, OffsetPriorSpec):
         if spec.sd_mm is not None:
             return Normal(0.0, spec.sd_mm / value)

@@ -13,7 +13,7 @@ from jointbayes.errors import ModelError, printable
 from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.section import Section
 
-__all__ = ["SPATIAL", "Body", "Member", "PointMass", "Station", "Vector"]
+__all__ = ["SPATIAL", "Body", "Member", "PointMass", "Station", "Vector", "line_length"]
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -296,9 +296,16 @@ class Body:
     @property
     def straight(self) -> bool:
         """Whether all its members lie on one line and nothing sticks out, so that its length is one number."""
-        places = np.array([place for _, place in self.points])
         off = [*(m.eccentric for m in self.members), *(any(m.inertia) or any(m.offset) for m in self.masses)]
-        return not any(off) and np.linalg.matrix_rank(places - places[0], tol=1e-9 * np.abs(places).max()) == 1
+        return not any(off) and line_length([place for _, place in self.points]) is not None
+
+
+def line_length(points: Iterable[Vector]) -> float | None:
+    """Length of the straight line that points lie on, in their unit; None where they do not lie on one."""
+    places = np.array(list(points))
+    if np.linalg.matrix_rank(places - places[0], tol=1e-9 * np.abs(places).max()) != 1:
+        return None
+    return float(np.linalg.norm(np.ptp(places, axis=0)))
 
 
 def _between(one: str, other: str, known: frozenset[str]) -> list[tuple[str, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -23,6 +24,7 @@ from jointbayes.case.schema.structure_parts import (
     absent_point,
     changed_by,
 )
+from jointbayes.structure.frame import line_length
 
 if TYPE_CHECKING:
     from jointbayes.case.schema.data import TruthSpec
@@ -126,6 +128,13 @@ class BodySpec(_Stuff):
         )
         return tuple(dict.fromkeys([*self.points, *counted]))
 
+    @property
+    def length_mm(self) -> float | None:
+        """Length of a straight body; None where members lie in several directions, or offsets or inertias stick out."""
+        offsets = (offset for member in self.members for offset in member.offsets_mm or ())
+        sticking_out = (*offsets, *(number for mass in self.masses for number in (mass.inertia_kg_m2, mass.offset_mm)))
+        return None if any(map(any, sticking_out)) else line_length(self.points.values())
+
     def _findings(self) -> Iterator[Finding]:
         for name in self.points:
             if not POINT.fullmatch(name):
@@ -196,10 +205,18 @@ class FrameSpec(AnyStructureSpec):
 
     @property
     def stated(self) -> dict[str, tuple[str, float]]:
-        """Unit and value of each quantity that may be uncertain, of all bodies and of one; shares of what is stated."""
-        of_bodies = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
+        """Unit and value of each quantity that may be uncertain, of all bodies and of one; shares of what is stated.
+
+        A length is one of straight bodies: in mm, but for one factor on those of several bodies that differ.
+        """
+        of_bodies = ("youngs_modulus", "density", "section_size", "shear_coefficient")
         names = [*of_bodies, *(f"{body}.{name}" for body in self.bodies for name in of_bodies)]
         found = dict.fromkeys(names, ("× stated", 1.0)) | {"accelerometer_mass": ("g", self.accelerometer_mass_g)}
+        lengths = {name: length for name, body in self.all_bodies.items() if (length := body.length_mm) is not None}
+        if len(lengths) == len(self.all_bodies):
+            low, high = min(lengths.values()), max(lengths.values())
+            found["length"] = ("mm", high) if math.isclose(low, high) else ("× stated", 1.0)
+        found |= {f"{name}.length": ("mm", length) for name, length in lengths.items() if name}
         if isinstance(self.damping, LossFactorDampingSpec):
             found["loss_factor"] = ("1", self.damping.loss_factor)
         return found

@@ -196,7 +196,7 @@ class FactorPriorSpec(_SpreadSpec):
 
 
 class LengthPriorSpec(FactorPriorSpec):
-    """The prior of a length, whose standard deviation may be one in mm."""
+    """The prior of a length, whose standard deviation may be one in mm of that length."""
 
     _spreads = ("sd_percent", "sd_mm")
 
@@ -224,7 +224,7 @@ class BodyUncertainSpec(Spec):
 
     youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus of the body")] = None
     density: Annotated[FactorPriorSpec | None, _uncertain("the density of the body")] = None
-    length: Annotated[FactorPriorSpec | None, _uncertain("the length of a straight body")] = None
+    length: Annotated[LengthPriorSpec | None, _uncertain("the length of a straight body")] = None
     section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of its sections")] = None
     shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficients of the body")] = None
 

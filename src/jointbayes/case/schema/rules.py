@@ -219,6 +219,10 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data:
     """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
     mass = structure.accelerometer_mass_g
     yield from _foreign_quantities(uncertain, structure)
+    if uncertain.length and uncertain.length.sd_mm and structure.stated.get("length", ("mm",))[0] != "mm":
+        expected = "sd_percent, or [uncertain.bodies.NAME.length] for an error of each body in mm"
+        found = "found one factor for bodies of different lengths"
+        yield Finding(("uncertain", "length", "sd_mm"), found, expected, "choose one of the two")
     if isinstance(data, _FREQUENCIES):
         seen = _seen(data)
         if mass > 0 and "accelerometer_mass" not in seen:
@@ -257,6 +261,8 @@ def _foreign_quantities(uncertain: UncertainSpec, structure: StructureSpec) -> I
             body, _, quantity = name.rpartition(".")
             loc = ("uncertain", "bodies", body, quantity) if body else ("uncertain", name)
             found = f'a structure of kind = "{structure.kind}" without this quantity'
+            if quantity == "length" and structure.kind == "frame":
+                found = "a body with members in several directions, offsets or inertias at points, or no such body"
             expected = f"one of {listed([*known, *sorted(_OF_NO_STRUCTURE)])}"
             yield Finding(loc, found, expected, "remove it or correct the name of the body")
 
