@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import re
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import h5py
@@ -18,7 +20,7 @@ from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
-from tests.conftest import CONFIGS, cheap_text
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text
 
 LINES = np.arange(20.0, 1500.0, 10.0)
 TRUTH = np.array([2e7, 5e5, 2e4])
@@ -397,3 +399,34 @@ def test_a_file_cannot_name_what_is_called_for_a_prior():
     record = {"own": {}, "description": {"scipy.stats": "chi2_contingency", "args": [[1, 2]], "kwds": {"mapping": []}}}
     with pytest.raises(ModelError, match=r"rod\.nc: found a prior 'chi2_contingency'; expected a continuous dist"):
         problem_from({}.__getitem__, record, "rod.nc")
+
+
+def test_a_path_is_taken_for_its_case(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(cheap_frequencies_text(), encoding="utf-8")
+    np.testing.assert_array_equal(jb.find_map(path).theta, jb.find_map(jb.load_case(path)).theta)
+    with pytest.raises(ModelError, match="found int; expected a case, a problem or the path of a case file"):
+        jb.sample(3)
+
+
+def test_python_dash_m_is_the_command_line():
+    command = [sys.executable, "-m", "jointbayes", "--version"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("jointbayes, version")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: jb.Rigid((("1:y", "1:rz"),)), "expected how many DOFs it holds"),
+        (lambda: jb.Joint("1:y", "1:rz"), r'write \("1:y",\)'),
+        (lambda: jb.Structure(np.eye(1), np.eye(1), 0.01, ("1:y",)), r"such as LossFactor\(0.01\)"),
+    ],
+)
+def test_what_is_passed_in_another_form_is_told_in_one_line(call, said):
+    with pytest.raises(ModelError, match=said):
+        call()
+
+
+def test_natural_frequencies_of_a_matrix_are_refused_with_the_names_of_the_quantities(cheap_case):
+    with pytest.raises(ModelError, match="expected the joint's quantities along its last axis: k11, k12, k22"):
+        cheap_case.problem.natural_frequencies_hz(np.eye(2), 3)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.case.case import Case, case_around, case_from_text
+from jointbayes.case.case import Case, case_around, case_from_text, load_case
 from jointbayes.case.schema.case import needs_files, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 __all__ = ["find_map", "identify", "load_posterior", "sample"]
 
 Array = NDArray[np.float64]
+#: What is analysed: a case, the path of its file, or a problem.
+Analysed = Case | Problem | str | os.PathLike[str]
 
 _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
@@ -58,13 +60,13 @@ _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensi
 _WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
 
 
-def identify(case: Case | Problem, initial: ArrayLike | None = None) -> IterationHistory:
+def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHistory:
     """Identify the joint by the paper's sensitivity iteration.
 
     Parameters
     ----------
     case
-        Case, or problem, with FRFs at the joint.
+        Case, path of its file, or problem, with FRFs at the joint.
     initial
         First guess of the joint's quantities, shape (q,); by default the problem's.
 
@@ -120,12 +122,21 @@ def _why_not_iterated(problem: Problem) -> str:
     return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"
 
 
-def _problem_and_case(given: Case | Problem) -> tuple[Problem, Case | None]:
-    return (given, None) if isinstance(given, Problem) else (given.problem, given)
+def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:
+    if isinstance(given, str | os.PathLike):
+        given = load_case(given)
+    if isinstance(given, Problem):
+        return given, None
+    if not isinstance(given, Case):
+        raise ModelError(
+            f"found {type(given).__name__}; expected a case, a problem or the path of a case file; "
+            "load_case reads such a file"
+        )
+    return given.problem, given
 
 
 def find_map(
-    case: Case | Problem,
+    case: Analysed,
     initial: ArrayLike | None = None,
     seed: int | None = None,
     *,
@@ -144,7 +155,7 @@ def find_map(
     Parameters
     ----------
     case
-        The case, or the problem.
+        The case, the path of its file, or the problem.
     initial
         First guess of the joint's quantities, shape (q,); by default the problem's.
     seed
@@ -171,7 +182,7 @@ def find_map(
         fitted = compliance_start(part.structure, part.joints, part.measurement)
         name = "compliance fit without a guess"
         starts[f"{part.setup}: {name}" if part.setup else name] = own.from_matrix(fitted)
-    iteration = identify(case, guess) if part_to_iterate(problem) is not None else None
+    iteration = identify(whole or problem, guess) if part_to_iterate(problem) is not None else None
     if iteration is not None:
         name = "paper's iteration"
         starts[f"{iteration.setup}: {name}" if iteration.setup else name] = iteration.stiffness
@@ -195,7 +206,7 @@ def _seed(case: Case | None, seed: int | None) -> int:
 
 
 def sample(
-    case: Case | Problem,
+    case: Analysed,
     seed: int | None = None,
     *,
     settings: SamplerSettings | None = None,
@@ -209,7 +220,7 @@ def sample(
     Parameters
     ----------
     case
-        The case, or the problem.
+        The case, the path of its file, or the problem.
     seed
         Seed of all random numbers; by default the case's, 1 of a problem. The same seed gives the same draws bit for
         bit.
@@ -250,7 +261,7 @@ def sample(
     settings.require_dimension(dimension)
     if checkpoint is not None:
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings))
-    estimate = _found_mode(case, seed, tell, checkpoint)
+    estimate = _found_mode(whole or problem, seed, tell, checkpoint)
     tell("fitting a proposal to the posterior")
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)

@@ -63,6 +63,13 @@ SLIPS = {
     "density in t/mm³": ([(DENSITY, "density_kg_m3 = 7.8e-9")], "structure.density_kg_m3", "t/mm³, write density_kg"),
     "density a thousandfold": ([(DENSITY, "density_kg_m3 = 7.8e6")], "structure.density_kg_m3", "kg_m3 = 7800"),
     "no solid": ([(MODULUS, "youngs_modulus_gpa = 1e-5")], "structure.youngs_modulus_gpa", "check both numbers"),
+    "noise in per cent": ([("relative = 0.008", "relative = 3")], "data.noise.relative", "in per cent, write 0.03"),
+    "half the critical damping": ([("ratio = 0.01", "ratio = 0.5")], "structure.damping.ratio", "seldom above 0.2"),
+    "a fraction as per cent": (
+        [("[prior.k11]", "[uncertain.density]\nsd_percent = 0.02\n[prior.k11]")],
+        "uncertain.density.sd_percent",
+        "if it is a fraction, write 2",
+    ),
     "band in kHz": (
         [("f_min_hz = 20.0", "f_min_hz = 0.02"), ("f_max_hz = 2500.0", "f_max_hz = 2.5"),
          ("f_step_hz = 10.0", "f_step_hz = 0.01")],
@@ -84,6 +91,14 @@ def test_a_likely_slip_is_a_warning_with_its_key_and_what_was_meant(changes, key
     assert "; expected " in line
     assert words in line
     assert line.isprintable()
+
+
+@pytest.mark.parametrize(
+    "change", [("ratio = 0.01", "ratio = 0.2"), ("relative = 0.008", "relative = 0.5"),
+               ("[prior.k11]", "[uncertain.length]\nsd_percent = 0.02\n[prior.k11]")],
+)  # fmt: skip
+def test_unusual_fractions_that_exist_have_no_warning(change):
+    assert warnings_of(change) == []
 
 
 def test_two_slips_that_cancel_in_the_velocity_of_sound_are_both_named():
@@ -251,6 +266,9 @@ def test_the_documentation_states_limits_and_thresholds():
         assert f"| {ends[0]:g} to {ends[1]:g}" in warned
     assert f"at most {plausibility.ABOVE_BAND:g} times" in warned
     assert f"at most {plausibility.BELOW_BAND} |" in warned
+    for limit in {limit for limit, _ in plausibility.LARGEST_FRACTION.values()}:
+        assert f"at most {limit:g}" in warned
+    assert all(f"at least {least:g}" in warned for least in plausibility.SMALLEST_PERCENT.values())
 
 
 @pytest.mark.parametrize(

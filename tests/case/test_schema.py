@@ -78,6 +78,11 @@ JARGON = re.compile(r"input should|valid (number|integer|string)|literal|pydanti
 # One broken file in each row: changes to the good file (old=>new && old=>new) ;; key ;; words of the message.
 # The fault must be reported on the line of the change, or, if a change holds an @, on the line of the @.
 BROKEN = r"""
+diameter_mm = 25.0=>radius_mm = 12.5 ;; structure.section.radius_mm ;; write diameter_mm = 25, a diameter is twice the radius
+length_mm = 383.0=>length_m = 0.383 ;; structure.length_m ;; write length_mm = 383, the value in mm
+youngs_modulus_gpa = 210.0=>youngs_modulus_mpa = 210000 ;; structure.youngs_modulus_mpa ;; write youngs_modulus_gpa = 210,
+dofs = =>dof =  ;; joint.dof ;; did you mean "dofs"? rename it
+title = "C=>title = "C:\\Users\\x ;; title ;; a Windows path with / or in single quotes
 dofs = =># && [joint]=>@[joint] ;; joint.dofs ;; add dofs = ["1:y", "1:rz"]
 title = "C=>title = "\\nC ;; title ;; a text of one line
 "beam"  =>"beem"   ;; structure.kind ;; did you mean "beam"?
@@ -206,6 +211,9 @@ sd_hz = 0.5=>sd_hz = 0 && sd_relative = 0.005=>@sd_relative = 0 ;; data.sd_relat
 sd_hz = 0.5=>sd_hz = -0.5 ;; data.sd_hz ;; in Hz
 """  # noqa: E501
 BROKEN_FULL = r"""
+[uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@sd ;; uncertain.youngs_modulus.sd ;; did you mean "sd_percent"? rename it and give its value in percent
+[uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@sd_gpa ;; uncertain.youngs_modulus.sd_gpa ;; give its value in percent
+[uncertain.youngs_modulus]=>[uncertain.E] ;; uncertain.E ;; did you mean "youngs_modulus"?
 _mass_g = 2.0=>_mass_g = -1.0 ;; structure.accelerometer_mass_g ;; the mass in g added at each measured translation, a number of at least 0
 _mass_g = 2.0=>_mas_g = 2.0 ;; structure.accelerometer_mas_g ;; did you mean "accelerometer_mass_g"?
 _mass_g = 2.0=>_mass_g = 0.0 && [uncertain.accelerometer_mass]=>@[uncertain.accelerometer_mass] ;; uncertain.accelerometer_mass ;; which is 0

@@ -26,6 +26,32 @@ _LONGEST = 40  # characters of a user's own text repeated in a message
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
 _MOST_TOLD, _MOST_SORTED, _MOST_READ = 20, 100, 5000
 
+#: What a symbol stands for, where somebody writes it instead of the word.
+_SYMBOLS = {
+    "E": "youngs_modulus",
+    "rho": "density",
+    "L": "length",
+    "zeta": "damping_ratio",
+    "eta": "loss_factor",
+    "kappa": "shear_coefficient",
+}
+#: Units at the end of a key, each with what it measures and its size in SI.
+_IN_SI = {
+    "m": ("length", 1.0),
+    "cm": ("length", 1e-2),
+    "mm": ("length", 1e-3),
+    "um": ("length", 1e-6),
+    "in": ("length", 0.0254),
+    "pa": ("pressure", 1.0),
+    "mpa": ("pressure", 1e6),
+    "gpa": ("pressure", 1e9),
+    "hz": ("frequency", 1.0),
+    "khz": ("frequency", 1e3),
+    "kg": ("mass", 1.0),
+    "g": ("mass", 1e-3),
+}
+_UNITS = {*_IN_SI, "percent", "relative", "factor", "ratio", "m3", "kgm3", "log", "psi", "ksi"}
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -170,7 +196,12 @@ def _faults(error: ErrorDetails, root: _Place) -> Iterator[_Fault]:
             yield _Fault("missing", spot)
     else:
         kinds: dict[str, Literal["missing", "unknown"]] = {"missing": "missing", "extra_forbidden": "unknown"}
-        yield _Fault(kinds.get(error["type"], "value"), place)
+        # a list that is too short lacks no key
+        too_short = error["type"] == "missing" and isinstance(error["loc"][-1], int)
+        if too_short:
+            yield _Fault("value", place, Finding((), remedy="write every number, also those that are 0"))
+        else:
+            yield _Fault(kinds.get(error["type"], "value"), place)
 
 
 def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
@@ -192,6 +223,8 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
             or (below[0] if below else None)
             or similar(key, [k for k in known if k not in fault.place.siblings])
             or similar(key, known)
+            or next((k for k in known if _stem(k) == _stem(key)), None)
+            or (_SYMBOLS.get(key) if _SYMBOLS.get(key) in known else None)
         )
         meant = (*table, fault.meant)
         missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
@@ -211,7 +244,9 @@ def _homes(model: type[BaseModel], key: str, table: KeyPath = ()) -> Iterator[st
 def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, str]:
     place, meant = fault.place, fault.meant
     known = {k: f for m in place.owner for k, f in m.model_fields.items()}
-    homes = list(_homes(root, str(place.path[-1])))[:3]
+    key = str(place.path[-1])
+    surely = meant is not None and (meant.startswith(key) or _stem(meant) == _stem(key))
+    homes = [] if surely else list(dict.fromkeys(_homes(root, key)))[:3]
     hints = [f"it belongs in {' or '.join(homes)}"] if homes else []
     expected = f"one of {', '.join(known)}"
     if meant:
@@ -220,10 +255,33 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
         if isinstance(twin, Mapping) and isinstance(place.value, Mapping):
             # Tables with no key in common are one table in two spellings: [structure], [strcture.section].
             clash = not twin.keys().isdisjoint(place.value)
-        rename = f'"{meant}" is given already, drop one of the two' if clash else "rename it"
+        rename = f'"{meant}" is given already, drop one of the two' if clash else _converted(place, meant)
         hints.insert(0, f'did you mean "{meant}"? {rename}')
     found = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
     return found, f"expected {expected}", ", or ".join(hints) or "remove it"
+
+
+def _stem(key: str) -> str:
+    """A key without its unit."""
+    stem, _, unit = key.rpartition("_")
+    return stem if unit in _UNITS else key
+
+
+def _converted(place: _Place, meant: str) -> str:
+    """What to do with the value of a key that is named otherwise: nothing, unless it is in another unit or a radius."""
+    key, value = str(place.path[-1]), place.value
+    if "radius" in key and "diameter" in meant:
+        factor, why = 2.0, "a diameter is twice the radius"
+    else:
+        ours, theirs = meant.rpartition("_")[2], key.rpartition("_")[2]
+        if ours == theirs or ours not in _UNITS:
+            return "rename it"
+        if theirs not in _IN_SI or ours not in _IN_SI or _IN_SI[theirs][0] != _IN_SI[ours][0]:
+            return f"rename it and give its value in {ours}"
+        factor, why = _IN_SI[theirs][1] / _IN_SI[ours][1], f"the value in {ours}"
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return f"write {meant} = {factor * value:.6g}, {why}"
+    return f"rename it, and give {why}" if "radius" not in key else f"rename it; {why}"
 
 
 def _missing_wording(fault: _Fault) -> tuple[str, str, str]:

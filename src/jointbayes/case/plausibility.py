@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,19 @@ YOUNGS_MODULUS, DENSITY = (1e-3, 1300.0), (20.0, 23_000.0)
 SLENDERNESS = 1.0, 10_000.0
 #: First natural frequency over the highest measured one, at most; modes below the lowest measured frequency, at most.
 ABOVE_BAND, BELOW_BAND = 10.0, 100
+
+#: Fractions by the key that states them: the largest that is usual, and what it is a fraction of.
+LARGEST_FRACTION = {
+    "ratio": (0.2, "critical damping"),
+    "damping_ratio": (0.2, "critical damping"),
+    "damping_ratios": (0.2, "critical damping"),
+    "loss_factor": (0.5, "the stiffness"),
+    "relative": (0.5, "|H|"),
+    "floor": (0.5, "the median |H|"),
+    "sd_relative": (0.2, "the value"),
+}
+#: The smallest usual `sd_percent`, of a length and of anything else: below it a fraction may be meant.
+SMALLEST_PERCENT = {"length": 0.005, "": 0.1}
 
 # What a number may have been given in instead, and the factor that makes it right.
 _MODULUS_SLIPS = (
@@ -102,12 +115,13 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
         Lowest and highest measured frequency, Hz; None where they are not known yet.
     """
     structure = spec.structure
+    fractions = [*_fractions(text.data)]
     findings = [*_materials(structure)]
     if isinstance(structure, BeamSpec):
         findings += _shape(structure)
         if not findings and band_hz is not None:  # with findings the frequencies are off because of these
             findings = [*_band(spec, structure, band_hz)]
-    return _placed(findings, text)
+    return _placed([*findings, *fractions], text)
 
 
 def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
@@ -155,6 +169,33 @@ def _placed(findings: Iterable[Finding], text: CaseText) -> tuple[InputWarning, 
         words = f"{finding.found}; expected {finding.expected}; {finding.remedy}"
         found.append(InputWarning(*text.place(path), ".".join(map(str, text.written(path))), words))
     return tuple(found)
+
+
+def _fractions(table: Mapping[str, object], path: tuple[str, ...] = ()) -> Iterator[Finding]:
+    """Yield fractions that may be given in per cent, and percentages that may be fractions, at any depth."""
+    for key, value in table.items():
+        place = (*path, key)
+        if isinstance(value, Mapping):
+            yield from _fractions(value, place)
+            continue
+        for number in _numbers(value):
+            limit, whole = LARGEST_FRACTION.get(key, (math.inf, ""))
+            if number > limit:
+                expected = f"a fraction of {whole}, seldom above {limit:g}"
+                yield Finding(place, f"found {number!r}", expected, f"if it is in per cent, write {number / 100:g}")
+            least = SMALLEST_PERCENT.get(path[-1] if path else "", SMALLEST_PERCENT[""])
+            if key == "sd_percent" and number < least:
+                expected = f"per cent, seldom below {least:g}"
+                yield Finding(place, f"found {number!r}", expected, f"if it is a fraction, write {100 * number:g}")
+
+
+def _numbers(value: object) -> Iterator[float]:
+    """Yield the numbers of a value, or of a list of values at any depth."""
+    if isinstance(value, list):
+        for entry in value:
+            yield from _numbers(entry)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
 
 
 def _materials(structure: StructureSpec) -> Iterator[Finding]:

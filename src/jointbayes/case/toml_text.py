@@ -241,6 +241,9 @@ def _syntax_fault(message: str, text: str, name: str) -> str:
     cause = re.sub(r"\s*\(at .*", "", message)
     plain = next((words for start, words in _SYNTAX.items() if cause.startswith(start)), None)
     found, remedy = plain or (f"no valid TOML ({cause})", "correct the line")
+    if re.search(r'"[^"]*\\[^"]*"', rows[line - 1] if line <= len(rows) else "") and plain is None:
+        found = "a backslash in a text in double quotes"
+        remedy = "write a Windows path with / or in single quotes: file = 'C:\\data\\tip.uff'"
     return fault_line(name, line, key[1] if key else "syntax", found, "expected TOML: key = value", remedy)
 
 

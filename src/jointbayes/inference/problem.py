@@ -333,9 +333,19 @@ class Problem:
         At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural
         frequencies themselves are given by ``mode_frequency_1`` and so on. Shape (n, 0) where a body is given by its
         FRFs: the assembled structure then has no modes that anybody knows.
+
+        Raises
+        ------
+        ModelError
+            If the last axis is not that of the joint's quantities.
         """
         if self.setups:
             return self.part(None).natural_frequencies_hz(stiffness, count, factors, of_model=of_model)
+        if np.shape(stiffness)[-1:] != (len(self.quantities),):
+            raise ModelError(
+                f"natural frequencies: found an array of shape {np.shape(stiffness)}; expected the joint's quantities "
+                f"along its last axis: {', '.join(one.name for one in self.quantities)}"
+            )
         if self.measured_bodies:
             return np.empty((len(np.atleast_2d(np.asarray(stiffness, dtype=float))), 0))
         model = NaturalFrequencies(self.structures, self.joints, count)

@@ -71,6 +71,11 @@ class Joint:
     offset_against_m: _Vector | None = None
 
     def __post_init__(self) -> None:
+        for labels in (self.dofs, self.against):
+            if isinstance(labels, str):
+                raise ModelError(
+                    f'{self._where}: found the text "{labels}"; expected DOF labels in a tuple; write ("{labels}",)'
+                )
         object.__setattr__(self, "dofs", tuple(self.dofs))
         object.__setattr__(self, "against", tuple(self.against))
         both = self.dofs + self.against

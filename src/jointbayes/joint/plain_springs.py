@@ -158,6 +158,10 @@ class Rigid(PlainSprings):
 
     key: ClassVar[str] = "rigid"
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.motions, int):
+            raise ModelError(f"rigid joint: found {self.motions!r}; expected how many DOFs it holds, a whole number")
+
     @property
     def held(self) -> tuple[int, ...]:
         """All rows of K^J."""

@@ -170,5 +170,5 @@ def sampler_figures(
 def package_versions() -> dict[str, str]:
     """Version of Python and of every package that numbers depend on."""
     numbers = ("jointbayes", "numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
-    packages = (*numbers, "matplotlib", "typst")
+    packages = (*numbers, "corner", "matplotlib", "typst")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}

@@ -91,6 +91,11 @@ class Structure:
             if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-10 * scale:
                 raise ModelError(f"structure: found an unsymmetric {name} matrix; expected a symmetric one")
             matrix.setflags(write=False)
+        if not isinstance(self.damping, DampingLaw):
+            raise ModelError(
+                f"structure: found {self.damping!r} as damping; expected a damping law, such as LossFactor(0.01) or "
+                "ModalDamping((0.01,))"
+            )
         own = self.damping.matrix
         if own is not None and len(own) != n:
             raise ModelError(f"structure: found a damping matrix of {len(own)} rows for {n} DOFs; expected {n}")

@@ -169,8 +169,8 @@ class NaturalFrequenciesSpec(Spec):
 
     kind: Annotated[Literal["natural_frequencies"], _KIND]
     frequencies_hz: Annotated[Frequencies, Field(min_length=1), FREQUENCIES]
-    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)]
-    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)]
+    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)] = 0.0
+    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)] = 0.0
 
     @property
     def most_modes(self) -> int:
@@ -179,7 +179,10 @@ class NaturalFrequenciesSpec(Spec):
 
     def _findings(self) -> Iterator[Finding]:
         if self.sd_relative + self.sd_hz == 0:
-            yield Finding(("sd_relative",), "sd_relative and sd_hz are both 0", "at least one above 0", "raise one")
+            stated = self.model_fields_set & {"sd_relative", "sd_hz"}
+            found = "sd_relative and sd_hz are both 0" if stated else "missing, and sd_hz too"
+            remedy = "write sd_relative = 0.005 for half a per cent of each frequency"
+            yield Finding(("sd_relative",), found, "sd_relative, sd_hz or both above 0", remedy)
 
 
 DataSpec = Annotated[

@@ -30,6 +30,9 @@ class Campaign:
 
     directory: Path
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "directory", Path(self.directory))  # a path may be given as text
+
     @property
     def index(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """The index as a pandas.DataFrame, one row a case in the order of the table; see docs/campaigns.md.

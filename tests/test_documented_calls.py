@@ -1,0 +1,121 @@
+"""Every call that README and docs show is run: each block of Python as it stands, each call in a line of text."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from tests.conftest import STEEL, rod
+from tests.report.test_setups import OWN, TORQUES
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+#: Run by a test of its own, in tests/test_workflow.py.
+ELSEWHERE = {"without-files.md"}
+
+
+def blocks(page: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def calls(page: Path) -> list[str]:
+    """Calls of `jb` and of methods of a posterior between backticks in the text of a page."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    spans = (re.sub(r"\s+", " ", span) for span in re.findall(r"`([^`]+)`", text))
+    return [span for span in spans if re.search(r"\b(jb|posterior)\.\w+(\.\w+)*\(", span)]
+
+
+@pytest.fixture
+def clone(tmp_path, monkeypatch):
+    """A directory with what the pages name: the shipped cases, a measurement, a table of two joints."""
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "tip.uff").symlink_to(ROOT / "configs" / "data" / "virtual_test.uff")
+    (tmp_path / "joints.csv").write_text("key,sampling.seed\nSN-20007,1\nSN-20008,2\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def spindle_and_tool() -> dict[str, object]:
+    """What the page on measured bodies takes as given: FRFs of a spindle, a tool, and FRFs of both joined."""
+    lines, dofs = np.arange(50.0, 1000.0, 10.0), ("spindle:y", "spindle:rz")
+    dynamic = np.array([np.diag([1e8, 1e6]) * (1 + 0.02j) - (2 * np.pi * f) ** 2 * np.diag([5.0, 0.05]) for f in lines])
+    frfs = jb.FrfSet(lines, np.linalg.inv(dynamic), dofs, dofs, "receptance")
+    tool, joint = rod(damping=jb.LossFactor(0.01)), jb.Joint(("1:y", "1:rz"), dofs)
+    prior = jb.JointPrior(jb.LogStiffness(), tuple(jb.Normal.from_decades(k, 0.3) for k in (1e8, 1e6, 1e5)))
+    tip = jb.FrfSet(lines, np.full((lines.size, 1, 1), 1e-7 + 0j), ("11:y",), ("11:y",), "receptance")
+    bodies = jb.Substructures(tool, (jb.MeasuredBody.of(frfs, np.abs(frfs.values) ** 2 * 1e-4, "spindle"),))
+    guessed = jb.Problem(bodies, joint, jb.FrfMeasurement(tip, np.abs(tip.values) ** 2), prior)
+    values = guessed.receptance_model(jb.Ports(lines, ("11:y",), ("11:y",))).receptance(prior.matrix(prior.mean[None]))
+    measured = jb.FrfSet(lines, values[0], ("11:y",), ("11:y",), "receptance")
+    return {
+        "jb": jb,
+        "frfs": frfs,
+        "variance": np.abs(frfs.values) ** 2 * 1e-4,
+        "tool": tool,
+        "measurement": jb.FrfMeasurement(measured, np.abs(values[0]) ** 2 * 1e-3),
+        "prior": prior,
+    }
+
+
+@pytest.mark.science
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, id=page.name) for page in PAGES if blocks(page) and page.name not in ELSEWHERE]
+)
+def test_every_block_of_python_runs_as_it_stands(page, clone):
+    names = {"__name__": "__main__"} | (spindle_and_tool() if page.name == "measured-bodies.md" else {})
+    for block in blocks(page):
+        exec(compile(block, page.name, "exec"), names)
+
+
+#: What a call in a line of text leaves to its reader.
+FILLED_IN = {
+    "jb.BeamFamily(jb.BeamRecipe(...), {})": "jb.BeamFamily(jb.BeamRecipe(0.4, section, steel, law, 10), {})",
+    "jb.FrameFamily(jb.FrameRecipe(...), {})": "jb.FrameFamily(jb.FrameRecipe(strip, law), {})",
+    "jb.chain(...)": "jb.chain([1.0, 2.0], [('1', '2', 1e3)], law)",
+    'jb.blocks_of({"left": ..., "right": ...})': 'jb.blocks_of({"left": joint, "right": joint})',
+    "jb.Problem(setups=[…], prior=…)": "jb.Problem(setups=setups, prior=torques.prior)",
+    "jb.calibrate(case, 1000)": "jb.calibrate(case, 4)",
+    'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
+    'posterior.predict_natural_frequencies(setup="short")': 'posterior.predict_natural_frequencies(setup="loose")',
+}
+
+
+@pytest.mark.science
+def test_every_call_in_a_line_of_text_is_run(clone):
+    case = jb.load_case("configs/two_storeys.toml")
+    torques = jb.case_from_text("torques", OWN + TORQUES).problem
+    jb.campaign("joints.csv", "reports/joints", base="configs/two_storeys.toml")
+    frf = torques.parts[0].measurement.frf
+    section = jb.Section.circle(0.02)
+    names = {
+        "jb": jb,
+        "case": case,
+        "torques": torques,
+        "setups": torques.setups,
+        "joint": jb.LogStiffness(),
+        "posterior": jb.sample(torques, settings=jb.SamplerSettings(walkers=20, max_steps=100)),
+        "path": "fewer.nc",
+        "low": 1.0,
+        "high": 2.0,
+        "mean": 2.0,
+        "sd": 0.1,
+        "averages": 8,
+        "frequencies": [120.0],
+        "sds": [0.5],
+        "parametrisation": jb.parametrisation_named("springs", ("y", "rz")),
+        "frf": replace(frf, coherence=np.full(frf.values.shape, 0.99), averages=8),
+        "section": section,
+        "steel": STEEL,
+        "law": jb.LossFactor(0.01),
+        "strip": jb.Body({"1": (0, 0, 0), "2": (1, 0, 0)}, (jb.Member(("1", "2"), section, STEEL),)),
+    }
+    failed = []
+    for call in sorted({call for page in PAGES for call in calls(page)}):
+        try:
+            exec(FILLED_IN.get(call, call), names)
+        except Exception as error:
+            failed.append(f"{call}: {type(error).__name__}: {error}")
+    assert not failed, "\n".join(failed)
