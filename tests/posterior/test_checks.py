@@ -1,4 +1,5 @@
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,15 @@ from jointbayes.inference import (
     ScaledNoise,
     StudentNoise,
 )
-from jointbayes.posterior.checks import FALSE_ALARM, PredictiveCheck, check_frequencies, check_frfs
+from jointbayes.posterior.checks import (
+    FALSE_ALARM,
+    FAR_BELOW,
+    PredictiveCheck,
+    check_frequencies,
+    check_frfs,
+)
+from jointbayes.posterior.findings import CELLS
+from jointbayes.posterior.whiteness import Whiteness, replicated_portmanteau
 
 LINES = 80
 FREQUENCY = 10.0 + 2.0 * np.arange(LINES)
@@ -45,7 +54,7 @@ def test_a_right_model_is_refused_no_more_often_than_stated() -> None:
     for _ in range(300):
         data = DESIGN @ np.array([1.0, -2.0, 3.0]) + white(rng, (LINES,))
         found.append(check_frfs(GaussianNoise(2), posterior_residuals(rng, data, 40), none, rng))
-    alarms = sum(not c.explains for c in found)
+    alarms = sum(c.finding != "explained" for c in found)
     assert alarms <= stats.binom(300, FALSE_ALARM).ppf(0.999)
     for p_values in ([c.chi2_p_value for c in found], [c.whiteness_p_value for c in found]):
         # three parameters of 160 real values are fitted: near uniform, a little drawn to the middle
@@ -76,7 +85,7 @@ def test_data_of_the_noise_model_are_explained(parts: int, name: str, hyper: lis
 
 def test_residuals_that_the_noise_does_not_allow_are_a_misfit() -> None:
     check = checked(GaussianNoise(2), 1.4 * white(np.random.default_rng(4), (5, 200, 1)), [])
-    assert (check.misfit, check.correlated, check.explains) == (True, False, False)
+    assert (check.level, check.pattern, check.explains) == ("above", "white", False)
     assert check.chi2_per_line == pytest.approx(1.96, rel=0.15)
     assert check.sentence.startswith("The model does NOT explain the data: squared residuals are ")
     assert "p < 0.001" in check.sentence
@@ -86,21 +95,19 @@ def test_residuals_that_the_noise_does_not_allow_are_a_misfit() -> None:
 def test_a_small_trend_that_the_sum_of_squares_overlooks_is_seen_along_frequency() -> None:
     z = white(np.random.default_rng(5), (1, 400, 1)) + 0.45 * np.sin(np.arange(400) / 6)[:, None]
     check = checked(GaussianNoise(2), z, [])
-    assert (check.misfit, check.correlated, check.explains) == (False, True, False)
+    assert (check.level, check.pattern, check.explains) == ("as expected", "correlated", False)
     assert check.sentence.startswith("The model does NOT explain")
-    assert check.lag1 == pytest.approx(0.1, abs=0.06)
+    assert check.whiteness.correlations[0] == pytest.approx(0.1, abs=0.06)
 
 
 def test_an_inferred_noise_scale_hides_misfit_but_not_correlation() -> None:
     z = 3 * CorrelatedNoise(2, FREQUENCY).draw(np.random.default_rng(6), np.array([[2.0, 20.0]]), LINES, 1)
     level = float(np.sqrt((np.abs(z) ** 2).mean()))
     check = checked(ScaledNoise(2), z, [level])
-    assert not check.misfit
-    assert check.correlated
+    assert (check.level, check.pattern) == ("as expected", "correlated")
     assert f"inferred as {level:.3g} times the stated" in check.sentence
     integrated = checked(IntegratedScale(2), np.repeat(z, 50, axis=0), [])
-    assert not integrated.misfit
-    assert integrated.correlated
+    assert (integrated.level, integrated.pattern, integrated.absorbs) == ("as expected", "correlated", "size")
     (sentence,) = integrated.inferred
     assert float(sentence.split()[5]) == pytest.approx(level, rel=0.1)
 
@@ -119,7 +126,7 @@ def test_a_discrepancy_that_was_needed_is_named() -> None:
 def test_overstated_noise_is_said_and_is_no_refusal() -> None:
     check = checked(GaussianNoise(2), 0.5 * white(np.random.default_rng(8), (3, 200, 1)), [])
     assert check.explains
-    assert check.overstated
+    assert check.finding == "noise overstated"
     assert "overstated" in check.sentence
     assert check.chi2_p_value > 0.999
 
@@ -144,11 +151,17 @@ def test_figures_are_those_of_their_definitions(parts: int) -> None:
     square = (np.abs(z) ** 2).sum(axis=(1, 2))
     dof = parts * 60
     assert check.chi2_per_line == pytest.approx(2 * square.mean() / dof)
-    assert check.chi2_p_value == pytest.approx(stats.chi2(dof).sf(2 * square).mean())
-    assert check.chi2_band == pytest.approx(tuple(stats.chi2(dof).ppf([0.025, 0.975]) / dof))
+    assert check.chi2_p_value == pytest.approx(stats.chi2(dof).sf(2 * square.mean()))
+    assert check.test_level == FALSE_ALARM / 2
+    assert check.chi2_band == pytest.approx(tuple(stats.chi2(dof).ppf([0.0025, 0.9975]) / dof))
     np.testing.assert_allclose(check.chi2_by_line.mean(), check.chi2_per_line)
     ratio = [[np.sum(p[:-1].conj() * p[1:]).real / np.sum(np.abs(p) ** 2) for p in row.T] for row in z]
-    assert check.lag1 == pytest.approx(np.mean(ratio))
+    assert check.whiteness.correlations[0] == pytest.approx(np.mean(ratio))
+    third = [[np.sum(p[:-3].conj() * p[3:]).real / np.sum(np.abs(p) ** 2) for p in row.T] for row in z]
+    assert check.whiteness.correlations[2] == pytest.approx(np.mean(third))
+    m = parts * 30
+    sd = np.sqrt(parts * (30 - 3) / (2 * m * (m + 2)))
+    assert check.whiteness.deviations[2] == pytest.approx(np.mean(third) / sd)
     one = np.sqrt(2) * np.abs(z).max(axis=(1, 2))  # in sd of one part
     tail = stats.rayleigh.sf(one) if parts == 2 else 2 * stats.norm.sf(one)
     assert check.largest == pytest.approx(one.mean())
@@ -170,7 +183,7 @@ def test_more_than_one_pair_is_averaged_not_drowned() -> None:
     z = white(np.random.default_rng(12), (1, 400, 2))
     z[:, :, 0] *= 100
     z[:, :, 1] += np.sin(np.arange(400) / 6)
-    assert checked(GaussianNoise(2), z, []).correlated
+    assert checked(GaussianNoise(2), z, []).pattern == "correlated"
 
 
 def test_natural_frequencies_are_judged_by_the_sum_of_squares() -> None:
@@ -178,8 +191,8 @@ def test_natural_frequencies_are_judged_by_the_sum_of_squares() -> None:
     fine = check_frequencies(rng.standard_normal((1000, 4)))
     assert fine.explains
     assert fine.whiteness_p_value is None
-    assert fine.lag1 is None
-    assert "neighbouring" not in fine.sentence
+    assert fine.pattern == "white"
+    assert "nearby" not in fine.sentence
     residual = np.array([[4.0, -3.0, 1.0]])
     wrong = check_frequencies(residual)
     assert not wrong.explains
@@ -196,7 +209,19 @@ def test_a_right_model_of_natural_frequencies_is_refused_no_more_often_than_stat
         mean = data.mean() + rng.standard_normal((50, 1)) / math.sqrt(8)
         p_values.append(check_frequencies(mean - data).chi2_p_value)
     assert np.mean(np.array(p_values) < FALSE_ALARM) < 0.016
+    assert np.mean(np.array(p_values) > 1 - FALSE_ALARM / 2) < 0.016
     assert 0.02 < np.mean(np.array(p_values) < 0.05) < 0.06
+
+
+@pytest.mark.parametrize("noise", [ScaledNoise(1), IntegratedScale(1)])
+def test_of_natural_frequencies_with_an_inferred_scale_the_size_is_no_test(noise: NoiseModel) -> None:
+    residuals = 20 * np.random.default_rng(16).standard_normal((1, 12)) * np.ones((200, 1))
+    assert check_frequencies(residuals).finding == "misfit"
+    hyper = np.full((200, len(noise.names)), float(np.sqrt((residuals**2).mean())))
+    check = check_frequencies(residuals, noise, hyper, np.random.default_rng(1))
+    assert (check.finding, check.absorbs) == ("explained", "size")
+    assert check.chi2_per_line == pytest.approx(1, abs=0.3)
+    assert float(check.inferred[0].split()[5]) == pytest.approx(hyper.mean() if hyper.size else 20, rel=0.3)
 
 
 @pytest.mark.parametrize("shape", [(0, 5, 1), (3, 1, 1), (3, 5), (3, 5, 0)])
@@ -213,39 +238,118 @@ def test_residuals_that_are_no_numbers_are_refused() -> None:
         check_frequencies(z[0])
 
 
+#: Ljung-Box statistics of white records, by their law's quantiles.
+WHITE = stats.chi2(5).ppf((np.arange(4000) + 0.5) / 4000)
+MORE_WHITE = Whiteness(5.0, WHITE, (0.0, -0.11, 0.02, 0.0, 0.0), (0.1, -3.2, 0.6, 0.0, 0.0))
+
+
 def finding_of(**changes: object) -> PredictiveCheck:
     """A check that finds nothing, but for what is changed."""
-    fine = PredictiveCheck(1.0, (0.9, 1.1), 0.5, 0.5, 0.0, 3.0, 0.5, (0, 0), np.ones(5))
+    fine = PredictiveCheck(1.0, 400, MORE_WHITE, 3.0, 0.5, (0, 0), np.ones(5))
     return replace(fine, **changes)
 
 
+#: Level and pattern of the residuals, and what the table says of them.
+TABLE = {
+    ("far below", "white"): "noise overstated",
+    ("far below", "correlated"): "noise overstated",
+    ("below", "white"): "noise overstated",
+    ("below", "correlated"): "misfit below the noise",
+    ("as expected", "white"): "explained",
+    ("as expected", "correlated"): "misfit",
+    ("above", "white"): "misfit",
+    ("above", "correlated"): "misfit",
+}
+LOW, HIGH = finding_of().chi2_band
+LIMIT = MORE_WHITE.limit(FALSE_ALARM / 2)
+
+
+@pytest.mark.parametrize("absorbs", ["nothing", "outliers", "size", "discrepancy", "frequencies"])
 @pytest.mark.parametrize(
-    ("changes", "finding"),
+    ("chi2", "level"),
     [
-        ({}, "explained"),
-        ({"chi2_p_value": 0.0051}, "explained"),
-        ({"chi2_p_value": 0.0049}, "misfit"),
-        ({"whiteness_p_value": 0.0051}, "explained"),
-        ({"whiteness_p_value": 0.0049}, "misfit"),
-        ({"chi2_p_value": 0.9949}, "explained"),
-        ({"chi2_p_value": 0.9951}, "noise overstated"),
-        # of natural frequencies there is one p-value, which has the whole false-alarm level of 1 %
-        ({"chi2_p_value": 0.0101, "whiteness_p_value": None, "lag1": None}, "explained"),
-        ({"chi2_p_value": 0.0099, "whiteness_p_value": None, "lag1": None}, "misfit"),
-        # far below the noise correlation is no misfit; a little below it is one
-        ({"chi2_p_value": 1.0, "chi2_per_line": 0.24, "whiteness_p_value": 0.0}, "noise overstated"),
-        ({"chi2_p_value": 1.0, "chi2_per_line": 0.26, "whiteness_p_value": 0.0}, "misfit"),
-        ({"chi2_p_value": 0.5, "chi2_per_line": 0.24, "whiteness_p_value": 0.0}, "misfit"),
+        (FAR_BELOW - 1e-6, "far below"),
+        (FAR_BELOW + 1e-6, "below"),
+        (LOW - 1e-6, "below"),
+        (LOW + 1e-6, "as expected"),
+        (1.0, "as expected"),
+        (HIGH - 1e-6, "as expected"),
+        (HIGH + 1e-6, "above"),
     ],
 )
-def test_the_limits_of_a_finding_are_those_documented(changes: dict[str, object], finding: str) -> None:
-    check = finding_of(**changes)
+@pytest.mark.parametrize(("statistic", "pattern"), [(LIMIT - 1e-6, "white"), (LIMIT + 1e-6, "correlated")])
+def test_each_cell_of_the_table_and_each_of_its_borders(
+    absorbs: str, chi2: float, level: str, statistic: float, pattern: str
+) -> None:
+    if absorbs == "frequencies":
+        if pattern == "correlated":
+            return  # they have none
+        whiteness = None
+        n_tests = 2  # as of another set-up beside this one
+    else:
+        whiteness, n_tests = replace(MORE_WHITE, statistic=statistic), 0
+    check = finding_of(chi2_per_line=chi2, whiteness=whiteness, absorbs=absorbs, n_tests=n_tests)
+    assert (check.level, check.pattern) == (level, pattern)
+    finding, said = TABLE[level, pattern], check.sentence
     assert check.finding == finding
-    assert check.explains == (finding != "misfit")
-    assert ("too narrow" in check.sentence) == (finding == "misfit")
-    assert ("too wide" in check.sentence) == (finding == "noise overstated")
-    assert ("does NOT explain" in check.sentence) == (finding == "misfit")
-    assert check.sentence.startswith("The stated noise is overstated: ") == (finding == "noise overstated")
+    assert check.explains == (finding in ("explained", "noise overstated"))
+    assert ("too narrow" in said) == (finding == "misfit")
+    assert ("intervals are too wide" in said) == (finding == "noise overstated")
+    assert ("does NOT explain" in said) == finding.startswith("misfit")
+    assert said.startswith("The stated noise is overstated: ") == (finding == "noise overstated")
+    assert bool(check.cell.remedy) == (finding != "explained")
+    assert (check.cell.remedy in said) == check.explains
+    if finding == "misfit" or finding == "explained":
+        assert (check.misfit_p_value < FALSE_ALARM) == (finding == "misfit")
+
+
+def test_the_remedy_is_one_that_is_not_taken_already() -> None:
+    for (level, _, absorbs), cell in CELLS.items():
+        assert not (absorbs == "size" and 'scale = "sampled"' in cell.remedy)
+        assert not (absorbs == "discrepancy" and "[noise.discrepancy]" in cell.remedy)
+        assert not (absorbs == "outliers" and "Student-t noise," in cell.remedy)
+        assert ("smaller" in cell.remedy or "as small" in cell.remedy) <= (level in ("far below", "below"))
+    assert "Student-t" not in finding_of(largest_p_value=0.0, absorbs="outliers").sentence
+
+
+def test_the_figure_that_failed_is_the_one_that_is_printed() -> None:
+    correlated = replace(MORE_WHITE, statistic=22.0)
+    said = finding_of(whiteness=correlated).sentence
+    limit = MORE_WHITE.limit(0.005)
+    assert limit == pytest.approx(stats.chi2(5).isf(0.005), rel=0.02)
+    assert f"correlate (Ljung-Box statistic 22.0, white noise: up to {limit:.1f}; p < 0.001)" in said
+    assert "most at 2 lines apart: by -0.11, 3.2 standard deviations of white noise" in said
+    low, high = finding_of().chi2_band
+    assert f"(99.5 % of replicated data: {low:.3g} to {high:.3g}; p = 0.49)" in said
+    # as many digits as tell a figure from the limit that it passed
+    close = finding_of(chi2_per_line=high + 1e-5)
+    ratio = re.search(r"are (\S+) times .*? to (\S+);", close.sentence)
+    assert float(ratio[1]) > float(ratio[2])
+    assert float(ratio[2]) == pytest.approx(high, rel=1e-4)
+
+
+def test_more_tests_share_one_level() -> None:
+    alone, four = finding_of(), finding_of(n_tests=8)
+    assert (alone.test_level, four.test_level) == (FALSE_ALARM / 2, FALSE_ALARM / 8)
+    between = (alone.chi2_band[1] + four.chi2_band[1]) / 2
+    assert finding_of(chi2_per_line=between).finding == "misfit"
+    assert finding_of(chi2_per_line=between, n_tests=8).finding == "explained"
+    correlated = replace(MORE_WHITE, statistic=MORE_WHITE.limit(0.002))
+    assert finding_of(whiteness=correlated).finding == "misfit"
+    assert finding_of(whiteness=correlated, n_tests=8).finding == "explained"
+
+
+@pytest.mark.parametrize(("lines", "pairs", "parts"), [(8, 1, 2), (30, 1, 1), (80, 3, 1)])
+def test_white_records_pass_the_limit_as_rarely_as_stated(lines: int, pairs: int, parts: int) -> None:
+    rng = np.random.default_rng(15)
+    draw = replicated_portmanteau
+    statistics = np.concatenate([draw(lines, pairs, parts, rng) for _ in range(4)])
+    limits = Whiteness(0.0, np.sort(draw(lines, pairs, parts, rng)), (), ())
+    for level in (0.01, 0.005, 0.001):
+        count = int((statistics > limits.limit(level)).sum())
+        assert 0.6 * level * len(statistics) < count < 1.6 * level * len(statistics)
+    middle = replace(limits, statistic=float(np.median(statistics)))
+    assert middle.p_value == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.parametrize(("p_value", "stands_out"), [(0.00099, True), (0.00101, False)])
@@ -253,12 +357,12 @@ def test_student_t_noise_is_named_where_one_value_in_a_thousand_records_would_be
     p_value: float, stands_out: bool
 ) -> None:
     assert ("use Student-t noise" in finding_of(largest_p_value=p_value).sentence) == stands_out
-    assert "Student-t" not in finding_of(largest_p_value=p_value, chi2_p_value=0.0).sentence
+    assert "Student-t" not in finding_of(largest_p_value=p_value, chi2_per_line=9.0).sentence
 
 
 def test_exact_data_with_noise_assumed_are_no_misfit() -> None:
     z = 0.026 * np.sin(np.arange(400) / 6)[None, :, None] * np.ones((5, 1, 1)) * (1 + 1j)
     check = checked(GaussianNoise(2), z, [])
-    assert check.correlated
+    assert check.pattern == "correlated"
     assert (check.finding, check.explains) == ("noise overstated", True)
     assert "correlate" not in check.sentence

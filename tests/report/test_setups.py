@@ -74,7 +74,7 @@ def posterior_of(case, sd=0.01, spread=0.002):
     own = len(problem.parametrisation.stiffness_names) > 3
     joints = [list(k.values()) for k in truth] if own else [TABLE_3]
     middle = np.concatenate([*np.log(joints), np.zeros(len(problem.prior.nuisances))])
-    widths = np.concatenate([np.full(3 * len(joints), sd), 0.1 * problem.prior.sd[3 * len(joints) :]])
+    widths = np.concatenate([np.full(3 * len(joints), sd), 0.03 * problem.prior.sd[3 * len(joints) :]])
     theta = middle + widths * rng.normal(size=(4, 25, middle.size))
     density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
     tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))

@@ -51,9 +51,11 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
             raise
         kept.discard()
     print_summary(posterior)
-    say(posterior.check.sentence)
-    if not posterior.check.explains:
-        say(posterior.diagnosis.sentence)
+    for check, diagnosis in zip(posterior.checks, posterior.diagnoses, strict=True):
+        if check.finding != "explained" or check is posterior.check:
+            say(check.sentence)
+        if not check.explains:
+            say(diagnosis.sentence)
     say(f"Report: {target / 'report.html'} and {target / 'report.pdf'}")
     exit_by_convergence(posterior)
 

@@ -1,14 +1,13 @@
 """Posterior predictive checks: whether the model explains the data, before anything else is believed.
 
-Residuals at draws of the posterior are brought to the scores that the noise model makes white with unit variance, and
-their sum of squares and correlation along frequency are compared with those of replicated data. One of three things is
-found: the model explains the data; it does not; or the residuals are so far below the stated noise that it is the noise
-which is wrong, and how they follow each other says nothing against the model.
+Residuals at draws of the posterior are brought to the scores that the noise model makes white with unit variance. Their
+sum of squares has a level (far below, below, as, or above what the noise model expects), their correlation along
+frequency a pattern (white, correlated). Level, pattern and what the noise model absorbs make one finding, with one
+remedy: the table is `jointbayes.posterior.findings`.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,26 +15,22 @@ from scipy import special
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel
-from jointbayes.inference.noise.base import squares_of
+from jointbayes.inference.noise.base import Absorbed, squares_of
+from jointbayes.posterior.findings import CELLS, Finding, FitCell, ResidualLevel, ResidualPattern
+from jointbayes.posterior.whiteness import LAGS, Whiteness, lag_sd, portmanteau, replicated_portmanteau
 
-__all__ = ["FALSE_ALARM", "Finding", "PredictiveCheck", "check_frequencies", "check_frfs"]
+__all__ = ["FALSE_ALARM", "FAR_BELOW", "PredictiveCheck", "check_frequencies", "check_frfs"]
 
 Array = NDArray[np.float64]
 
-#: Share of right models that are said not to explain the data, at most: half of it for each of the two p-values.
+#: Probability that any of the tests of a run, on level and pattern of all its set-ups, fails with a right model and the
+#: right noise, at most: each has this over their number (Bonferroni).
 FALSE_ALARM = 0.01
 #: One value stands out where the largest of so many would be as large this rarely.
 OUTLIER_LEVEL = FALSE_ALARM / 10
 #: Residuals below this share of the stated noise's variance, half its standard deviation, are far below it.
 FAR_BELOW = 0.25
-#: Neighbours whose residuals are compared: model error spans the lines of a resonance, so a few suffice.
-_LAGS = 5
-#: Replicated records, for a p-value of 1/2001 at the least, and the most values in each: the standardised statistic's
-#: law hardly depends on the length.
-_REPLICATES, _LONG = 2000, 1000
 _DRAWS_AT_ONCE = 8  # whose scores over all lines are held in memory
-
-Finding = Literal["explained", "misfit", "noise overstated"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,14 +41,10 @@ class PredictiveCheck:
     ----------
     chi2_per_line
         Sum of squared residuals over what the noise model expects, per value, mean over draws: about 1.
-    chi2_band
-        Central 95 % of it in replicated data.
-    chi2_p_value
-        Probability that replicated data have a larger sum. Near 0: misfit. Near 1: the noise is overstated.
-    whiteness_p_value
-        Probability that white residuals look as correlated along frequency; None for natural frequencies.
-    lag1
-        Correlation of the residuals of neighbouring lines, mean over draws; None for natural frequencies.
+    n_parts
+        Real numbers squared in it: its law in replicated data is χ² with as many degrees of freedom.
+    whiteness
+        Correlation along frequency; None for natural frequencies.
     largest
         Largest residual of any value, in standard deviations of one part, mean over draws.
     largest_p_value
@@ -62,62 +53,94 @@ class PredictiveCheck:
         Line and pair (from 0) of the largest; for natural frequencies the frequency, and 0.
     chi2_by_line
         Mean over draws and pairs of the squared residual at each line, 1 expected, shape (lines,).
+    absorbs
+        What the noise model takes up of a misfit.
     inferred
         Sentences on what of the noise had to be inferred to explain the data.
     setup
         Name of the set-up whose data they are, where there are several.
+    n_tests
+        Tests of all set-ups together; 0: of these data alone.
     """
 
     chi2_per_line: float
-    chi2_band: tuple[float, float]
-    chi2_p_value: float
-    whiteness_p_value: float | None
-    lag1: float | None
+    n_parts: int
+    whiteness: Whiteness | None
     largest: float
     largest_p_value: float
     largest_at: tuple[int, int]
     chi2_by_line: Array
+    absorbs: Absorbed = "nothing"
     inferred: tuple[str, ...] = ()
     setup: str = ""
+    n_tests: int = 0
 
     @property
-    def _level(self) -> float:
-        return FALSE_ALARM / (1 if self.whiteness_p_value is None else 2)
+    def n_own_tests(self) -> int:
+        """Tests of these data: of the level, and of the pattern where they have one."""
+        return 1 if self.whiteness is None else 2
 
     @property
-    def misfit(self) -> bool:
-        """Whether residuals are larger than the noise allows."""
-        return self.chi2_p_value < self._level
+    def test_level(self) -> float:
+        """Probability that one of the tests fails with a right model, so that any does with `FALSE_ALARM` at most."""
+        return FALSE_ALARM / (self.n_tests or self.n_own_tests)
 
     @property
-    def correlated(self) -> bool:
+    def chi2_band(self) -> tuple[float, float]:
+        """Central 1 − `test_level` of `chi2_per_line` in replicated data: outside it the level is another."""
+        half, tail = self.n_parts / 2, self.test_level / 2
+        return float(special.gammaincinv(half, tail) / half), float(special.gammainccinv(half, tail) / half)
+
+    @property
+    def chi2_p_value(self) -> float:
+        """Probability that replicated data have a larger sum. Near 0: misfit. Near 1: the noise is overstated."""
+        return float(special.gammaincc(self.n_parts / 2, self.n_parts / 2 * self.chi2_per_line))
+
+    @property
+    def whiteness_p_value(self) -> float | None:
+        """Probability that white residuals look as correlated along frequency; None for natural frequencies."""
+        return None if self.whiteness is None else self.whiteness.p_value
+
+    @property
+    def level(self) -> ResidualLevel:
+        """Where the sum of squares lies to the band of replicated data."""
+        low, high = self.chi2_band
+        if self.chi2_per_line > high:
+            return "above"
+        if self.chi2_per_line >= low:
+            return "as expected"
+        return "far below" if self.chi2_per_line < FAR_BELOW else "below"
+
+    @property
+    def pattern(self) -> ResidualPattern:
         """Whether residuals follow each other along frequency, as model error does and noise does not."""
-        return self.whiteness_p_value is not None and self.whiteness_p_value < self._level
+        white = self.whiteness is None or self.whiteness.statistic <= self.whiteness.limit(self.test_level)
+        return "white" if white else "correlated"
 
     @property
-    def misfit_p_value(self) -> float:
-        """Probability that a right model misfits as much in size or in correlation; below `FALSE_ALARM`: misfit."""
-        both = [p for p in (self.chi2_p_value, self.whiteness_p_value) if p is not None]
-        return min(1.0, len(both) * min(both))
-
-    @property
-    def overstated(self) -> bool:
-        """Whether residuals are smaller than the noise should make them; no reason to distrust the model."""
-        return self.chi2_p_value > 1 - self._level
+    def cell(self) -> FitCell:
+        """What is said of it, from the table."""
+        return CELLS[self.level, self.pattern, self.absorbs]
 
     @property
     def finding(self) -> Finding:
-        """Which one of three: residuals far below the noise are no misfit, however they follow each other."""
-        if self.overstated and self.chi2_per_line < FAR_BELOW:
-            return "noise overstated"
-        if self.misfit or self.correlated:
-            return "misfit"
-        return "noise overstated" if self.overstated else "explained"
+        """The finding, one of four."""
+        return self.cell.finding
+
+    @property
+    def smallest_p_value(self) -> float:
+        """Probability that residuals of a right model are as large, or as correlated: the less likely of the two."""
+        return min(2 * self.chi2_p_value, math.inf if self.whiteness is None else self.whiteness.p_value)
+
+    @property
+    def misfit_p_value(self) -> float:
+        """Probability that any test fails as badly with a right model; below `FALSE_ALARM`: misfit."""
+        return min(1.0, (self.n_tests or self.n_own_tests) * self.smallest_p_value)
 
     @property
     def explains(self) -> bool:
         """Whether the model explains the data: no misfit was found."""
-        return self.finding != "misfit"
+        return self.finding in ("explained", "noise overstated")
 
     @property
     def sentence(self) -> str:
@@ -126,35 +149,37 @@ class PredictiveCheck:
 
     @property
     def _said(self) -> str:
-        low, high = self.chi2_band
-        ratio = f"{self.chi2_per_line:#.3g}".rstrip(".")  # 1.00, not 1
-        squares = (
+        ratio, low, high = _told_apart(self.chi2_per_line, *self.chi2_band)
+        figures = (
             f"squared residuals are {ratio} times the expected noise "
-            f"(95 % of replicated data: {low:.3g} to {high:.3g}; p {_p(self.chi2_p_value)})"
+            f"({100 * (1 - self.test_level):.6g} % of replicated data: {low} to {high}; p {_p(self.chi2_p_value)})"
         )
-        if self.finding == "noise overstated":
-            head = f"The stated noise is overstated: {squares}. The model explains the data; intervals are too wide."
-            return " ".join([head, *self.inferred, *self._remarks()])
-        parts = [squares]
-        if self.lag1 is not None and self.whiteness_p_value is not None:
-            parts.append(
-                f"residuals of neighbouring lines correlate by {self.lag1:.2f} (white noise: 0; "
-                f"p {_p(self.whiteness_p_value)})"
-            )
-        head = "The model explains the data" if self.explains else "The model does NOT explain the data"
-        return " ".join([f"{head}: {' and '.join(parts)}.", *self.inferred, *self._remarks()])
+        if self.whiteness is not None and self.finding != "noise overstated":
+            figures += f" and residuals of nearby lines {self._correlation(self.whiteness)}"
+        remedy = self.cell.remedy if self.explains else ""  # of a misfit the diagnosis says what helps
+        words = (f"{self.cell.head}: {figures}.", self.cell.consequence, *self.inferred, remedy, self._outlier)
+        return " ".join(word for word in words if word)
 
-    def _remarks(self) -> list[str]:
-        """What follows from the finding."""
-        words = []
-        if self.finding == "misfit":
-            words.append("Intervals based on it are too narrow.")
-        if self.largest_p_value < OUTLIER_LEVEL and not self.misfit:
-            words.append(
-                f"One value deviates by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
-                "inspect it, or use Student-t noise."
-            )
-        return words
+    def _correlation(self, white: Whiteness) -> str:
+        statistic, limit = _told_apart(white.statistic, white.limit(self.test_level))
+        test = f"Ljung-Box statistic {statistic}, white noise: up to {limit}; p {_p(white.p_value)}"
+        if self.pattern == "white":
+            return f"do not correlate ({test})"
+        lag = white.worst_lag
+        apart = f"{lag} line{'s' if lag > 1 else ''} apart"
+        by, sd = white.correlations[lag - 1], white.deviations[lag - 1]
+        return f"correlate ({test}), most at {apart}: by {by:.2g}, {abs(sd):.2g} standard deviations of white noise"
+
+    @property
+    def _outlier(self) -> str:
+        """That one value stands out, where it does and the sum of squares is not too large anyway."""
+        if self.largest_p_value >= OUTLIER_LEVEL or self.level == "above":
+            return ""
+        other = "" if self.absorbs == "outliers" else ", or use Student-t noise"
+        return (
+            f"One value deviates by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
+            f"inspect it{other}."
+        )
 
 
 def check_frfs(
@@ -162,10 +187,10 @@ def check_frfs(
 ) -> PredictiveCheck:
     """Posterior predictive check of FRFs.
 
-    For each draw θ the data's statistic T(y, θ) is compared with its law in data replicated from θ; the p-value is
-    the mean over draws of P(T(y_rep, θ) ≥ T(y, θ)). Since the noise model makes scores white with unit variance
-    whatever its hyperparameters, that law is one for all draws: for Σ|score|² it is a gamma distribution, taken
-    exactly, and for the correlation along frequency it is replicated.
+    The mean over draws θ of the data's statistic T(y, θ) is compared with the law of T in data replicated from θ.
+    Since the noise model makes scores white with unit variance whatever its hyperparameters, that law is one for all
+    draws: for Σ|score|² it is a gamma distribution, taken exactly, and for the correlation along frequency that of
+    replicated records.
 
     Parameters
     ----------
@@ -198,7 +223,8 @@ def check_frfs(
     rows = np.broadcast_to(np.asarray(hyper, dtype=float), (len(z), np.shape(hyper)[-1]))
     squares = np.array([np.vdot(one, one).real for one in z])
     noise, rows = noise.with_scale(squares, math.prod(z.shape[1:]), rows, rng)
-    total, largest, observed, lag1 = np.empty((4, len(z)))
+    total, largest, observed = np.empty((3, len(z)))
+    lags = np.empty((len(z), min(LAGS, z.shape[1] - 1)))
     mean = np.zeros(z.shape[1:])
     for begin in range(0, len(z), _DRAWS_AT_ONCE):
         some = slice(begin, begin + _DRAWS_AT_ONCE)
@@ -206,15 +232,26 @@ def check_frfs(
         square = 2 / noise.parts * squares_of(scores)  # 1 is expected
         total[some], largest[some] = square.sum(axis=(1, 2)), square.max(axis=(1, 2))
         mean += square.sum(axis=0) / len(z)
-        observed[some], lag1[some] = _portmanteau(scores, noise.parts)
-    replicated = np.sort(_replicated_portmanteau(z.shape[1], z.shape[2], noise.parts, rng))
-    above = _REPLICATES - np.searchsorted(replicated, observed)
+        observed[some], lags[some] = portmanteau(scores, noise.parts)
+    replicated = replicated_portmanteau(z.shape[1], z.shape[2], noise.parts, rng)
     inferred = noise.words(dict(zip(noise.names, np.median(rows, axis=0).tolist(), strict=True)))
-    whiteness = float(np.mean((1 + above) / (1 + _REPLICATES)))
-    return _found(total, largest, mean, noise.parts, whiteness, float(lag1.mean()), inferred)
+    correlations = lags.mean(axis=0)
+    deviations = correlations / lag_sd(z.shape[1], z.shape[2], noise.parts)[: lags.shape[1]]
+    whiteness = Whiteness(
+        float(observed.mean()),
+        np.sort(replicated),
+        tuple(correlations.tolist()),
+        tuple(deviations.tolist()),
+    )
+    return _checked(total, largest, mean, noise.parts, whiteness, noise.absorbs, inferred)
 
 
-def check_frequencies(residuals: Array) -> PredictiveCheck:
+def check_frequencies(
+    residuals: Array,
+    noise: NoiseModel | None = None,
+    hyper: ArrayLike = (),
+    rng: np.random.Generator | None = None,
+) -> PredictiveCheck:
     """Posterior predictive check of natural frequencies: of the sum of squares only, since they are few.
 
     With no more frequencies than parameters a right and a wrong model fit alike, and the check cannot tell.
@@ -223,6 +260,9 @@ def check_frequencies(residuals: Array) -> PredictiveCheck:
     ----------
     residuals
         (predicted − measured)/sd at draws of the posterior, shape (draws, count).
+    noise, hyper, rng
+        Law of the residuals, its hyperparameters at these draws, shape (draws, q), and what draws a scale that it
+        integrates out; without a law that of the stated standard deviations.
 
     Raises
     ------
@@ -233,68 +273,45 @@ def check_frequencies(residuals: Array) -> PredictiveCheck:
         raise ModelError(
             f"posterior check: found residuals of shape {residuals.shape}; expected finite ones, (draws, count)"
         )
-    square = residuals**2
-    return _found(square.sum(axis=1), square.max(axis=1), square.mean(axis=0)[:, None], 1, None, None, ())
+    square: Array = residuals**2
+    inferred: tuple[str, ...] = ()
+    absorbs: Absorbed = "frequencies"
+    if noise is not None and not noise.as_stated:
+        noise, scale = noise.with_scale(square.sum(axis=1) / 2, residuals.shape[1], np.asarray(hyper, dtype=float), rng)
+        square, absorbs = square / scale**2, noise.absorbs
+        inferred = noise.words(dict(zip(noise.names, np.median(scale, axis=0).tolist(), strict=True)))
+    return _checked(square.sum(axis=1), square.max(axis=1), square.mean(axis=0)[:, None], 1, None, absorbs, inferred)
 
 
-def _found(
-    total: Array, largest: Array, mean: Array, parts: int, whiteness: float | None, lag1: float | None,
+def _checked(
+    total: Array, largest: Array, mean: Array, parts: int, whiteness: Whiteness | None, absorbs: Absorbed,
     inferred: tuple[str, ...],
 ) -> PredictiveCheck:  # fmt: skip
     """The check from squared scores, 1 expected: their sum and largest (draws,), and their mean (lines, pairs)."""
     n_values = mean.size
-    half = parts * n_values / 2
-    p_value = float(special.gammaincc(half, parts / 2 * total).mean())
-    low, high = special.gammaincinv(half, [0.025, 0.975]) / half
     # P(one value larger), then of the largest of all; by log1p since the first may be tiny
     beyond = np.clip(special.gammaincc(parts / 2, parts / 2 * largest), 0, 1 - 1e-16)
     line, pair = np.unravel_index(int(mean.argmax()), mean.shape)
     return PredictiveCheck(
         chi2_per_line=float(total.mean()) / n_values,
-        chi2_band=(float(low), float(high)),
-        chi2_p_value=p_value,
-        whiteness_p_value=whiteness,
-        lag1=lag1,
+        n_parts=parts * n_values,
+        whiteness=whiteness,
         largest=float(np.sqrt(parts * largest).mean()),
         largest_p_value=float(-np.expm1(n_values * np.log1p(-beyond)).mean()),
         largest_at=(int(line), int(pair)),
         chi2_by_line=mean.mean(axis=1),
+        absorbs=absorbs,
         inferred=inferred,
     )
 
 
-def _portmanteau(scores: NDArray[np.inexact], parts: int) -> tuple[Array, Array]:
-    """Ljung-Box statistic and correlation of neighbours of each row (n, lines, pairs), each shape (n,).
-
-    Correlations are those of each pair's residuals over their own sum of squares, so that a wrong level of noise plays
-    no part, averaged over pairs. At lag h that of a white record has variance parts·(lines − h)/(M(M + 2)) with
-    M = parts·lines.
-    """
-    n, lines, pairs = scores.shape
-    m = parts * lines
-    # the real part of conj(a)·b is the scalar product of (Re a, Im a) with (Re b, Im b)
-    flat = np.ascontiguousarray(scores.swapaxes(1, 2)).view(np.float64).reshape(n, pairs, m)
-    norm = np.einsum("npk,npk->np", flat, flat)
-    norm = np.where(norm > 0, norm, 1.0)
-    total, lag1 = np.zeros(n), np.zeros(n)
-    for h in range(1, min(_LAGS, lines - 1) + 1):
-        product = np.einsum("npk,npk->np", flat[:, :, : -h * parts], flat[:, :, h * parts :])
-        correlation = (product / norm).mean(axis=1)
-        lag1 = correlation if h == 1 else lag1
-        total += correlation**2 * pairs * m * (m + 2) / (parts * (lines - h))
-    return total, lag1
-
-
-def _replicated_portmanteau(lines: int, pairs: int, parts: int, rng: np.random.Generator) -> Array:
-    """The same statistic of white residuals, shape (replicates,)."""
-    length = min(lines, max(_LONG // pairs, 10 * _LAGS))
-    block = max(1, 100_000 // (length * pairs))
-    out = []
-    for start in range(0, _REPLICATES, block):
-        shape = (min(block, _REPLICATES - start), length, pairs * parts)
-        white = rng.standard_normal(shape)
-        out.append(_portmanteau(white.view(np.complex128) if parts == 2 else white, parts)[0])
-    return np.concatenate(out)
+def _told_apart(value: float, *limits: float) -> tuple[str, ...]:
+    """A number and its limits with three digits, or as many as tell it from them."""
+    for digits in range(3, 8):
+        texts = tuple(f"{number:#.{digits}g}".rstrip(".") for number in (value, *limits))
+        if texts[0] not in texts[1:]:
+            break
+    return texts
 
 
 def _p(value: float) -> str:

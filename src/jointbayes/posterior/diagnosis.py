@@ -105,6 +105,8 @@ class Diagnosis:
         Name of the FRF that is off alone, if that is a cause.
     ignores_noise
         Whether the noise of measured bodies, which may be all there is to it, is ignored.
+    remedy
+        What helps where they point to nothing: that of `jointbayes.posterior.findings`.
     """
 
     modes: tuple[ModeError, ...]
@@ -112,6 +114,7 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     sensor: str = ""
     ignores_noise: bool = False
+    remedy: str = ""
 
     @property
     def measure(self) -> str:
@@ -139,11 +142,8 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        """Measure and advice."""
-        advice = (
-            self.advice or "The residuals point to no single cause; [noise.discrepancy] allows for a model discrepancy."
-        )
-        return f"{self.measure} {advice}".strip()
+        """Measure and advice, or remedy without any."""
+        return f"{self.measure} {self.advice or self.remedy}".strip()
 
     def _advice_on(self, cause: Cause) -> str:
         match cause:

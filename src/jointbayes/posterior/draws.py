@@ -193,12 +193,14 @@ class PosteriorDraws:
 
         Of several set-ups that of the one which the model explains worst. The seed of the run also replicates the data.
         """
-        return min(self.checks, key=lambda check: check.misfit_p_value)
+        return min(self.checks, key=lambda check: (check.explains, check.smallest_p_value))
 
     @cached_property
     def checks(self) -> tuple[PredictiveCheck, ...]:
-        """The check of each set-up."""
-        return tuple(self._check(number, part) for number, part in enumerate(self.problem.parts))
+        """The check of each set-up, at a level that allows for the tests of all."""
+        each = [self._check(number, part) for number, part in enumerate(self.problem.parts)]
+        n_tests = sum(check.n_own_tests for check in each)
+        return tuple(replace(check, n_tests=n_tests) for check in each)
 
     def _check(self, number: int, part: Problem) -> PredictiveCheck:
         likelihood = part.log_posterior.likelihood
@@ -206,9 +208,9 @@ class PosteriorDraws:
         theta = self.thinned(count)
         hyper = likelihood.hyper(part.prior.factors(theta))
         z = part.log_posterior.standardised(theta)
-        if not isinstance(part.measurement, FrfMeasurement):
-            return replace(check_frequencies(np.asarray(z.real)), setup=part.setup)
         rng = np.random.default_rng([self.record.seed, 2, *([number] if number else [])])
+        if not isinstance(part.measurement, FrfMeasurement):
+            return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng), setup=part.setup)
         return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.setup)
 
     @cached_property
@@ -236,7 +238,10 @@ class PosteriorDraws:
         """The diagnosis of each set-up."""
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
         each = ((part, np.random.default_rng([self.record.seed, 4])) for part in self.problem.parts)
-        return tuple(diagnose(part, theta, rng) for part, rng in each)
+        return tuple(
+            replace(diagnose(part, theta, rng), remedy=check.cell.remedy)
+            for (part, rng), check in zip(each, self.checks, strict=True)
+        )
 
     def region_level(self, stiffness: ArrayLike) -> float:
         """Probability of the smallest highest-density region that holds a joint, shape (q,).

@@ -154,6 +154,7 @@ def fit_json(fit: FitSummary, diagnosis: Diagnosis) -> dict[str, Any]:
 
 def check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     """What ``check`` of ``summary.json`` holds."""
+    white = check.whiteness
     return {
         "explains": check.explains,
         "finding": check.finding,
@@ -161,9 +162,14 @@ def check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
         "causes": [] if check.explains else list(diagnosis.causes),
         "diagnosis": None if check.explains else diagnosis.sentence,
         "chi2_per_line": check.chi2_per_line,
-        "chi2_band95": list(check.chi2_band),
+        "chi2_band": list(check.chi2_band),
         "chi2_p_value": check.chi2_p_value,
+        "level": check.level,
+        "pattern": None if white is None else check.pattern,
+        "whiteness": None if white is None else white.statistic,
+        "whiteness_limit": None if white is None else white.limit(check.test_level),
         "whiteness_p_value": check.whiteness_p_value,
-        "lag1": check.lag1,
+        "lag_correlations": [] if white is None else list(white.correlations),
+        "false_alarm": check.test_level,
         "largest_residual_sd": check.largest,
     }

@@ -21,6 +21,7 @@ from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import FrfMeasurement
 
 __all__ = [
+    "Absorbed",
     "GaussianSpread",
     "NoiseChoice",
     "NoiseModel",
@@ -72,6 +73,11 @@ class NoiseChoice:
 def log_uniform(name: str, unit: str, low: float, high: float) -> Nuisance:
     """A hyperparameter of which every order of magnitude from `low` to `high` is equally probable."""
     return Nuisance(name, unit, 1.0, Uniform(math.log(low), math.log(high)))
+
+
+#: What a noise model takes up of a misfit: a wrong size of the noise, a discrepancy along frequency, single lines that
+#: are far off; of natural frequencies nobody asks.
+Absorbed = Literal["nothing", "outliers", "size", "discrepancy", "frequencies"]
 
 
 class NoiseModel(ABC):
@@ -147,6 +153,11 @@ class NoiseModel(ABC):
         Drawn given Σ|z|², shape (n,), or its typical value where there is no `rng`. By default nothing is integrated.
         """
         return self, hyper
+
+    @property
+    def absorbs(self) -> Absorbed:
+        """What of a misfit it takes up."""
+        return "size" if "noise_scale" in self.names else "nothing"
 
     def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """What of the noise was inferred, in sentences, from values of the hyperparameters by name."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.noise.base import (
+    Absorbed,
     NoiseChoice,
     NoiseModel,
     Residuals,
@@ -133,6 +134,11 @@ class CorrelatedNoise(NoiseModel):
         out = np.sqrt(rows[:, 0, None, None] / 2) * rng.standard_normal(shape)
         correlate(math.sqrt(0.5) * rng.standard_normal(shape), self._kind, self._spacing, rows, out)
         return from_columns(out, self.parts)
+
+    @property
+    def absorbs(self) -> Absorbed:
+        """A model discrepancy."""
+        return "discrepancy"
 
     def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """What of the noise was inferred, in sentences."""

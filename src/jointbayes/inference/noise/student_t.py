@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from jointbayes.inference.noise.base import (
+    Absorbed,
     NoiseChoice,
     NoiseModel,
     Residuals,
@@ -73,6 +74,11 @@ class StudentNoise(NoiseModel):
     def names(self) -> tuple[str, ...]:
         """Hyperparameters, in order."""
         return ("noise_scale",) if self.scaled else ()
+
+    @property
+    def absorbs(self) -> Absorbed:
+        """Single lines that are far off, and the size of the noise where it is inferred."""
+        return "size" if self.scaled else "outliers"
 
     def _scale(self, hyper: ArrayLike, n: int) -> Array:
         """Scale of each row, shape (n, 1, 1)."""

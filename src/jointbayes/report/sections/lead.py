@@ -79,11 +79,14 @@ def _explained(summary: Summary) -> list[Block]:
 
 
 def _check_banners(summary: Summary) -> list[Block]:
-    """One banner where the model does not explain the data, with what helps; another where the noise is overstated."""
-    check = summary.check
-    if check.finding == "misfit":
-        return [Callout("bad", f"{_bold_head(check.sentence)} {summary.diagnosis.sentence}")]
-    return [Callout("caution", _bold_head(check.sentence))] if check.finding == "noise overstated" else []
+    """A banner for each set-up whose data the model does not explain, with what helps, or whose noise is overstated."""
+    banners: list[Block] = []
+    for one in summary.setups.values():
+        if not one.check.explains:
+            banners.append(Callout("bad", f"{_bold_head(one.check.sentence)} {one.diagnosis.sentence}"))
+        elif one.check.finding == "noise overstated":
+            banners.append(Callout("caution", _bold_head(one.check.sentence)))
+    return banners
 
 
 def _bold_head(sentence: str) -> str:

@@ -1,0 +1,138 @@
+"""How often the check finds something in exact data: `python -m benchmarks.false_alarms --sets 34`.
+
+Six kinds of case, each analysed with the very model and noise that made its data: the main case; with material, length
+and damping uncertain; four FRFs of a coherence, with Student-t noise; natural frequencies; two set-ups; a frame. Every
+data set has noise of its own. A finding other than "explained" is a false alarm: of runs at the level `FALSE_ALARM` as
+many in a hundred are allowed.
+
+Outcomes are kept in build/false_alarms.jsonl as they come, so that a study that was cut off goes on where it was.
+"""
+
+import argparse
+import json
+import re
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+import jointbayes as jb
+from benchmarks.record import kept_lines
+from jointbayes.case.case_text import read_case_text
+from jointbayes.posterior.checks import FALSE_ALARM
+
+__all__ = ["KINDS", "Outcome", "analyse", "text_of"]
+
+ROOT = Path(__file__).resolve().parents[1]
+KEPT = ROOT / "build" / "false_alarms.jsonl"
+#: Shipped case of each kind.
+KINDS = {
+    "main": "clamped_beam",
+    "uncertain": "clamped_beam_uncertain",
+    "several FRFs": "virtual_test",
+    "natural frequencies": "clamped_beam_frequencies_360mm",
+    "two set-ups": "two_overhangs",
+    "frame": "spindle_tool",
+}
+_TRUTH = np.array([5.05e9, 3.44e7, 1.52e6])  # of the paper's Table 3, whose natural frequencies are the data
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the check said of one exact data set."""
+
+    kind: str
+    index: int
+    finding: str
+    chi2_per_line: float
+    misfit_p_value: float
+    converged: bool
+    seconds: float
+
+
+def text_of(kind: str, index: int) -> str:
+    """The case with noise of its own."""
+    text = read_case_text(ROOT / "configs" / f"{KINDS[kind]}.toml").text
+    if kind == "natural frequencies":
+        problem = jb.case_from_text("nominal", text).problem
+        exact = problem.natural_frequencies_hz(_TRUTH, 3)[0]
+        rng = np.random.default_rng([7, index])
+        noisy = exact + np.hypot(0.005 * exact, 0.5) * rng.standard_normal(3)
+        # the stated sd is a fraction of the measured frequency: a second-order difference
+        return re.sub(r"(?m)^frequencies_hz = .*$", f"frequencies_hz = {noisy.round(6).tolist()}", text, count=1)
+    before, table, after = text.partition("[data.noise]")
+    if not table:
+        raise SystemExit(f"{KINDS[kind]}: found no [data.noise]; expected its seed")
+    changed = before + table + re.sub(r"(?m)^seed = \d+", f"seed = {1000 + index}", after, count=1)
+    return changed + '\n[noise]\ndistribution = "student_t"\ndof = 6.0\n' if kind == "several FRFs" else changed
+
+
+def problem_of(kind: str, index: int, case: jb.Case) -> jb.Problem:
+    """The problem of a case; with Student-t noise its data are made anew, as a case makes Gaussian ones only."""
+    problem = case.problem
+    if kind != "several FRFs":
+        return problem
+    theta = problem.parametrisation.coordinates(_TRUTH)
+    density, measured = problem.log_posterior, problem.measurement
+    exact, variance = density.predicted(theta)[0], density.variance(theta)[0]
+    shape = (len(exact), exact[0].size)
+    z = density.likelihood.noise.draw(np.random.default_rng([8, index]), np.empty((1, 0)), *shape)[0]
+    frf = replace(measured.frf, values=exact + np.sqrt(variance) * z.reshape(exact.shape))
+    return replace(problem, measurement=replace(measured, frf=frf, joint_frf=None))
+
+
+def analyse(kind: str, index: int, settings: jb.SamplerSettings | None = None) -> Outcome:
+    """Make data set number so many of a kind, and check the model that made it."""
+    began = time.process_time()
+    case = jb.case_from_text(f"{kind} {index}", text_of(kind, index), directory=ROOT / "configs")
+    problem = problem_of(kind, index, case)
+    subject = case if problem is case.problem else replace(case, problem=problem)
+    posterior = jb.sample(subject, seed=index, settings=settings or case.sampler)
+    findings = [check.finding for check in posterior.checks if check.finding != "explained"]
+    return Outcome(
+        kind,
+        index,
+        findings[0] if findings else "explained",
+        posterior.check.chi2_per_line,
+        posterior.check.misfit_p_value,
+        posterior.converged,
+        time.process_time() - began,
+    )
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """Markdown table of false alarms by kind, and what is allowed of all."""
+    lines = ["| Kind | Data sets | False alarms |", "|---|---|---|"]
+    for kind in KINDS:
+        of_kind = [one for one in outcomes if one.kind == kind]
+        lines.append(f"| {kind} | {len(of_kind)} | {sum(one.finding != 'explained' for one in of_kind)} |")
+    alarms = sum(one.finding != "explained" for one in outcomes)
+    most = int(stats.binom(len(outcomes), FALSE_ALARM).ppf(0.999))
+    lines.append(f"| all | {len(outcomes)} | {alarms} (at {100 * FALSE_ALARM:g} % more than {most}: once in 1000) |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what is not yet kept, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", type=int, default=34, help="data sets of each kind; default 34")
+    parser.add_argument("--kinds", nargs="*", choices=list(KINDS), default=list(KINDS))
+    options = parser.parse_args()
+    outcomes = [Outcome(**line) for line in kept_lines(KEPT, "false alarms, 1")]
+    done = {(one.kind, one.index) for one in outcomes}
+    for index in range(1, options.sets + 1):
+        for kind in options.kinds:
+            if (kind, index) in done:
+                continue
+            outcome = analyse(kind, index)
+            with KEPT.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(outcome)) + "\n")
+            print(outcome, flush=True)
+            outcomes.append(outcome)
+    print(table(outcomes), flush=True)
+
+
+if __name__ == "__main__":
+    main()

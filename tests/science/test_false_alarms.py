@@ -1,0 +1,20 @@
+"""Exact data are found to be explained: a sample of `benchmarks.false_alarms`."""
+
+import pytest
+from benchmarks.false_alarms import KINDS, analyse, table, text_of
+
+from tests.conftest import TO_CONVERGE
+
+
+@pytest.mark.parametrize(
+    "kind", [kind if kind == "natural frequencies" else pytest.param(kind, marks=pytest.mark.science) for kind in KINDS]
+)
+def test_exact_data_are_explained(kind):
+    outcome = analyse(kind, 1, TO_CONVERGE)
+    assert outcome.finding == "explained"
+    assert f"| {kind} | 1 | 0 |" in table([outcome])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_data_set_has_noise_of_its_own(kind):
+    assert text_of(kind, 1) == text_of(kind, 1) != text_of(kind, 2)
