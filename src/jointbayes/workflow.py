@@ -246,6 +246,8 @@ def sample(
     ------
     SamplingError
         If no starting ball with finite density is found.
+    MeasurementError
+        If FRFs have one line only.
     CheckpointError
         If another process is at work in the directory; if a run is there and `resume` is false; if it is a run of
         another problem, seed or settings, or of other versions: which.
@@ -254,6 +256,9 @@ def sample(
         with UnfinishedRun(checkpoint, resume=resume, tell=tell or (lambda _line: None)) as unfinished:
             return sample(case, seed, settings=settings, progress=progress, tell=tell, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
+    for part in problem.parts:
+        if isinstance(part.measurement, FrfMeasurement):
+            part.measurement.require_lines()
     seed = _seed(whole, seed)
     tell = tell or (lambda _line: None)
     dimension = len(problem.prior.names)

@@ -11,11 +11,12 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.case.case import Case
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, ModelError
+from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
 from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
+from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
 from jointbayes.measurement.virtual.synthetic import noisy_frf
 from jointbayes.sampling import SamplerSettings
@@ -578,3 +579,118 @@ def test_records_of_time_are_no_frfs(tmp_path):
     write_records([TimeRecord("Point:5:Y+", 1000.0, np.ones(16), "force", "N")], tmp_path / "tip.npz", "npz")
     with pytest.raises(CaseError, match="found no FRF"):
         loaded(tmp_path, TIP)
+
+
+def spoilt(frf: FrfSet, values: dict[int, complex], coherence: dict[int, float]) -> list[FrfRecord]:
+    """Records of FRFs whose first one has these values and coherences on some lines."""
+    first, *others = (
+        replace(record, response=LABELS[record.response], reference=LABELS[record.reference])
+        for record in records_of_frf(frf)
+    )
+    assert first.coherence is not None
+    h, gamma = first.values.copy(), first.coherence.copy()
+    for changed, entries in ((h, values), (gamma, coherence)):
+        for line, value in entries.items():
+            changed[line] = value
+    return [replace(first, values=h, coherence=gamma), *others]
+
+
+def test_bad_lines_are_left_out_and_named(tmp_path):
+    frf = virtual()
+    bad = {3: complex(np.nan, 0.0), 7: 0.0}, {11: 0.0, 15: 1.2, 19: np.nan}
+    write_records(spoilt(frf, *bad), tmp_path / "tip.npz", "npz")
+    case = loaded(tmp_path, frf_data())
+    good = np.delete(np.arange(frf.n_lines), [3, 7, 11, 15, 19])
+    measured = case.problem.measurement
+    np.testing.assert_array_equal(measured.frf.frequency_hz, frf.frequency_hz[good])
+    np.testing.assert_array_equal(measured.frf.values, frf.values[good])
+    note = next(note for note in measured.provenance.notes if "left out" in note)
+    assert f"Of {frf.n_lines} lines 5 were left out" in note
+    assert ", ".join(f"{frf.frequency_hz[k]:g}" for k in (3, 7, 11, 15, 19)) in note
+    assert {"not_finite", "zero_lines", "coherence_range"} <= {w.key for w in measured.provenance.warnings}
+
+
+def test_a_bad_coherence_that_nobody_asks_for_costs_no_line(tmp_path):
+    frf = virtual()
+    write_records(spoilt(frf, {}, {11: 0.0, 15: 1.2}), tmp_path / "tip.npz", "npz")
+    case = loaded(tmp_path, frf_data(variance='[data.variance]\nsource = "relative"\nrelative = 0.01\nfloor = 0.0\n'))
+    assert case.problem.measurement.frf.n_lines == frf.n_lines
+
+
+@pytest.mark.parametrize(
+    ("values", "coherence", "expected"),
+    [
+        (lambda n: dict.fromkeys(range(n // 2 + 1), 0.0), lambda n: {}, "found exactly 0 at"),
+        (lambda n: dict.fromkeys(range(n), complex(np.nan)), lambda n: {}, "found NaN or infinity at"),
+        (lambda n: {}, lambda n: dict.fromkeys(range(n), 0.0), "found a coherence of 0 at"),
+        (lambda n: {}, lambda n: dict.fromkeys(range(n), 1.2), "found coherence 1.2 at"),
+    ],
+)
+def test_a_file_of_bad_lines_is_refused(tmp_path, values, coherence, expected):
+    frf = virtual()
+    write_records(spoilt(frf, values(frf.n_lines), coherence(frf.n_lines)), tmp_path / "tip.npz", "npz")
+    with pytest.raises(CaseError, match=expected):
+        loaded(tmp_path, frf_data())
+
+
+def test_bands_can_be_left_out_of_the_middle(tmp_path):
+    frf = virtual()
+    stored(frf, tmp_path / "tip.npz")
+    f = frf.frequency_hz
+    bands = f"exclude_hz = [[{f[4]}, {f[6]}], [{f[9]}, {f[9]}], [0.0, {f[0]}]]".replace(
+        f"[{f[9]}, {f[9]}]", f"[{f[9] - 1e-3}, {f[9] + 1e-3}]"
+    )
+    measured = loaded(tmp_path, frf_data(bands)).problem.measurement
+    np.testing.assert_array_equal(measured.frf.frequency_hz, np.delete(f, [0, 4, 5, 6, 9]))
+    assert any("5 were left out, as exclude_hz asks" in note for note in measured.provenance.notes)
+    assert not any(w.key == "uneven_lines" for w in measured.provenance.warnings)
+    with pytest.raises(CaseError, match=r"data\.exclude_hz: .*lower frequency first"):
+        loaded(tmp_path, frf_data("exclude_hz = [[50.5, 49.5]]"))
+    with pytest.raises(CaseError, match=r"found no line outside 1 to 1e\+06 Hz"):
+        loaded(tmp_path, frf_data("exclude_hz = [[1.0, 1e6]]"))
+
+
+def test_one_line_is_refused_before_any_work(tmp_path):
+    frf = virtual()
+    stored(frf, tmp_path / "tip.npz")
+    f = frf.frequency_hz
+    with pytest.raises(CaseError, match=r"case\.toml:\d+: data: FRFs: found 1 line, at .* expected two or more"):
+        loaded(tmp_path, frf_data(f"f_max_hz = {f[0] + 1e-3}"))
+    problem = truth().problem
+    one = replace(problem.measurement, frf=problem.measurement.frf.at_lines([0]), variance=np.ones((1, 1, 1)))
+    with pytest.raises(MeasurementError, match="found 1 line"):
+        jb.sample(replace(problem, measurement=one))
+
+
+@pytest.mark.parametrize("quantity", ["accelerance", "mobility", "receptance"])
+def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_data(tmp_path, quantity):
+    frf = virtual(quantity=quantity)
+    stored(frf, tmp_path / "tip.npz")
+    assert not loaded(tmp_path, frf_data()).warnings
+    stored(replace(frf, values=frf.values.conj()), tmp_path / "tip.npz")
+    doubtful = loaded(tmp_path, frf_data())
+    (warning,) = [w for w in doubtful.warnings if "conjugate" in w.text]
+    assert "conjugate = true in [data]" in warning.text
+    assert warning.key == "data.file"
+    told = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml")])
+    assert "complex conjugate" in told.stderr
+    right = loaded(tmp_path, frf_data("conjugate = true"))
+    assert not right.warnings
+    np.testing.assert_allclose(right.problem.measurement.frf.values, frf.values, rtol=1e-12)
+    assert any("complex conjugates" in note for note in right.problem.measurement.provenance.notes)
+
+
+def test_a_turned_drive_point_is_said_before_a_run(tmp_path):
+    stored(virtual(("5:y",)), tmp_path / "tip.npz")
+    tip = '"Point:5:Y+" = "5:y"\n'
+    assert not loaded(tmp_path, frf_data(channels=tip)).warnings
+    frf = virtual(("5:y",))
+    stored(replace(frf, values=-frf.values), tmp_path / "tip.npz")
+    (warning,) = loaded(tmp_path, frf_data(channels=tip)).warnings
+    assert "which no structure can do" in warning.text
+
+
+def test_frfs_that_are_made_here_are_no_conjugates(tmp_path):
+    data = frf_data("conjugate = true") + '[data.records]\nmethod = "impact"\n'
+    with pytest.raises(CaseError, match=r"data\.conjugate: found true with time histories"):
+        loaded(tmp_path, data)

@@ -230,3 +230,10 @@ def test_frfs_of_labview_files(tmp_path):
     (record,) = records(tmp_path / "a", LVM.format(decimal=".", columns="One", segments=segment))
     np.testing.assert_array_equal(record.values, H)
     assert (record.quantity, record.where) == ("accelerance", "segment 1, columns 2 and 3")
+
+
+def test_absurd_averages_say_what_is_allowed(tmp_path):
+    path = tmp_path / "tip.csv"
+    path.write_text("# averages: 1000000000\nfrequency [Hz],1:Y/1:Y real [m/N],1:Y/1:Y imag [m/N]\n1,1,0\n2,1,0\n")
+    with pytest.raises(MeasurementError, match="found averages '1000000000'; expected whole numbers from 1 to 1000000"):
+        list(iter_records(path))

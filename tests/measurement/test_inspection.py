@@ -239,3 +239,25 @@ def test_a_measurement_never_replaces_its_case_or_a_device(tmp_path):
         assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert case.read_bytes() == (CONFIGS / "virtual_test.toml").read_bytes()
     assert stat.S_ISFIFO((tmp_path / "pipe.csv").stat().st_mode)
+
+
+def conjugated_file(path):
+    exact = records(np.random.default_rng(1), lines=COARSE)
+    write_records([replace(r, values=r.values.conj()) for r in exact], path, "uff58b")
+    return path
+
+
+def test_a_file_of_conjugates_shows_the_resonances_of_the_structure(found, tmp_path):
+    conjugated = inspect_file(conjugated_file(tmp_path / "conjugated.uff"))
+    assert [w.key for w in conjugated.warnings] == ["conjugated"]
+    assert any("complex conjugates" in note for note in conjugated.notes)
+    hz = [mode.frequency_hz for mode in conjugated.modes]
+    np.testing.assert_allclose(hz, [mode.frequency_hz for mode in found.modes], rtol=1e-6)
+
+
+def test_inspect_takes_the_conjugates_where_it_is_asked(tmp_path, clean):
+    run = CliRunner().invoke(main, ["inspect", str(conjugated_file(tmp_path / "conjugated.uff")), "--conjugate"])
+    assert run.exit_code == 0
+    assert "No warnings." in run.stdout
+    right = CliRunner().invoke(main, ["inspect", str(clean), "--conjugate"])
+    assert "[conjugated]" in right.stdout

@@ -181,3 +181,16 @@ def test_poles_of_many_frfs_are_sought_in_a_few_and_all_are_fitted_with_them(mon
     assert few.values.shape == frf.values[within].shape
     assert few.misfit == pytest.approx(1.0, abs=0.05)  # of all twelve, six of which no pole was sought in
     assert max(map(abs, scores(few.modes, PLATE[0][:4], PLATE[1][:4]))) < 4
+
+
+@pytest.mark.parametrize("lines", [24, 40, 100])
+@pytest.mark.parametrize("coherence", [None, 0.9999])
+def test_a_clean_frf_of_few_lines_has_modes_or_none_but_no_error(lines, coherence):
+    """Whose coherence leaves squares over a range beyond the digits of their sum."""
+    for low, high in ((100.0, 900.0), (200.0, 300.0), (5.0, 200.0), (10.0, 1500.0)):
+        frequency = np.linspace(low, high, lines)
+        omega, first = 2 * np.pi * frequency, 2 * np.pi * 121.5
+        values = (1 / (first**2 - omega**2 + 0.02j * first * omega)).reshape(-1, 1, 1)
+        known = {} if coherence is None else {"coherence": np.full(values.shape, coherence), "averages": 10}
+        modes = identify_modes(FrfSet(frequency, values, ("1:y",), ("1:y",), "receptance", **known))
+        assert all(np.isfinite([mode.frequency_hz, mode.damping_ratio]).all() for mode in modes)

@@ -84,6 +84,10 @@ def with_values(index, value):
     return broken
 
 
+def conjugates(found):
+    return [replace(r, values=r.values.conj()) for r in found]
+
+
 def delayed(found):
     return [times(found[0], np.exp(-2j * np.pi * LINES * 1e-4))]
 
@@ -109,6 +113,12 @@ BROKEN = {
         "receptance",
         first(quantity="accelerance", unit=UNITS["accelerance"]),
     ),
+    "conjugated accelerance": ("conjugated", "accelerance", lambda r: conjugates(r)),
+    "conjugated mobility": ("conjugated", "mobility", lambda r: conjugates(r)),
+    "conjugated receptance": ("conjugated", "receptance", lambda r: conjugates(r)),
+    "conjugated transfer alone": ("conjugated", "receptance", lambda r: conjugates(r[1:2])),
+    "conjugated drive point of the other sign": ("sign_flip", "accelerance", lambda r: [times(conjugates(r)[0], -1)]),
+    "one of four conjugated": ("conjugated", "accelerance", lambda r: [*r[:3], *conjugates(r[3:])]),
     "sign of a transfer": ("reciprocity", "accelerance", lambda r: [r[1], times(r[2], -1)]),
     "another sensitivity": ("reciprocity", "accelerance", lambda r: [r[1], times(r[2], 1.5)]),
     "another place": ("reciprocity", "accelerance", lambda r: [r[1], replace(r[3], response="Point:1:Z+")]),
@@ -343,3 +353,42 @@ def test_of_many_records_only_sketches_are_kept():
     size = sum(s.frequency_hz.nbytes + s.mobility.nbytes + s.noise.nbytes for s in kept)
     assert len(kept) == 30
     assert size < 30 * 4096  # of 640 kB each
+
+
+def random_file(seed):
+    """FRFs of a random structure on lines fine or coarse, hardly or very noisy."""
+    rng = np.random.default_rng(seed)
+    modes = int(rng.integers(1, 7))
+    modal = (np.sort(rng.uniform(100, 1500, modes)), rng.uniform(1e-3, 0.03, modes), rng.normal(size=(2, modes)))
+    lines = np.arange(100, 1600, (0.5, 2.0, 5.0)[seed % 3])
+    return records(rng, list(UNITS)[seed % 2], modal=modal, lines=lines, relative=(0.02, 0.2, 0.001)[seed % 3])
+
+
+def test_a_conjugate_and_a_turned_sign_are_told_apart_in_drive_points_and_transfers():
+    seen = {"conjugate": 0, "turned": 0}
+    for seed in range(40):
+        clean = random_file(seed)
+        turned = [times(r, -1) for r in clean]
+        assert not keys(clean) & {"conjugated", "sign_flip", "not_passive"}, seed
+        assert "conjugated" not in keys(turned), seed
+        both = keys(conjugates(turned))
+        if "conjugated" not in keys(conjugates(clean)):
+            continue
+        seen["conjugate"] += 1
+        assert "sign_flip" not in keys(conjugates(clean)), seed
+        if "sign_flip" in keys(turned):
+            seen["turned"] += 1
+            assert both >= {"conjugated", "sign_flip"}, seed
+    assert seen["conjugate"] >= 36
+    assert seen["turned"] >= 25
+
+
+def test_a_drive_point_that_does_not_tell_is_judged_by_what_the_others_say():
+    """Its resonances fall between its lines: alone it says nothing, among conjugates it is one of them."""
+    found = records(np.random.default_rng(1))
+    lines, values = found[0].frequency_hz[::80], found[0].values[::80].conj()
+    alone = replace(found[0], frequency_hz=lines, values=values, coherence=None, where="the coarse one")
+    assert "conjugated" not in keys([alone])
+    (among,) = [w for w in find_warnings([alone, *conjugates(found[1:3])]) if w.key == "conjugated"]
+    assert "the coarse one" in among.where
+    assert "conjugate = true in [data]" in among.remedy

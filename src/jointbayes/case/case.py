@@ -20,7 +20,7 @@ from jointbayes.case.files import (
     require_lowest,
 )
 from jointbayes.case.matrix_files import with_matrices
-from jointbayes.case.plausibility import InputWarning, input_warnings, stated_band_hz, truth_warnings
+from jointbayes.case.plausibility import InputWarning, input_warnings, sign_warnings, stated_band_hz, truth_warnings
 from jointbayes.case.schema.bodies import labels_of_bodies
 from jointbayes.case.schema.case import CaseSpec, needs_files, parse_case, parse_planned, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
@@ -140,6 +140,7 @@ class Case:
             measured = part.measurement
             lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
             found += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
+            found += sign_warnings(measured.provenance, texts[name])
         for one in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             found += truth_warnings(one.spec, one.source, prior_of([one])[0])
         return tuple(dict.fromkeys(found))
@@ -298,6 +299,8 @@ def _setup(
             bodies = measured_bodies(spec, named, directory, allow_outside, place)
         tell("data")
         require_lowest(stated, recipe, joint, measurement)
+        if isinstance(measurement, FrfMeasurement):
+            measurement.require_lines()
     return CaseSetup(name, source, spec, recipe, bodies, joint, measurement, noise, of_noise)
 
 

@@ -76,6 +76,8 @@ def plan_of_files(data: MeasuredFrfSpec | MeasuredFrequenciesSpec | MeasuredBody
         data.thin,
         data.accelerometers == "roving",
         _signals(data) if data.records else None,
+        exclude_hz=data.exclude_hz,
+        conjugate=data.conjugate,
     )
 
 

@@ -19,8 +19,9 @@ from jointbayes.case.schema.structure import BeamSpec, StructureSpec
 
 if TYPE_CHECKING:
     from jointbayes.inference import JointPrior
+    from jointbayes.measurement.provenance import Provenance
 
-__all__ = ["InputWarning", "input_warnings", "stated_band_hz", "truth_warnings"]
+__all__ = ["InputWarning", "input_warnings", "sign_warnings", "stated_band_hz", "truth_warnings"]
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0
@@ -132,6 +133,13 @@ def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[I
     return _placed(_excluded(spec, prior, text.setup), text)
 
 
+def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
+    """Doubts of the sign, or of the sign of i, of FRFs of files, with which every number of a run would be wrong."""
+    doubts = provenance.sign_doubts if provenance else ()
+    findings = (Finding(("data", "file"), f"found that at {w.where} {w.sentence}", "", w.remedy) for w in doubts)
+    return _placed(findings, text)
+
+
 def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
     """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
     if not isinstance(spec.data, SyntheticFrfSpec):
@@ -166,7 +174,7 @@ def _placed(findings: Iterable[Finding], text: CaseText) -> tuple[InputWarning, 
     found = []
     for finding in findings:
         path = finding.loc
-        words = f"{finding.found}; expected {finding.expected}; {finding.remedy}"
+        words = "; ".join([finding.found, *([f"expected {finding.expected}"] * bool(finding.expected)), finding.remedy])
         found.append(InputWarning(*text.place(path), ".".join(map(str, text.written(path))), words))
     return tuple(found)
 

@@ -89,7 +89,8 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")
 @click.option("--mass", type=click.FloatRange(min=0, min_open=True), help="Mass of a structure that hangs free, kg.")
-def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None:
+@click.option("--conjugate", is_flag=True, help="Take the complex conjugates of the FRFs, as [data] of a case may.")
+def inspect_command(file: Path, figure: Path | None, mass: float | None, conjugate: bool) -> None:
     """List what a measurement file holds, and warn of what looks wrong in it."""
     from jointbayes.measurement.inspection.inspection import inspect_file
     from jointbayes.measurement.inspection.text import text_of
@@ -97,7 +98,7 @@ def inspect_command(file: Path, figure: Path | None, mass: float | None) -> None
 
     if figure is not None:
         _require_other_file(figure, file, "--figure")
-    inspection = inspect_file(file, mass)
+    inspection = inspect_file(file, mass, conjugate=conjugate)
     for line in text_of(inspection):
         say(line)
     if figure is not None:

@@ -18,11 +18,11 @@ from jointbayes.frf import FrfSet, MeasuredFile
 from jointbayes.measurement.accelerometer import without_accelerometers
 from jointbayes.measurement.channels import ChannelMap, map_records
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
-from jointbayes.measurement.formats import in_band, iter_records, join_frfs
+from jointbayes.measurement.formats import excluded_lines, in_band, iter_records, join_frfs, measured_lines
 from jointbayes.measurement.modal.fit import fit_modes, identify_modes
 from jointbayes.measurement.mode_data import Measurement
 from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
-from jointbayes.measurement.provenance import MeasuredMode, Provenance
+from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import at_joint, with_rotations
 from jointbayes.measurement.signals.impact import frfs_of_hits
@@ -87,6 +87,9 @@ def assemble_measurement(
     mapped = map_records(stored if plan.signals is None else made.frfs, plan.channels, where)
     known, contradicted = _with_quantity(mapped.records, plan, where)
     notes = [*made.notes, *dict.fromkeys(note for record in known for note in record.notes), *contradicted]
+    if plan.conjugate:
+        known = [replace(record, values=record.values.conj()) for record in known]
+        notes.append("The complex conjugates of the FRFs were taken, as conjugate = true asks.")
     notes += [
         f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "
         f"{use.factor:g}."
@@ -94,8 +97,10 @@ def assemble_measurement(
         if use.reversed_direction
     ]
     cut = [in_band(record, where, plan.f_min_hz, plan.f_max_hz) for record in known]
-    repeated = plan.variance is not None and plan.variance.source == "repeats"
-    sets = [join_frfs(group, where) for group in _repetitions(cut, where, allowed=repeated)]
+    source = "" if plan.variance is None else plan.variance.source
+    used, left_out = measured_lines(cut, where, plan.exclude_hz, needs_coherence=source == "coherence")
+    notes += left_out
+    sets = [join_frfs(group, where) for group in _repetitions(used, where, allowed=source == "repeats")]
     step = plan.line_step or made.line_step
     if step > 1:
         why = "" if plan.line_step else ", since with the window that was used neighbouring lines depend on each other"
@@ -119,7 +124,7 @@ def assemble_measurement(
         mapped.left_out,
         words,
         (*notes, *without_modes),
-        find_warnings(cut),
+        _warnings(cut, plan),
         modes,
         variance_dof=measured.variance_dof,
         loaded=tuple(output for output in frf.outputs if ":r" not in output),
@@ -127,6 +132,12 @@ def assemble_measurement(
     if plan.frequencies is not None:
         return replace(_frequencies(plan.frequencies, modes, where), provenance=provenance)
     return _chosen(replace(measured, provenance=provenance), plan, where)
+
+
+def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[MeasurementWarning, ...]:
+    """What is doubtful in the lines that are used, and in those that were left out because they hold no number."""
+    lines = [record.at_lines(~excluded_lines(record.frequency_hz, plan.exclude_hz)) for record in records]
+    return tuple(w for w in find_warnings(lines) if not (plan.exclude_hz and w.key == "uneven_lines"))
 
 
 def _fingerprint(path: Path, name: str) -> MeasuredFile:

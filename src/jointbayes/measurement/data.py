@@ -64,6 +64,20 @@ class FrfMeasurement:
         """Highest frequency, Hz."""
         return float(self.frf.frequency_hz[-1])
 
+    def require_lines(self) -> None:
+        """Refuse FRFs of one line, of which nobody can say whether a model explains them.
+
+        Raises
+        ------
+        MeasurementError
+            If there are fewer than two lines.
+        """
+        if self.frf.n_lines < 2:
+            raise MeasurementError(
+                f"FRFs: found {self.frf.n_lines} line, at {self.top_hz:g} Hz; expected two or more, so that residuals "
+                "can be compared with each other; widen the band"
+            )
+
     def converted(self, quantity: Quantity) -> "FrfMeasurement":
         """The same as receptance, mobility or accelerance."""
         factor = np.abs(quantity_factor(self.frf.frequency_hz, quantity, self.frf.quantity))[:, None, None]

@@ -59,6 +59,10 @@ class MeasurementPlan:
         What the FRFs are, whatever the file says; None takes the file's word.
     f_min_hz, f_max_hz
         Band of the lines that are used.
+    exclude_hz
+        Bands, lowest and highest frequency each, whose lines are left out.
+    conjugate
+        Whether the files hold complex conjugates: FRFs with the time factor exp(−iωt).
     line_step
         Every how many lines one is kept; None keeps all, or with windows those that are independent.
     roving
@@ -88,3 +92,5 @@ class MeasurementPlan:
     rotations: tuple[Rotation, ...] = ()
     joint_dofs: tuple[str, ...] = ()
     frequencies: FrequencyPlan | None = None
+    exclude_hz: tuple[tuple[float, float], ...] = ()
+    conjugate: bool = False

@@ -9,6 +9,9 @@ from jointbayes.measurement.channels import ChannelUse
 
 __all__ = ["MeasuredMode", "MeasurementWarning", "Provenance"]
 
+#: Warnings that leave open which sign, or which sign of i, the numbers of an FRF have.
+_SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive")
+
 
 @dataclass(frozen=True, slots=True)
 class MeasuredMode:
@@ -100,6 +103,11 @@ class Provenance:
     loaded: tuple[str, ...] = ()
     iteration: str = ""
     variance_dof: int | None = None
+
+    @property
+    def sign_doubts(self) -> tuple[MeasurementWarning, ...]:
+        """Warnings that leave the sign of the FRFs, or their time factor, in doubt."""
+        return tuple(warning for warning in self.warnings if warning.key in _SIGN_IN_DOUBT)
 
     def as_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists, texts and numbers."""

@@ -162,7 +162,7 @@ class Spec(BaseModel):
     def _beyond_limits(self) -> Iterator[Finding]:
         """Yield numbers that no machine has."""
         fields = type(self).model_fields
-        for loc, value, limits in beyond({name: getattr(self, name) for name in fields}):
+        for loc, value, limits in beyond(self.__dict__):
             what = str(fields[str(loc[0])].description).rstrip(".")
             expected = f"{what}, of a magnitude from {limit_text(limits.least)} to {limit_text(limits.most)}"
             yield Finding(loc, f"found {value!r}", expected, "correct the number or its unit")

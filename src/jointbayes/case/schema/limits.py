@@ -77,7 +77,7 @@ TABLE = (
     _of("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
     _of("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
     _of("dof scale_dof", 1e-6, 1e9),
-    _of("f_min_hz f_max_hz f_step_hz frequencies_hz natural_frequencies_hz", 1e-6, 1e9),
+    _of("f_min_hz f_max_hz f_step_hz frequencies_hz natural_frequencies_hz exclude_hz", 1e-6, 1e9),
     _of("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
     _of("relative floor", 1e-15, 1e3),
     _of("sd_relative damping_sd_relative damping_ratios damping_sd force_noise response_noise", 1e-15, 10.0),
@@ -105,7 +105,7 @@ def beyond(values: Mapping[str, object]) -> Iterator[tuple[tuple[str | int, ...]
     """Yield place, value and limits of the numbers of a table, and of its lists, that lie beyond their limits."""
     for key, value in values.items():
         limits = LIMITS.get(key)
-        if limits is None:
+        if limits is None or value is None:
             continue
         for place, number in _numbers((key,), value):
             if not limits.hold(number):

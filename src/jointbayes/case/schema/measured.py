@@ -15,6 +15,7 @@ from jointbayes.case.schema.fields import (
     Fraction,
     Label,
     Labels,
+    Positive,
     Spec,
     as_list,
     at_most,
@@ -187,9 +188,12 @@ _QUANTITY = key_field(
     "accelerance",
 )
 _SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
+_EXCLUDED = key_field("a list of bands [lowest, highest] in Hz whose lines are left out", [[49.5, 50.5]])
+_CONJUGATE = key_field("true (the FRFs have the time factor exp(-i omega t)) or false (exp(+i omega t))", True)
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
+_Band = tuple[Annotated[float, Field(ge=0)], Positive]
 _Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_as_table)]]
 
 
@@ -202,6 +206,8 @@ class MeasuredSpec(Spec):
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _QUANTITY] = None
     f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
     f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
+    exclude_hz: Annotated[tuple[Annotated[_Band, Strict(False)], ...], Strict(False), at_most(1000), _EXCLUDED] = ()
+    conjugate: Annotated[bool, _CONJUGATE] = False
     thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: Annotated[_Channels, _MAP]
@@ -210,6 +216,13 @@ class MeasuredSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         if self.f_min_hz is not None and self.f_max_hz is not None:
             yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")
+        for i, (low, high) in enumerate(self.exclude_hz):
+            if high <= low:
+                found = f"found the band from {low!r} to {high!r} Hz"
+                yield Finding(("exclude_hz", i), found, "the lower frequency first", "correct one of the two")
+        if self.conjugate and self.records is not None:
+            found = "found true with time histories, of which the FRFs are made here"
+            yield Finding(("conjugate",), found, "it for FRFs of a file", "remove it")
         if not self.channels:
             found, remedy = "found no channel", 'write for example "Point:11:Y+" = "11:y" in [data.channels]'
             yield Finding(("channels",), found, "a DOF for each channel that is used", remedy)

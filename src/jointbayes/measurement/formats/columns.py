@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.arrays.layout import even_rate
+from jointbayes.measurement.formats.limits import MOST_AVERAGES
 from jointbayes.measurement.formats.table_text import float_of
 from jointbayes.measurement.formats.units import (
     frequency_factor,
@@ -159,8 +160,10 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
     if not text:
         return [None] * count
     found = [part.strip() for part in text.split(",")]
-    if any(not part.isdecimal() or not 1 <= len(part) <= 9 or int(part) < 1 for part in found):
-        raise MeasurementError(f"header: found averages {text[:30]!r}; expected whole numbers of 1 or more; correct it")
+    if any(not part.isdecimal() or len(part) > 9 or not 1 <= int(part) <= MOST_AVERAGES for part in found):
+        raise MeasurementError(
+            f"header: found averages {text[:30]!r}; expected whole numbers from 1 to {MOST_AVERAGES}; correct it"
+        )
     if len(found) not in (1, count):
         raise MeasurementError(f"header: found {len(found)} numbers of averages; expected 1 or {count}; correct it")
     return [*map(int, found)] * (count if len(found) == 1 else 1)

@@ -1,6 +1,6 @@
 """FRFs of files put together: one set on one grid, or an error that says what is in the way."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,12 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import HIGHEST_HZ, LARGEST, FrfRecord, measurable
 
-__all__ = ["in_band", "join_frfs"]
+__all__ = ["excluded_lines", "in_band", "join_frfs", "measured_lines"]
 
 #: A coherence stored in single precision may pass 1 by this much.
 _ROUNDING = 1e-6
+#: Frequencies of lines left out that are named.
+_NAMED = 8
 
 
 def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
@@ -77,6 +79,82 @@ def in_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: flo
     return record.at_lines(inside)
 
 
+def measured_lines(
+    records: Sequence[FrfRecord],
+    where: str,
+    exclude_hz: Sequence[tuple[float, float]] = (),
+    *,
+    needs_coherence: bool = False,
+) -> tuple[list[FrfRecord], list[str]]:
+    """FRFs without excluded lines, and without lines on which one of them holds no measured number.
+
+    What no number is: NaN, infinity, an exact zero and, where coherence counts, one that is not above 0 and at most 1.
+    Where it does not count, an FRF with such a coherence has none. Where more than half of the lines are bad all stay,
+    so that the file is refused.
+
+    Parameters
+    ----------
+    records
+        FRFs, at least one.
+    where
+        Name of the file, for messages.
+    exclude_hz
+        Bands, each the lowest and the highest frequency, both with it.
+    needs_coherence
+        Whether the variance comes from the coherence.
+
+    Returns
+    -------
+    records, notes
+        The FRFs, and in words what was left out.
+
+    Raises
+    ------
+    MeasurementError
+        If no line is left of an FRF.
+    """
+    kept, notes = list(records), []
+    if exclude_hz:
+        kept = [record.at_lines(~excluded_lines(record.frequency_hz, exclude_hz)) for record in records]
+        if any(record.frequency_hz.size == 0 for record in kept):
+            bands = ", ".join(f"{low:g} to {high:g} Hz" for low, high in exclude_hz)
+            raise MeasurementError(f"{where}: found no line outside {bands}; expected some; narrow exclude_hz")
+        count = records[0].frequency_hz.size - kept[0].frequency_hz.size
+        notes.append(f"Of {records[0].frequency_hz.size} lines {count} were left out, as exclude_hz asks.")
+    lines = kept[0].frequency_hz
+    if not all(np.array_equal(record.frequency_hz, lines) for record in kept):
+        return kept, notes
+    bad = np.zeros(lines.size, dtype=bool)
+    for i, record in enumerate(kept):
+        with np.errstate(invalid="ignore"):  # of NaN that signal
+            bad |= ~measurable(record.values) | (record.values == 0)
+        if record.coherence is None or record.coherence.shape != lines.shape:
+            continue
+        wrong = ~((record.coherence >= 0) & (record.coherence <= 1 + _ROUNDING))
+        if needs_coherence:
+            bad |= wrong | (record.coherence == 0)
+        elif wrong.any():
+            kept[i] = replace(record, coherence=None)
+    if not bad.any() or 2 * bad.sum() > bad.size:
+        return kept, notes
+    named = ", ".join(f"{f:g}" for f in lines[bad][:_NAMED])
+    more = f" and {bad.sum() - _NAMED} more" if bad.sum() > _NAMED else ""
+    coherence = ", or whose coherence is not above 0 and at most 1," if needs_coherence else ""
+    notes.append(
+        f"Of {lines.size} lines {bad.sum()} were left out, on which an FRF is no number or exactly 0{coherence} "
+        f"at {named} Hz{more}."
+    )
+    return [record.at_lines(~bad) for record in kept], notes
+
+
+def excluded_lines(lines: NDArray[np.float64], bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Which lines lie in one of the bands, ends included."""
+    inside = np.zeros(lines.shape, dtype=bool)
+    for low, high in bands:
+        inside |= (lines >= low) & (lines <= high)
+    return inside
+
+
 def _span(lines: NDArray[np.float64]) -> str:
     finite = lines[np.isfinite(lines)]
     return f"{finite.min():g} to {finite.max():g} Hz" if finite.size else "none"
@@ -116,7 +194,7 @@ def _checked(record: FrfRecord, where: str) -> FrfRecord:
             line = int(np.argmax(missing))
             raise MeasurementError(
                 f"{place}: found {name} at {lines[line]:g} Hz, {int(missing.sum())} such lines; expected a measured "
-                "number on each line; cut them away with f_min_hz and f_max_hz or export again"
+                "number on at least half of the lines; leave out a channel or a band (exclude_hz), or export again"
             )
     return record if record.coherence is None else replace(record, coherence=_coherence(record, place))
 

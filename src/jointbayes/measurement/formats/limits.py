@@ -2,12 +2,14 @@
 
 from jointbayes.errors import MeasurementError
 
-__all__ = ["LONGEST_LABEL", "MOST_BYTES", "MOST_COLUMNS", "MOST_RECORDS", "require_short"]
+__all__ = ["LONGEST_LABEL", "MOST_AVERAGES", "MOST_BYTES", "MOST_COLUMNS", "MOST_RECORDS", "require_short"]
 
 #: Bytes of a file; the largest that was tried, a universal file of 10 000 FRFs, has 2 GB.
 MOST_BYTES = 16 * 2**30
 #: FRFs and time histories in a file; data sets of other types count in a universal file.
 MOST_RECORDS = 100_000
+#: Averages of an FRF.
+MOST_AVERAGES = 10**6
 #: Columns of a table.
 MOST_COLUMNS = 50_000
 #: Characters of a channel label or a unit.

@@ -15,7 +15,7 @@ from jointbayes.measurement.modal.fit import identify_modes
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.hits import Hit, hits_of
-from jointbayes.measurement.warnings.of_frfs import pair_of, usable
+from jointbayes.measurement.warnings.clear_frf import pair_of, usable
 from jointbayes.measurement.warnings.warnings import WarningCollector
 
 __all__ = ["ChannelUse", "HitTrace", "Inspection", "inspect_file", "inspect_records"]
@@ -89,7 +89,7 @@ class Inspection:
     warnings: tuple[MeasurementWarning, ...]
 
 
-def inspect_file(path: Path, mass_kg: float | None = None) -> Inspection:
+def inspect_file(path: Path, mass_kg: float | None = None, *, conjugate: bool = False) -> Inspection:
     """Look through a measurement file; of a universal file no more than a few records are in memory at once.
 
     Parameters
@@ -98,6 +98,8 @@ def inspect_file(path: Path, mass_kg: float | None = None) -> Inspection:
         File of any format that is read.
     mass_kg
         Mass of the structure if it hangs free, kg, to hold drive points against.
+    conjugate
+        Whether the complex conjugates of the FRFs are looked at.
 
     Raises
     ------
@@ -107,7 +109,12 @@ def inspect_file(path: Path, mass_kg: float | None = None) -> Inspection:
     from jointbayes.measurement.formats import detect_format, iter_records
 
     form = detect_format(path)
-    return replace(inspect_records(iter_records(path), mass_kg), source=str(path), form=form)
+    records = (_conjugate(r) if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path))
+    return replace(inspect_records(records, mass_kg), source=str(path), form=form)
+
+
+def _conjugate(record: FrfRecord) -> FrfRecord:
+    return replace(record, values=record.values.conj())
 
 
 def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
@@ -125,7 +132,12 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
         seen.warnings.add(record)
         seen.keep_frf(record)
     kept = seen.frf_kept()
-    modes, modes_of, modes_note = _modes(kept) if kept else ((), (), note)
+    warnings = seen.warnings.warnings()
+    fitted = kept
+    if seen.warnings.conjugated:
+        seen.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
+        fitted = tuple(map(_conjugate, kept))
+    modes, modes_of, modes_note = _modes(fitted) if kept else ((), (), note)
     known = seen.coherence
     return Inspection(
         "",
@@ -140,7 +152,7 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
         modes_of,
         modes_note,
         tuple(seen.hits),
-        seen.warnings.warnings(),
+        warnings,
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
@@ -181,6 +182,8 @@ _MOST_VALUES, _FEWEST_FRFS = 60_000, 6
 _FEWEST_LINES = 16
 #: Noise where nothing is known of it, and the least that a coherence is believed.
 _UNKNOWN, _LEAST = RelativeNoise(0.03, 0.01), RelativeNoise(1e-3, 0.0)
+#: What a fit of exact FRFs leaves, relative to these: no noise is less.
+_ROUNDING = 1e-12
 
 
 def _few_of(shape: tuple[int, ...]) -> NDArray[np.intp]:
@@ -216,14 +219,18 @@ def _weight_of_squares(square: Array, model: Complex, width: int) -> Array:
     line = np.linspace(-1, 1, count)
     first = np.maximum(np.arange(count) - half, 0)
     last = np.minimum(np.arange(count) + half + 1, count)
+    square = np.maximum(square, (_ROUNDING * np.abs(model)) ** 2)
     for k in range(square.shape[1]):
         magnitude = np.abs(model[:, k])
         level = np.log(magnitude + 1e-3 * np.median(magnitude) + np.finfo(float).tiny)
         level = (level - level.mean()) / max(level.std(), 1e-6)
         columns = np.column_stack([np.ones(count), level, level**2, line, line**2])
         law = np.exp(columns @ _log_linear_fit(columns, square[:, k]))
-        total = np.concatenate([[0.0], np.cumsum(square[:, k] / law)])
-        weight[:, k] = (law * (total[last] - total[first]) / (last - first)) ** -0.5
+        ratio = square[:, k] / law
+        total = np.concatenate([[0.0], np.cumsum(ratio)])
+        # far below the sum before it, a difference of sums is rounding: no mean is below the smallest of its terms
+        least = scipy.ndimage.minimum_filter1d(ratio, 2 * half + 1, mode="nearest")
+        weight[:, k] = (law * np.maximum((total[last] - total[first]) / (last - first), least)) ** -0.5
     return weight
 
 

@@ -1,27 +1,23 @@
 """What one measured FRF contradicts by itself: its axis, its coherence, its unit, and physics at its resonances."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
-from jointbayes.frf import Quantity, quantity_factor
+from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import frf_unit
-from jointbayes.measurement.modal.peaks import prominent_peaks
 from jointbayes.measurement.provenance import MeasurementWarning
-from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
+from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
+from jointbayes.measurement.warnings.clear_frf import ClearFrf, Resonance
 
-__all__ = ["ClearFrf", "Resonance", "pair_of", "usable", "warnings_of_frf", "warnings_of_notes"]
+__all__ = ["conjugated_warning", "warnings_of_frf", "warnings_of_notes"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-#: A resonance rises above both sides by this factor, and above the noise by that.
-_RISE, _ABOVE_NOISE = 3.0, 10.0
 #: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.
 _SIGNED, _UNSIGNED = 0.5, 0.35
 #: Lines above half power that a resonance needs to be looked at.
@@ -32,88 +28,15 @@ _TOO_HEAVY = 1.3
 _PHASE_ERROR = 0.15
 
 
-@dataclass(frozen=True, slots=True)
-class Resonance:
-    """A peak of an FRF: its frequency, cosine of the phase of mobility there, and lines above half its power."""
-
-    frequency_hz: float
-    cosine: float
-    lines: int
-
-
-def pair_of(record: FrfRecord) -> tuple[str, str, int]:
-    """DOFs of response and reference without their signs, and the product of the signs."""
-    names, sign = [], 1
-    for label in (record.response, record.reference):
-        dof = parse_dof(label)
-        if dof is None:
-            names.append(label.strip())
-            continue
-        sign *= -1 if dof.direction < 0 else 1
-        names.append(f"{dof.entity}:{dof.node}:{abs(dof.direction)}")
-    return names[0], names[1], sign
-
-
-def usable(record: FrfRecord) -> FrfRecord:
-    """Return the record without lines at or below 0 Hz, NaN, zeros, absurd numbers and lines out of order."""
-    f = record.frequency_hz
-    good = (f >= 1 / HIGHEST_HZ) & (f <= HIGHEST_HZ) & measurable(record.values) & (record.values != 0)
-    good[good] = np.diff(np.maximum.accumulate(f[good]), prepend=0.0) > 0
-    if good.all():
-        return record
-    coherence = record.coherence
-    return replace(
-        record,
-        frequency_hz=f[good],
-        values=record.values[good],
-        coherence=coherence[good] if coherence is not None and coherence.shape == f.shape else None,
+def conjugated_warning(clear: ClearFrf) -> MeasurementWarning:
+    """That an FRF is the complex conjugate of what it should be."""
+    rising = tuple(peak for peak in clear.resonances if peak.turn > 0)
+    return MeasurementWarning(
+        "conjugated",
+        f"the phase rises at {_at(rising) if rising else 'the resonances of the other FRFs'}, where it falls with the "
+        "time factor exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)",
+        "write conjugate = true in [data], or take it away where it stands; to turn the sign of a channel is no remedy",
     )
-
-
-@dataclass(frozen=True, eq=False)
-class ClearFrf:
-    """The usable lines of an FRF of known quantity as mobility, signs of directions taken out; and where it is from."""
-
-    response: str
-    reference: str
-    quantity: Quantity
-    frequency_hz: Array
-    mobility: Complex
-
-    @classmethod
-    def of(cls, record: FrfRecord) -> "ClearFrf | None":
-        """What can be judged of a record; None where it has too few usable lines or no quantity."""
-        good = usable(record)
-        if good.quantity is None or good.frequency_hz.size < 16:
-            return None
-        response, reference, sign = pair_of(good)
-        mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
-        return cls(response, reference, good.quantity, good.frequency_hz, mobility)
-
-    @cached_property
-    def noise(self) -> Array:
-        """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
-        # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
-        square = np.abs(np.diff(self.mobility, 3)) ** 2 / (20 * np.log(2))
-        local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
-        return np.asarray(np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]])))
-
-    @cached_property
-    def resonances(self) -> tuple[Resonance, ...]:
-        """Peaks of |mobility| that stand out from their surroundings and from the noise."""
-        magnitude = np.abs(self.mobility)
-        found = []
-        for top in prominent_peaks(np.log(magnitude), np.log(_RISE)):
-            if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
-                continue
-            low = magnitude < magnitude[top] / np.sqrt(2)
-            before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
-            first = int(before[-1]) + 1 if before.size else 0
-            last = top + int(after[0]) if after.size else magnitude.size
-            total = self.mobility[first:last].sum()
-            cosine = float(total.real / abs(total))
-            found.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first)))
-        return tuple(found)
 
 
 def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | None) -> Iterator[MeasurementWarning]:
@@ -150,7 +73,7 @@ def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
         yield MeasurementWarning(
             "not_finite",
             f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers",
-            "cut or repair these lines",
+            "a case leaves such lines out, up to half of all; repair them if they matter",
         )
     zero = record.values == 0
     if zero.any():
@@ -158,7 +81,7 @@ def _of_lines(record: FrfRecord) -> Iterator[MeasurementWarning]:
         yield MeasurementWarning(
             "zero_lines",
             f"the FRF is exactly 0 on {int(zero.sum())} of {f.size} lines, first at {at:g} Hz: nothing was measured",
-            "cut these lines away with f_min_hz and f_max_hz",
+            "a case leaves such lines out, up to half of all; f_min_hz, f_max_hz and exclude_hz cut more",
         )
     f = f[np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ)]
     if f.size and f[0] == 0:

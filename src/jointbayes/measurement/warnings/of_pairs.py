@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
-from jointbayes.measurement.warnings.of_frfs import ClearFrf
+from jointbayes.measurement.warnings.clear_frf import ClearFrf
 
 __all__ = ["Sketch", "disagreement", "sketch_of"]
 

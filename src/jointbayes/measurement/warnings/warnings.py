@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, measurable
 from jointbayes.measurement.signals.hits import hits_of, is_cut_off
-from jointbayes.measurement.warnings.of_frfs import ClearFrf, warnings_of_frf, warnings_of_notes
+from jointbayes.measurement.warnings.clear_frf import ClearFrf, are_conjugates
+from jointbayes.measurement.warnings.of_frfs import conjugated_warning, warnings_of_frf, warnings_of_notes
 from jointbayes.measurement.warnings.of_pairs import Sketch, disagreement, sketch_of
 
 __all__ = ["WarningCollector", "find_warnings"]
@@ -18,6 +19,10 @@ __all__ = ["WarningCollector", "find_warnings"]
 _NAMED = 3
 #: Offsets smaller than this fraction of the largest value do no harm.
 _OFFSET = 0.01
+#: Resolved resonances from which on one FRF, and all of a file, tell whether they are conjugates.
+_ALONE, _TOGETHER = 0.8, 0.5
+#: FRFs kept whole, which do not tell, until those of the whole file have told it.
+_WAITING = 64
 
 
 def find_warnings(records: Record | Iterable[Record], mass_kg: float | None = None) -> tuple[MeasurementWarning, ...]:
@@ -58,6 +63,8 @@ class WarningCollector:
         self._raw: dict[tuple[str, str], list[MeasurementWarning]] = {}
         self._counts: dict[tuple[str, str], int] = {}
         self._sketches: dict[tuple[str, str], list[Sketch]] = {}
+        self._turns = np.zeros(2)
+        self._waiting: list[tuple[str, FrfRecord, ClearFrf]] = []
         self._highest_hz = 0.0
         self._highest_where = ""
         self._nyquist_hz = np.inf
@@ -71,16 +78,41 @@ class WarningCollector:
                 self._keep(where, warning)
             return
         where, clear = _named(f"{record.response}/{record.reference}", record.where), ClearFrf.of(record)
-        for warning in warnings_of_frf(record, clear, self._mass_kg):
-            self._keep(where, warning)
+        self._judge(where, record, clear)
         highest = float(np.max(record.frequency_hz, initial=0.0))
         if highest > self._highest_hz:
             self._highest_hz, self._highest_where = highest, where
         if clear is not None:
             self._compare((clear.response, clear.reference), sketch_of(record, clear))
 
+    @property
+    def conjugated(self) -> bool | None:
+        """Whether the FRFs so far are complex conjugates; None where they do not tell, or not with one voice."""
+        return are_conjugates(self._turns, _TOGETHER)
+
+    def _judge(self, where: str, record: FrfRecord, clear: ClearFrf | None) -> None:
+        """Warnings of one FRF; one that does not tell by itself whether it is a conjugate waits for the others."""
+        turned: bool | None = False
+        if clear is not None:
+            self._turns += clear.turns
+            turned = are_conjugates(clear.turns, _ALONE)
+            if turned is None and len(self._waiting) < _WAITING:
+                self._waiting.append((where, record, clear))
+                return
+        self._tell(where, record, clear, bool(turned))
+
+    def _tell(self, where: str, record: FrfRecord, clear: ClearFrf | None, turned: bool) -> None:
+        if clear is not None and turned:
+            self._keep(where, conjugated_warning(clear))
+            clear = clear.conjugate
+        for warning in warnings_of_frf(record, clear, self._mass_kg):
+            self._keep(where, warning)
+
     def warnings(self) -> tuple[MeasurementWarning, ...]:
         """All warnings so far, equal ones put together."""
+        for where, record, clear in self._waiting:
+            self._tell(where, record, clear, bool(self.conjugated))
+        self._waiting.clear()
         if self._highest_hz > 1.01 * self._nyquist_hz:
             self._keep(
                 self._highest_where,

@@ -1,6 +1,5 @@
 """One row of a table over a base case: the text of the case that it makes, and what is wrong with it."""
 
-import copy
 import re
 import tomllib
 from collections.abc import Mapping
@@ -15,7 +14,6 @@ from jointbayes.case.case_text import CaseText, read_case_text
 from jointbayes.case.errors import fault_lines
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.toml_text import key_parts
-from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError
 
 __all__ = ["BaseCase", "read_base"]
@@ -38,8 +36,8 @@ class BaseCase:
     path: Path
     source: CaseText
 
-    def overridden(self, cells: Mapping[str, str], where: str) -> tuple[str, CaseSpec]:
-        """Text and content of the case with other values for some keys.
+    def overridden(self, cells: Mapping[str, str], where: str) -> tuple[dict[str, Any], CaseSpec]:
+        """The tables of the case with other values for some keys, and the same checked.
 
         A value is what TOML makes of a cell, ``0.5``, ``true`` or ``["11:y"]``; what is no TOML, and what the key wants
         as text, is text: names of files need no quotes. An empty cell leaves the base's value.
@@ -67,10 +65,10 @@ class BaseCase:
                 data, spec, faults = again
         if spec is None:
             raise CaseError("\n".join(self._placed(fault, given, where) for fault in faults))
-        return toml_text(data), spec
+        return data, spec
 
     def _judged(self, values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], CaseSpec | None, list[str]]:
-        data = copy.deepcopy(dict(self.source.data))
+        data = dict(self.source.data)
         for key, value in values.items():
             _set(data, key, value, where)
         try:
@@ -121,7 +119,8 @@ def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
     *above, last = parts
     table = data
     for part in above:
-        table = table.setdefault(part, {})
+        below = table.get(part, {})
+        table[part] = table = dict(below) if isinstance(below, dict) else below  # the base keeps its own
         if not isinstance(table, dict):
             raise CaseError(
                 f"{where}: {key}: found that {part} is no table in the base case; expected one that holds {last}; "

@@ -15,6 +15,7 @@ from jointbayes.case.files import require_inside
 from jointbayes.case.named_files import named_files
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.toml_text import similar
+from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError, path_fault
 from jointbayes.studies.campaign.overrides import read_base
 
@@ -67,16 +68,26 @@ class CampaignCase:
             If it is no case.
         """
         if self.cells is None:
-            source = read_case_text(self.path, self.allow_outside)
-            text, spec = source.text, parse_case(source)
+            text = read_case_text(self.path, self.allow_outside).text
+            return text, self.check()
+        data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+        return toml_text(data), self._of_one_test(spec)
+
+    def check(self) -> CaseSpec:
+        """The case checked, without its text; errors as for `read`."""
+        if self.cells is None:
+            spec = parse_case(read_case_text(self.path, self.allow_outside))
         else:
-            text, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+            _, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+        return self._of_one_test(spec)
+
+    def _of_one_test(self, spec: CaseSpec) -> CaseSpec:
         if spec.setups:
             raise CaseError(
                 f"{self.where}: setups: found the set-ups {', '.join(spec.setups)}; expected cases of one test each in "
                 "a campaign; run this case by itself"
             )
-        return text, spec
+        return spec
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Files that it names: of measurements, measured bodies and matrices."""
@@ -131,7 +142,7 @@ def read_cases(
     faults: list[str] = []
     for case in cases:
         try:
-            _, spec = case.read()
+            spec = case.check()
             if not allow_outside:
                 case.require_inside(spec)
         except CaseError as error:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.limits import MOST_RECORDS
+from jointbayes.measurement.formats.limits import MOST_AVERAGES, MOST_RECORDS
 from jointbayes.measurement.formats.units import read_frf_unit, read_sensor_unit, scaled, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, Record, SensorQuantity, TimeRecord
 
@@ -229,10 +229,10 @@ def _quantity(block: _Block) -> Quantity | None:
 def _averages(block: _Block) -> int | None:
     if not block.has("averages"):
         return None
-    found = block.numbers("averages").ravel()
-    if found.size != 1 or not (1 <= found[0] <= 1e9) or found[0] != int(found[0]):
+    found, where = block.numbers("averages").ravel(), block.where("averages")
+    if found.size != 1 or not (1 <= found[0] <= MOST_AVERAGES) or found[0] != int(found[0]):
         raise MeasurementError(
-            f"{block.where('averages')}: found {found[:3].tolist()}; expected one whole number of 1 or more; correct it"
+            f"{where}: found {found[:3].tolist()}; expected one whole number from 1 to {MOST_AVERAGES}; correct it"
         )
     return int(found[0])
 

@@ -1,0 +1,143 @@
+"""What can be judged of one measured FRF: its mobility, its noise, its resonances, and the sense of its phase there."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy  # its parts load at first use
+from numpy.typing import NDArray
+
+from jointbayes.frf import Quantity, quantity_factor
+from jointbayes.measurement.modal.peaks import prominent_peaks
+from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
+
+__all__ = ["ClearFrf", "Resonance", "are_conjugates", "pair_of", "usable"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: A resonance rises above both sides by this factor, and above the noise by that.
+_RISE, _ABOVE_NOISE = 3.0, 10.0
+#: A phase turns by so much at least across a resonance, rad, and is clear where the noise is below by this factor.
+_QUARTER, _CLEAR = np.pi / 4, 4.0
+#: Share of the evidence on one side from which on FRFs are conjugates or are not.
+_SURE = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """A peak of an FRF: its frequency, cosine of the phase of mobility there, and lines above half its power.
+
+    `turn` is −1 where the phase clearly falls through it, 1 where it rises, and between where lines are too coarse.
+    """
+
+    frequency_hz: float
+    cosine: float
+    lines: int
+    turn: float
+
+
+def pair_of(record: FrfRecord) -> tuple[str, str, int]:
+    """DOFs of response and reference without their signs, and the product of the signs."""
+    names, sign = [], 1
+    for label in (record.response, record.reference):
+        dof = parse_dof(label)
+        if dof is None:
+            names.append(label.strip())
+            continue
+        sign *= -1 if dof.direction < 0 else 1
+        names.append(f"{dof.entity}:{dof.node}:{abs(dof.direction)}")
+    return names[0], names[1], sign
+
+
+def usable(record: FrfRecord) -> FrfRecord:
+    """Return the record without lines at or below 0 Hz, NaN, zeros, absurd numbers and lines out of order."""
+    f = record.frequency_hz
+    good = (f >= 1 / HIGHEST_HZ) & (f <= HIGHEST_HZ) & measurable(record.values) & (record.values != 0)
+    good[good] = np.diff(np.maximum.accumulate(f[good]), prepend=0.0) > 0
+    if good.all():
+        return record
+    coherence = record.coherence
+    return replace(
+        record,
+        frequency_hz=f[good],
+        values=record.values[good],
+        coherence=coherence[good] if coherence is not None and coherence.shape == f.shape else None,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ClearFrf:
+    """The usable lines of an FRF of known quantity as mobility, signs of directions taken out; and where it is from."""
+
+    response: str
+    reference: str
+    quantity: Quantity
+    frequency_hz: Array
+    mobility: Complex
+
+    @classmethod
+    def of(cls, record: FrfRecord) -> "ClearFrf | None":
+        """What can be judged of a record; None where it has too few usable lines or no quantity."""
+        good = usable(record)
+        if good.quantity is None or good.frequency_hz.size < 16:
+            return None
+        response, reference, sign = pair_of(good)
+        mobility = sign * good.values * quantity_factor(good.frequency_hz, "mobility", good.quantity)
+        return cls(response, reference, good.quantity, good.frequency_hz, mobility)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
+        # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
+        square = np.abs(np.diff(self.mobility, 3)) ** 2 / (20 * np.log(2))
+        local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
+        return np.asarray(np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]])))
+
+    @cached_property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Peaks of |mobility| that stand out from their surroundings and from the noise."""
+        magnitude = np.abs(self.mobility)
+        found = []
+        for top in prominent_peaks(np.log(magnitude), np.log(_RISE)):
+            if magnitude[top] < _ABOVE_NOISE * self.noise[top]:
+                continue
+            low = magnitude < magnitude[top] / np.sqrt(2)
+            before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
+            first = int(before[-1]) + 1 if before.size else 0
+            last = top + int(after[0]) if after.size else magnitude.size
+            total = self.mobility[first:last].sum()
+            cosine = float(total.real / abs(total))
+            across = slice(max(first - 1, 0), last + 1)
+            steps = np.angle(self.mobility[across][1:] * self.mobility[across][:-1].conj())
+            # a step of nearly π may have gone either way; a hump between resonances turns by little
+            turn = float(np.sign(steps.sum()) * (1 - np.abs(steps).max() / np.pi))
+            if abs(steps.sum()) < _QUARTER or (magnitude[across] < _CLEAR * self.noise[across]).any():
+                turn = 0.0
+            found.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn))
+        return tuple(found)
+
+    @property
+    def turns(self) -> Array:
+        """How clearly the phase falls and rises through resonances, summed over these: shape (2,).
+
+        With the time factor exp(+iωt) the phase of each residue over (iω − λ) falls by π at its resonance, because a
+        passive structure has Re λ < 0. That holds for receptance, mobility and accelerance, for drive points and
+        others, and whatever the sign; with exp(−iωt) it rises.
+        """
+        turns = np.array([peak.turn for peak in self.resonances])
+        return np.array([-turns[turns < 0].sum(), turns[turns > 0].sum()])
+
+    @property
+    def conjugate(self) -> "ClearFrf":
+        """The same for the other time factor."""
+        sign = 1.0 if self.quantity == "mobility" else -1.0  # conj(H) (iω)ⁿ against conj(H (iω)ⁿ)
+        return replace(self, mobility=sign * self.mobility.conj())
+
+
+def are_conjugates(turns: Array, least: float) -> bool | None:
+    """Whether FRFs are complex conjugates, by their `turns`; None with less than the `least` sum, or two voices."""
+    falling, rising = turns.tolist()
+    if falling + rising < least or max(falling, rising) < _SURE * (falling + rising):
+        return None
+    return bool(rising > falling)
