@@ -168,14 +168,14 @@ def of_files() -> list[tuple[str, str, Value]]:
         ("data{measured_frequencies}", "data"),
         ("bodies.*{measured}", "spindle"),
     ):
-        channel = "{1}" if name == "spindle" else "{0}"
+        channel, band = ("{1}", "[{1}][{2}]") if name == "spindle" else ("{0}", "[{0}][{1}]")
         files, records = f"files.{name}.", f"{table}.records."
         lines += [
             (f"{table}.channels.*.gain", f"{files}channels.{channel}.gain", 1),
             (f"{table}.channels.*.accelerometer_mass_g", f"{files}channels.{channel}.accelerometer_mass", GRAM),
             *((f"{table}.f_{end}_hz", f"{files}(signals.)?f_{end}_hz", 1) for end in ("min", "max")),
             (f"{table}.thin", f"{files}line_step", 1),
-            (f"{table}.exclude_hz[*][*]", f"{files}exclude_hz" + ("[{1}][{2}]" if name == "spindle" else "[{0}][{1}]"), 1),
+            (f"{table}.exclude_hz[*][*]", f"{files}exclude_hz{band}", 1),
             (f"{table}.variance.averages", f"{files}variance.averages", 1),
             *((f"{table}.variance.{key}", f"{files}variance.law.{key}", 1) for key in ("relative", "floor")),
             *((f"{records}{key}", f"{files}signals.(hits.)?{key}", 1)
