@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
@@ -126,6 +127,7 @@ def test_a_frequency_is_found_below_which_so_many_modes_lie():
     top = family.reach_hz(10)
     modes = family.at((), 2 * top).nominal.modes().frequency_hz
     assert (modes < top).sum() >= 16
+    assert top < 1.02 * modes[15]  # and not far above: modes that nobody needs cost their time in each draw
 
 
 def test_numbers_between_two_numbered_points_are_points_where_they_are_asked_for():
@@ -196,6 +198,28 @@ def test_impossible_frames_are_refused_in_one_line(broken, words):
     assert words in str(caught.value)
     assert "expected" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("quantity", ["length", "section_size"])
+def test_frequencies_of_an_uncertain_bar_are_those_of_a_full_eigensolution(quantity):
+    # of K + K^J and M as assembled at each row of factors, joints over eight decades
+    bar = Body({"root": (0, 0, 0), "tip": (0.36, 0, 0)}, (Member(("root", "tip"), Section.circle(0.025), STEEL),))
+    recipe = FrameRecipe(bar, LossFactor(0.01), directions=("x", "y", "rz"))
+    ranges = {"youngs_modulus": (-0.06, 0.06), "density": (-0.03, 0.03), quantity: (-0.03, 0.03)}
+    joint = Joint(("root:x", "root:y", "root:rz"))
+    model = NaturalFrequencies(FrameFamily(recipe, ranges), joint, 3)
+    rng = np.random.default_rng(4)
+    springs = 10 ** rng.uniform([5, 5, 2], [13, 13, 10], (20, 3))[:, :, None] * np.eye(3)
+    factors = np.exp(rng.uniform(*np.transpose(list(ranges.values())), (20, 3)))
+    found = model.frequency_hz(springs, factors)
+    fine = FrameFamily(recipe, ranges).at(joint.dofs, 20e3)
+    for matrix, row, each in zip(springs, factors, found, strict=True):
+        whole = fine.structure(row)
+        held = joint.selection(whole)
+        stiffness = whole.stiffness + held @ matrix @ held.T
+        scale = 1 / np.sqrt(np.diag(stiffness))  # 1/λ of the scaled matrices keeps its digits beside a stiff spring
+        inverse = linalg.eigh(scale[:, None] * whole.mass * scale, scale[:, None] * stiffness * scale, eigvals_only=True)
+        assert_allclose(each, 1 / np.sqrt(inverse[:-4:-1]) / (2 * np.pi), rtol=1e-8)
 
 
 def test_a_body_that_nothing_reaches_still_has_its_natural_frequencies():

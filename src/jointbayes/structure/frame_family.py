@@ -96,7 +96,7 @@ class FrameFamily(UncertainFamily):
             # a mesh that is too coarse for it has modes too high, so that this goes down to where it is fine
             highest = float(frequency[min(wanted, frequency.size) - 1])
             if wanted <= frequency.size and highest <= top:
-                return top
+                return min(top, 1.01 * highest)
             top = max(4 * top, 1.0) if wanted > frequency.size else 1.01 * max(highest, top)
         raise ModelError(f"frame: found no frequency with {wanted} modes below; expected one; correct the units")
 
