@@ -1,5 +1,6 @@
 """The evidence: its parts against closed forms, and when which method is used."""
 
+import importlib
 import math
 
 import numpy as np
@@ -15,6 +16,7 @@ from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.file_record import estimate_from
 from jointbayes.posterior.monte_carlo import pareto_k
+from jointbayes.posterior.quadrature import Quadrature
 from jointbayes.posterior.storage import estimate_record
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from tests.conftest import CONFIGS
@@ -142,7 +144,7 @@ class TestChoice:
     @staticmethod
     def ring(theta):
         """Thin and sharp-edged: no mixture of a dozen bells covers it."""
-        return -0.5 * ((np.hypot(theta[:, 0], theta[:, 1]) - 6.0) / 0.005) ** 2
+        return -0.5 * ((np.hypot(theta[:, 0], theta[:, 1]) - 6.0) / 0.015) ** 2
 
     def test_importance_sampling_where_its_weights_are_good(self):
         start = (np.zeros(2), np.eye(2))
@@ -150,12 +152,26 @@ class TestChoice:
         assert found.method == "importance sampling"
         assert found.log_z == pytest.approx(math.log(2 * math.pi / 400), abs=0.01)
 
+    def test_quadrature_where_they_are_not(self):
+        start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
+        found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=2000)
+        assert found.method == "quadrature"
+        area = math.sqrt(2 * math.pi) * 0.015 * 2 * math.pi * 6.0
+        assert found.log_z == pytest.approx(math.log(area / 400), abs=2e-3)
+        assert found.error < 0.003
+        drawn = found.draws.resample(np.random.default_rng(1), 4000)
+        assert np.hypot(*drawn.T) == pytest.approx(6.0, abs=0.075)
+        assert drawn.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.3)
+
     @pytest.mark.science
-    def test_nested_sampling_where_they_are_not(self):
+    @pytest.mark.parametrize("quadrature", [None, Quadrature(-100.0, 1e-3, np.full((1, 2), 0.5), np.zeros(1), 9)])
+    def test_nested_sampling_where_quadrature_gives_up_or_missed_what_draws_saw(self, quadrature, monkeypatch):
+        module = importlib.import_module("jointbayes.posterior.evidence")  # the package has a function of that name
+        monkeypatch.setattr(module, "integrate", lambda *_: quadrature)
         start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
         found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=2000)
         assert found.method == "nested sampling"
-        area = math.sqrt(2 * math.pi) * 0.005 * 2 * math.pi * 6.0
+        area = math.sqrt(2 * math.pi) * 0.015 * 2 * math.pi * 6.0
         assert abs(found.log_z - math.log(area / 400)) < 4 * found.error
 
     def test_without_parameters_the_evidence_is_the_likelihood(self):

@@ -218,7 +218,9 @@ def test_frequencies_of_an_uncertain_bar_are_those_of_a_full_eigensolution(quant
         held = joint.selection(whole)
         stiffness = whole.stiffness + held @ matrix @ held.T
         scale = 1 / np.sqrt(np.diag(stiffness))  # 1/λ of the scaled matrices keeps its digits beside a stiff spring
-        inverse = linalg.eigh(scale[:, None] * whole.mass * scale, scale[:, None] * stiffness * scale, eigvals_only=True)
+        inverse = linalg.eigh(
+            scale[:, None] * whole.mass * scale, scale[:, None] * stiffness * scale, eigvals_only=True
+        )
         assert_allclose(each, 1 / np.sqrt(inverse[:-4:-1]) / (2 * np.pi), rtol=1e-8)
 
 

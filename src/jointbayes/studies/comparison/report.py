@@ -170,7 +170,7 @@ def _method_table(summary: dict[str, Any]) -> Table:
     )
     note = (
         f"Pareto k is the shape of the largest importance weights: up to {PARETO_LIMIT:g} the error of ln Z is "
-        "reliable; above it nested sampling takes over, which has none."
+        "reliable; above it quadrature takes over, of more than three unknowns nested sampling, which have none."
     )
     return Table("How ln Z was computed", head, rows, note=note)
 
