@@ -2,6 +2,7 @@
 
 from jointbayes.identification.compliance_fit import compliance_start
 from jointbayes.identification.effort import first_starts, search_further
+from jointbayes.identification.images import Images
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.paper_iteration import (
@@ -17,6 +18,7 @@ from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.starts import frequency_starts, screened_draws
 
 __all__ = [
+    "Images",
     "IterationHistory",
     "LocalMode",
     "MapEstimate",

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.identification.images import Images
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
@@ -68,8 +69,9 @@ def search_further(
 ) -> SearchEffort:
     """Go on searching while the best mode does not explain the data and starts disagree, at most three rounds.
 
-    Each round matches more natural frequencies, screens more draws, and lets all starts, and the modes known so far,
-    climb first on a density that is flattened. Of many unknowns each reconstructs the joints' motions from more and
+    First, and after each round, climbs begin at the images of the modes found so far, see `Images`. Each round matches
+    more natural frequencies, screens more draws, and lets all starts, and the modes known so far, climb first on a
+    density that is flattened. Of many unknowns each reconstructs the joints' motions from more and
     other points instead, and what the last round gained says nothing of the next.
 
     Parameters
@@ -84,8 +86,9 @@ def search_further(
         Called with one line before each round.
     """
     log_posterior = problem.log_posterior
-    first, rounds, last_gain, many = search.best[1], 0, 0.0, False
+    first, rounds, last_gain, many, images = search.best[1], 0, 0.0, False, Images.of(problem)
     while True:
+        search.climb_images(images)
         theta, density = search.best
         squares, limit = squared_residuals(log_posterior, theta)
         reached = list(search.reached().values())

@@ -1,6 +1,6 @@
 """The search for the posterior mode: climbs from many starts, and the distinct modes that they lead to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ _SAME_POINT = 1e-3
 _SAME_DENSITY = 1e-3
 #: A mode this much lower in log density than the best matters no more.
 _LOWEST = 12.0
-_MOST_MODES = 8
+_MOST_MODES = 24  # all orders of four like joints
 #: Two ends are two modes when the log density falls by this much between them, looked at in so many places.
 _VALLEY = 0.5
 _LINE = 21
@@ -34,6 +34,7 @@ _NEAR, _NEARLY = 0.01, 0.05
 _FALL = 0.01
 #: Rough ends that are lower than the best by `_LOWEST` and this are not refined, and no more than so many in one go.
 _UNREFINED, _REFINED = 20.0, 8
+_IMAGES = 8  # of a mode, from which to climb
 
 
 class ModeSearch:
@@ -53,6 +54,8 @@ class ModeSearch:
         self._begun: dict[str, Array] = {}  # quantities of the joint by the start's name
         self._ends: dict[str, tuple[Array, float]] = {}
         self._refined: list[_Refined] = []
+        self._examined = 0  # of these, whether to climb from their images
+        self._imaged: list[_Refined] = []
 
     @property
     def best(self) -> tuple[Array, float]:
@@ -115,6 +118,33 @@ class ModeSearch:
         rough = self._climbed(np.array([end.theta for end in self._refined]), weights)
         density = self._posterior(rough)
         self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
+
+    def climb_images(self, images: Callable[[Array], Array]) -> None:
+        """Climb from the highest images of each mode that may matter, until none is new: they are no new starts.
+
+        Parameters
+        ----------
+        images
+            Gives the images, shape (n, d), of a mode, shape (d,), see `jointbayes.identification.images`.
+        """
+        sd = self._posterior.prior.sd
+        while self._examined < len(self._refined):
+            mode = self._refined[self._examined]
+            self._examined += 1
+            pairs = ((end.theta, mode.theta, min(end.log_density, mode.log_density)) for end in self._imaged)
+            if mode.log_density < self.best[1] - _LOWEST or not all(_parted(self._posterior, *pair) for pair in pairs):
+                continue
+            self._imaged.append(mode)
+            known = np.array([end.theta for end in self._refined])
+            theta = images(mode.theta)
+            theta = theta[(np.abs((theta[:, None] - known) / sd) > _NEAR).any(axis=-1).all(axis=-1)]
+            density = self._posterior(theta)
+            highest = np.argsort(-density, kind="stable")[:_IMAGES]
+            theta = theta[highest[np.isfinite(density[highest])]]
+            if len(theta):
+                rough = self._climbed(np.array([with_modes_on_data(self._posterior, t) for t in theta]), ())
+                density = self._posterior(rough)
+                self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
 
     def _climbed(self, theta: Array, weights: Sequence[Array]) -> Array:
         for weight in weights:

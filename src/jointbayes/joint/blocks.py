@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations, permutations
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +17,8 @@ from jointbayes.joint.quantities import Coordinate, Quantity
 __all__ = ["Block", "Blocks", "blocks_of"]
 
 Array = NDArray[np.float64]
+
+_ALL_ORDERS = 4  # joints of a kind, of which all orders are exchanges
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +106,28 @@ class Blocks(Parametrisation):
     def ridges(self) -> tuple[CondensedCoordinates, ...]:
         """Those of all."""
         return tuple(CondensedCoordinates(r.cone.moved(t.start)) for one, t, _ in self._parts for r in one.ridges)
+
+    @property
+    def exchanges(self) -> NDArray[np.intp]:
+        """Columns of θ after exchanges of like joints: all orders of up to four of a kind, and pairs of more.
+
+        Of several set-ups with quantities of their own, ``low.foot`` and ``high.foot``, joints change places in all.
+        """
+        kinds: dict[str, list[tuple[str, Parametrisation]]] = {}
+        columns: dict[str, list[NDArray[np.intp]]] = {}
+        for block, (one, t, _) in zip(self.blocks, self._parts, strict=True):
+            setup, _, joint = block.name.rpartition(".")
+            kinds.setdefault(joint, []).append((setup, one))
+            columns.setdefault(joint, []).append(np.arange(t.start, t.stop))
+        orders: list[dict[str, str]] = [{}]
+        for kind in [kind for i, kind in enumerate(kinds.values()) if kind not in list(kinds.values())[:i]]:
+            like = [joint for joint, other in kinds.items() if other == kind]
+            orders = [known | dict(zip(like, new, strict=True)) for known in orders for new in _orders(like)]
+        out = np.tile(np.arange(len(self.axes)), (len(orders), 1))
+        for row, order in zip(out, orders, strict=True):
+            for here, taken in order.items():
+                row[np.concatenate(columns[here])] = np.concatenate(columns[taken])
+        return out
 
     def _each(
         self, of: Callable[[Parametrisation, Array], ArrayLike], values: ArrayLike, stiffness: bool
@@ -193,6 +218,17 @@ class Blocks(Parametrisation):
     def hypothesis(self, name: str) -> "Blocks":
         """Every joint under a hypothesis."""
         return Blocks(tuple(replace(b, parametrisation=b.parametrisation.hypothesis(name)) for b in self.blocks))
+
+
+def _orders(names: list[str]) -> list[tuple[str, ...]]:
+    """Orders of up to four names, or those of more in which two have changed places; the first as they are."""
+    if len(names) <= _ALL_ORDERS:
+        return list(permutations(names))
+    swapped = []
+    for one, other in combinations(names, 2):
+        change = {one: other, other: one}
+        swapped.append(tuple(change.get(name, name) for name in names))
+    return [tuple(names), *swapped]
 
 
 def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:

@@ -102,6 +102,11 @@ class Parametrisation(ABC):
         """Name of the coordinate that is a stiffness, or that stands for it."""
         return next(axis.name for axis in self.axes if axis.quantity == quantity)
 
+    @property
+    def exchanges(self) -> NDArray[np.intp]:
+        """Columns of θ after each exchange of joints with the same quantities, shape (n, d), the first as they are."""
+        return np.arange(len(self.axes))[None]
+
     @cached_property
     def pattern(self) -> Array:
         """∂K^J/∂k of each quantity, the paper's K_i, shape (q, R, R)."""
