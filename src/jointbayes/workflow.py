@@ -13,6 +13,7 @@ from jointbayes.case.schema.case import needs_files, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.identification import (
+    Images,
     IterationHistory,
     MapEstimate,
     ModeSearch,
@@ -37,7 +38,7 @@ from jointbayes.sampling import (
     Proposal,
     SamplerSettings,
     UnfinishedRun,
-    fit_proposal,
+    fit_each_mode,
     replace_far_walkers,
     run_adapted,
     starting_walkers,
@@ -148,7 +149,8 @@ def find_map(
     joints whose motion, reconstructed from the data, agrees with them), the first guess, the end of
     the paper's iteration from it, the compliance fit that needs no guess, draws from the prior, those of many more
     draws that fit the most lines, and joints near the limits of signed coordinates. All climb at once, the best are
-    refined; `MapEstimate.starts` says which of them reached the mode, `MapEstimate.modes` what other modes there are.
+    refined, and so are images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says which
+    of them reached the mode, `MapEstimate.modes` what other modes there are.
     Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
     `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows.
 
@@ -270,8 +272,8 @@ def sample(
     tell("fitting a proposal to the posterior")
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
-    start = starting_walkers(modes, log_posterior.prior.log_density, settings, _generator(seed, _WALKERS))
-    proposal = fit_proposal(log_posterior, systems, modes, _generator(seed, _PROPOSAL))
+    proposal = fit_each_mode(log_posterior, systems, modes, Images.of(problem).matrices, _generator(seed, _PROPOSAL))
+    start = starting_walkers(modes, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
     least = estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
     tell("sampling")
@@ -321,7 +323,9 @@ def _posterior(
     chains: Chains,
 ) -> Posterior:
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
-    mode_theta, mode_density = _refined(problem.log_posterior, chains.theta[best])
+    mode = _refined(problem.log_posterior, chains.theta[best])
+    if len(estimate.modes) > 1 and mode[1] < estimate.log_posterior:  # the best draw is at one of the others
+        mode = estimate.theta.copy(), estimate.log_posterior
     names = problem.names
     provenance = problem.measurement.provenance
     record = RunRecord(
@@ -336,7 +340,7 @@ def _posterior(
         provenance.as_json() if provenance else None,
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(_generator(seed, _PRIOR), _PRIOR_DRAWS))
-    return Posterior(problem, tree, estimate, mode_theta, mode_density, record, case)
+    return Posterior(problem, tree, estimate, *mode, record, case)
 
 
 def _refined(log_posterior: LogPosterior, best: Array) -> tuple[Array, float]:

@@ -12,11 +12,13 @@ from jointbayes.sampling.diagnostics import (
     quantile_spread,
     split_r_hat,
 )
+from jointbayes.sampling.proposal.each_mode import fit_each_mode
 from jointbayes.sampling.proposal.fit import Proposal, Start, fit_proposal
 from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.weights import drawn_without_replacement, importance_efficiency, truncated
 from jointbayes.sampling.run import run_ensembles
 from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.several_modes import SeveralModes
 from jointbayes.sampling.starting import replace_far_walkers, starting_walkers
 from jointbayes.sampling.stopping import INTERVAL, Check, Quantities
 
@@ -40,7 +42,9 @@ __all__ = [
     "Start",
     "StudentMixture",
     "StudentT",
+    "SeveralModes",
     "drawn_without_replacement",
+    "fit_each_mode",
     "fit_proposal",
     "truncated",
     # Results

@@ -10,10 +10,10 @@ from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.checkpoint import UnfinishedRun
 from jointbayes.sampling.coordinates import Coordinates, straightened
 from jointbayes.sampling.density import LogDensity
+from jointbayes.sampling.proposal.each_mode import AboutModes, joined
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
 from jointbayes.sampling.proposal.student import StudentMixture
-from jointbayes.sampling.proposal.weights import importance_efficiency, truncated
 from jointbayes.sampling.run import run_stage
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stage import Slow
@@ -91,7 +91,7 @@ def run_adapted(
             streams,
             replace(settings, max_steps=left),
             progress and _with_earlier(progress, discarded, settings.max_steps, seconds),
-            coordinates=proposal.coordinates,
+            coordinates=proposal.likeliest.coordinates,
             proposal=proposal,
             quantities=quantities,
             # what is left must be enough for a stage of its own
@@ -102,7 +102,7 @@ def run_adapted(
         if chains.converged or chains.steps == left:
             break
         discarded += chains.steps
-        proposal = proposal_from_draws(log_density, systems, _draws(chains), streams.refit())
+        proposal = _refitted(log_density, systems, proposal, _draws(chains), streams.refit())
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
@@ -143,11 +143,22 @@ def proposal_from_draws(
     _, coordinates, mixture = max(candidates, key=lambda one: one[0])
     mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
-    _, log_weight = proposal.weighted_draws(log_density, rng, _CONFIRMING)
-    # one draw far out, where a walker stays for long but hardly ever comes, must not make the fit look useless
-    dead = np.full(_CONFIRMING - log_weight.size, -np.inf)
-    efficiency = importance_efficiency(np.concatenate([truncated(log_weight, _CONFIRMING), dead]))
-    return replace(proposal, efficiency=efficiency)
+    return replace(proposal, efficiency=proposal.confirmed_efficiency(log_density, rng, _CONFIRMING))
+
+
+def _refitted(
+    log_density: LogDensity, systems: Sequence[Coordinates], proposal: Proposal, theta: Array, rng: np.random.Generator
+) -> Proposal:
+    """The proposal fitted to draws θ, shape (n, d); of several modes to those of each, where there are enough."""
+    modes = proposal.modes
+    if modes is None:
+        return proposal_from_draws(log_density, systems, theta, rng)
+    nearest, parts = modes.nearest(theta), list(proposal.parts)
+    for number in range(len(parts)):
+        draws = theta[nearest == number]
+        if len(draws) >= 2 * _HELD_OUT:
+            parts[number] = proposal_from_draws(AboutModes(log_density, modes, number), systems, draws, rng)
+    return joined(log_density, parts, modes, rng)
 
 
 def _reaching(

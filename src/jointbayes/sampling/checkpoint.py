@@ -390,4 +390,6 @@ def _check(kept: Mapping[str, Any]) -> Check:
         tau=np.array(kept["tau"]),
         r_hat=np.array(kept["r_hat"]),
         end_error=EndError(**error) if error else None,
+        modes_tau=kept["modes_tau"],
+        modes_r_hat=kept["modes_r_hat"],
     )

@@ -11,7 +11,6 @@ from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.proposal.fit import Proposal
-from jointbayes.sampling.proposal.student import StudentMixture
 from jointbayes.sampling.settings import SamplerSettings
 
 if TYPE_CHECKING:
@@ -37,6 +36,7 @@ USELESS = 0.1  # up to here it has none
 MANY_DIMENSIONS = 16  # from here on even a good fit is hardly ever accepted as a whole, but part of the way to it is
 PARTIAL_SHARE = 0.8  # of the local moves there
 KEPT = (0.6, 0.9)  # shares of the way that are kept
+JUMP_SHARE = 0.1  # of all moves, where there are several modes
 
 
 class Move(Protocol):
@@ -80,7 +80,8 @@ def mixture(coordinates: Coordinates | None = None, proposal: Proposal | None = 
     sixth to a half of that of stretch moves alone). The full step (gamma0 = 1) carries walkers from one mode to
     another. A tenth of stretch moves varies the step length, which is fixed in the other two, for densities whose
     width changes from place to place, and costs little. With coordinates most of these moves are made in them, and
-    the others remain for densities that are no closer to a Gaussian there.
+    the others remain for densities that are no closer to a Gaussian there. Where the proposal is one of several modes a
+    tenth of what is left carries walkers from one to another.
 
     Parameters
     ----------
@@ -95,6 +96,7 @@ def mixture(coordinates: Coordinates | None = None, proposal: Proposal | None = 
         Their weights sum to 1.
     """
     # emcee takes a while to import, and nobody who reads the settings needs it
+    from jointbayes.sampling.jump import JumpMove
     from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
 
     flat = Identity()
@@ -112,12 +114,14 @@ def mixture(coordinates: Coordinates | None = None, proposal: Proposal | None = 
         ]
         local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
     if proposal is not None and proposal.dimension >= MANY_DIMENSIONS:
-        fitted = proposal.density.whole if isinstance(proposal.density, StudentMixture) else proposal.density
+        fitted, where = proposal.whole, proposal.likeliest.coordinates
         partial = [
-            WeightedMove(f"autoregressive, {kept:g} kept", AutoregressiveMove(proposal.coordinates, fitted, kept), 0.5)
+            WeightedMove(f"autoregressive, {kept:g} kept", AutoregressiveMove(where, fitted, kept), 0.5)
             for kept in KEPT
         ]
         local = _share(partial, PARTIAL_SHARE) + _share(local, 1 - PARTIAL_SHARE)
+    if proposal is not None and proposal.modes is not None:
+        local = [WeightedMove("between modes", JumpMove(proposal.modes), JUMP_SHARE), *_share(local, 1 - JUMP_SHARE)]
     share = 0.0 if proposal is None else independence_share(proposal.efficiency)
     if proposal is None or share == 0.0:
         return tuple(local)

@@ -9,7 +9,8 @@ from emcee.moves import Move, RedBlueMove, StretchMove
 from numpy.typing import NDArray
 
 from jointbayes.sampling.coordinates import Coordinates
-from jointbayes.sampling.proposal.student import StudentMixture, StudentT
+from jointbayes.sampling.proposal.student import StudentT
+from jointbayes.sampling.proposal.weights import Distribution
 
 if TYPE_CHECKING:
     from emcee import State
@@ -165,7 +166,7 @@ class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
     DOI 10.1214/aos/1176325750.
     """
 
-    def __init__(self, coordinates: Coordinates, density: StudentT | StudentMixture) -> None:
+    def __init__(self, coordinates: Coordinates, density: Distribution) -> None:
         self._coordinates, self._density = coordinates, density
 
     def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:

@@ -119,7 +119,7 @@ def run_stage(
     if stage.blocks:
         states = stage.states()
         require_same_density(log_density, states)
-        stage.check_if_due(settings, quantities)
+        stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
     verdict = stage.verdict(settings)
     began = time.perf_counter() - stage.seconds
 
@@ -135,7 +135,7 @@ def run_stage(
             while not is_done():
                 with finished_first(wait=keeper is not None) as asked_to_stop:
                     states = stage.extend(move_on, states, streams, settings)
-                    stage.check_if_due(settings, quantities)
+                    stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
                     verdict = stage.verdict(settings)
                     keep(now=bool(asked_to_stop) or is_done())
                     stage.condense(stage.rows if keeper is None else keeper.rows_on_disk(streams.stage))

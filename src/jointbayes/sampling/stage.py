@@ -10,6 +10,7 @@ from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.ensemble import Block, EnsembleState
 from jointbayes.sampling.held_steps import MOST_HELD, HeldSteps, spacing
 from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.several_modes import SeveralModes
 from jointbayes.sampling.stopping import (
     Check,
     Quantities,
@@ -78,14 +79,16 @@ class Stage:
         """Where the ensembles stand after the last block."""
         return [block.end for block in self.blocks[-1]]
 
-    def check_if_due(self, settings: SamplerSettings, quantities: Quantities | None) -> None:
+    def check_if_due(
+        self, settings: SamplerSettings, quantities: Quantities | None, modes: SeveralModes | None = None
+    ) -> None:
         """Look at all steps so far, where the time has come."""
         last = self.checks[-1].step if self.checks else 0
         if self.step == last or self.step != next_check(last, settings):
             return
         every = spacing(self.step)
         theta, _ = self.held.with_rows(self.blocks, every)
-        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, every, self.step))
+        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, every, self.step, modes))
         self.checks[-1] = with_end_error(settings, self.checks, theta, quantities, every)
 
     def condense(self, rows: int) -> None:

@@ -19,12 +19,16 @@ _DRAWS = 4000  # of the proposal, among which replacements are looked for
 
 
 def starting_walkers(
-    starts: Sequence[Start], log_prior: LogDensity, settings: SamplerSettings, rng: np.random.Generator
+    starts: Sequence[Start],
+    log_prior: LogDensity,
+    settings: SamplerSettings,
+    rng: np.random.Generator,
+    shares: Array | None = None,
 ) -> Array:
     """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all inside the prior's support.
 
-    From several modes each ensemble has walkers about every one of them. Near a corner of the support, where hardly a
-    draw lies inside, the approximation is narrowed until enough do.
+    From several modes each ensemble has walkers about every one of them, as far as they go round.
+    Near a corner of the support, where hardly a draw lies inside, the approximation is narrowed until enough do.
 
     Parameters
     ----------
@@ -36,6 +40,8 @@ def starting_walkers(
         How many walkers and ensembles.
     rng
         The run's generator.
+    shares
+        Of the walkers, for each mode; by default alike.
 
     Raises
     ------
@@ -43,8 +49,8 @@ def starting_walkers(
         If too few draws about a mode lie inside the support.
     """
     balls = []
-    for index, (theta, covariance) in enumerate(starts):
-        walkers = len(range(index, settings.walkers, len(starts)))
+    counts = _counts(np.ones(len(starts)) / len(starts) if shares is None else shares, settings.walkers)
+    for (theta, covariance), walkers in zip(starts, counts, strict=True):
         wanted = settings.ensembles * walkers
         inside: list[Array] = []
         for trial in range(200):
@@ -60,6 +66,14 @@ def starting_walkers(
             )
         balls.append(np.array(inside[:wanted]).reshape(settings.ensembles, walkers, -1))
     return np.concatenate(balls, axis=1)
+
+
+def _counts(shares: Array, walkers: int) -> list[int]:
+    """Walkers about each mode: one, as far as they go round, and the others where most are missing to its share."""
+    counts = (np.arange(len(shares)) < walkers).astype(int)
+    for _ in range(walkers - counts.sum()):
+        counts[np.argmax(shares * walkers - counts)] += 1
+    return [int(count) for count in counts]
 
 
 def replace_far_walkers(

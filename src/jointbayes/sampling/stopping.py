@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_error, split_r_hat
 from jointbayes.sampling.settings import SamplerSettings
+from jointbayes.sampling.several_modes import SeveralModes
 
 __all__ = [
     "INTERVAL",
@@ -79,6 +80,8 @@ class Check:
         Rank-normalised split R̂ over the ensembles.
     end_error : EndError or None
         The least certain end of a 95 % interval; None where it was not looked at.
+    modes_tau, modes_r_hat : float
+        τ and R̂ of which of several modes is nearest, of the slowest mode; 0 of a density with one mode.
     """
 
     step: int
@@ -86,6 +89,8 @@ class Check:
     tau: NDArray[np.float64]
     r_hat: NDArray[np.float64]
     end_error: EndError | None = None
+    modes_tau: float = 0.0
+    modes_r_hat: float = 0.0
 
     def __post_init__(self) -> None:
         self.tau.setflags(write=False)
@@ -98,13 +103,13 @@ class Check:
 
     @property
     def tau_max(self) -> float:
-        """τ of the slowest parameter."""
-        return float(np.max(self.tau))
+        """τ of the slowest parameter, or of the modes' shares where these are slower."""
+        return max(float(np.max(self.tau)), self.modes_tau)
 
     @property
     def r_hat_max(self) -> float:
-        """R̂ of the parameter on which the ensembles agree least."""
-        return float(np.max(self.r_hat))
+        """R̂ of the parameter, or the share of a mode, on which the ensembles agree least."""
+        return max(float(np.max(self.r_hat)), self.modes_r_hat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +120,13 @@ class Verdict:
     reason: str
 
 
-def diagnose(theta: NDArray[np.float64], previous: Check | None, every: int = 1, steps: int | None = None) -> Check:
+def diagnose(
+    theta: NDArray[np.float64],
+    previous: Check | None,
+    every: int = 1,
+    steps: int | None = None,
+    modes: SeveralModes | None = None,
+) -> Check:
     """Compute τ and R̂ of the steps after burn-in.
 
     The burn-in is 5 τ of the previous check, at most half of the steps (and exactly half at the first check,
@@ -134,6 +145,9 @@ def diagnose(theta: NDArray[np.float64], previous: Check | None, every: int = 1,
         Distance of these in steps.
     steps : int, optional
         Number of all steps; by default that of these.
+    modes : SeveralModes, optional
+        Those of the density, if it has several: their shares count as parameters do, but for modes that have all draws
+        or none.
 
     Returns
     -------
@@ -147,7 +161,21 @@ def diagnose(theta: NDArray[np.float64], previous: Check | None, every: int = 1,
     tau = autocorrelation_time(kept)
     ranked = max(thinning(tau), kept[..., 0].size // _RANKED_DRAWS)
     r_hat = split_r_hat(kept[:, ::ranked])
-    return Check(step=steps or theta.shape[1], burn_in=burn_in * every, tau=tau * every, r_hat=r_hat)
+    modes_tau = modes_r_hat = 0.0
+    if modes is not None:
+        share = modes.membership(kept)
+        share = share[..., np.ptp(share, axis=(0, 1, 2)) > 0]
+        if share.size:
+            modes_tau = every * float(autocorrelation_time(share).max())
+            modes_r_hat = float(split_r_hat(share[:, ::ranked]).max())
+    return Check(
+        step=steps or theta.shape[1],
+        burn_in=burn_in * every,
+        tau=tau * every,
+        r_hat=r_hat,
+        modes_tau=modes_tau,
+        modes_r_hat=modes_r_hat,
+    )
 
 
 def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = None) -> EndError:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,11 @@ from jointbayes.sampling.proposal.student_fit import (
     refined_student,
     whitened,
 )
-from jointbayes.sampling.proposal.weights import Pool, theta_draws
+from jointbayes.sampling.proposal.weights import Pool, importance_efficiency, theta_draws, truncated
+
+if TYPE_CHECKING:
+    from jointbayes.sampling.proposal.each_mode import OneOfProposals
+    from jointbayes.sampling.several_modes import SeveralModes
 
 __all__ = ["Proposal", "Start", "fit_proposal"]
 
@@ -41,7 +46,7 @@ class Proposal:
 
     Parameters
     ----------
-    density : StudentT or StudentMixture
+    density : StudentT, StudentMixture or OneOfProposals
         Distribution in the coordinates φ.
     efficiency : float
         Effective fraction of its draws as importance samples of the density, 0 to 1.
@@ -49,18 +54,51 @@ class Proposal:
         Number of points at which the log-density was computed for the fit.
     coordinates : Coordinates
         Coordinates φ; θ itself by default.
+    modes : SeveralModes, optional
+        Those that the density has, if there are several: `density` is then of a proposal for each.
     """
 
-    density: StudentT | StudentMixture
+    density: "StudentT | StudentMixture | OneOfProposals"
     efficiency: float
     evaluations: int
     coordinates: Coordinates = field(default_factory=Identity)
+    modes: "SeveralModes | None" = None
+
+    @property
+    def parts(self) -> "tuple[Proposal, ...]":
+        """The proposal for each mode; of one mode this one itself."""
+        return (self,) if isinstance(self.density, StudentT | StudentMixture) else self.density.parts
+
+    @property
+    def shares(self) -> Array | None:
+        """Probability of each of several modes among what is proposed, shape (m,); None of one mode."""
+        return None if isinstance(self.density, StudentT | StudentMixture) else self.density.weights
+
+    @property
+    def likeliest(self) -> "Proposal":
+        """The proposal for the mode with the largest share."""
+        return self if self.shares is None else self.parts[int(np.argmax(self.shares))]
+
+    @property
+    def whole(self) -> StudentT:
+        """One Student-t as wide as all that is proposed for the likeliest mode."""
+        density = self.likeliest.density
+        assert isinstance(density, StudentT | StudentMixture)
+        return density.whole if isinstance(density, StudentMixture) else density
 
     @property
     def dimension(self) -> int:
         """Number of coordinates."""
-        one = self.density if isinstance(self.density, StudentT) else self.density.components[0]
-        return one.mean.size
+        return self.whole.mean.size
+
+    def confirmed_efficiency(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> float:
+        """Efficiency of so many new draws, where one far out does not make the fit look useless.
+
+        There a walker stays for long, but hardly ever comes.
+        """
+        _, log_weight = self.weighted_draws(log_density, rng, n)
+        dead = np.full(n - log_weight.size, -np.inf)
+        return importance_efficiency(np.concatenate([truncated(log_weight, n), dead]))
 
     def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.

@@ -1,0 +1,176 @@
+"""Several modes of one density: carrying walkers between them, proposing from all, and a stop rule that sees shares."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointbayes.sampling import SamplerSettings, SeveralModes, fit_each_mode, fit_proposal, run_ensembles
+from jointbayes.sampling.adapted import _refitted
+from jointbayes.sampling.coordinates import Identity
+from jointbayes.sampling.ensemble import mixture
+from jointbayes.sampling.jump import JumpMove
+from jointbayes.sampling.starting import starting_walkers
+from jointbayes.sampling.stopping import diagnose
+
+SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
+NARROW, WIDE = np.array([[0.01, 0.004], [0.004, 0.04]]), np.array([[0.09, 0.0], [0.0, 0.25]])
+#: Two Gaussians of unlike size far apart, and the share of the first.
+PLACES, SHARE = (np.array([0.0, 8.0]), np.array([8.0, 0.0])), 0.3
+STARTS = tuple(zip(PLACES, (NARROW, WIDE), strict=True))
+
+
+def one_gaussian(theta, place, covariance):
+    z = theta - place
+    return -0.5 * np.einsum("ni,ij,nj->n", z, np.linalg.inv(covariance), z) - 0.5 * np.linalg.slogdet(covariance)[1]
+
+
+def two_gaussians(theta):
+    first, second = (one_gaussian(theta, *start) for start in STARTS)
+    return np.logaddexp(np.log(SHARE) + first, np.log(1 - SHARE) + second)
+
+
+def mirrored(theta):
+    """A ring segment and its image, which no Gaussian resembles."""
+    first, second = theta, theta[:, ::-1]
+    bent = [-0.5 * ((x[:, 0] - 4) ** 2 + ((x[:, 1] + 4 - (x[:, 0] - 4) ** 2) / 0.05) ** 2) for x in (first, second)]
+    return np.logaddexp(*bent)
+
+
+def test_a_point_carried_to_another_mode_and_back_is_where_it_was():
+    modes = SeveralModes.of(STARTS)
+    theta = np.array([[0.1, 7.9], [7.5, 0.4]])
+    here, there = np.array([0, 1]), np.array([1, 0])
+    moved, log_volume = modes.carried(theta, here, there)
+    assert modes.nearest(moved).tolist() == there.tolist()
+    back, log_back = modes.carried(moved, there, here)
+    np.testing.assert_allclose(back, theta, rtol=1e-12)
+    np.testing.assert_allclose(log_back, -log_volume)
+    step = 1e-6
+    ends = [modes.carried(theta[:1] + step * np.eye(2)[i], here[:1], there[:1])[0][0] for i in range(2)]
+    slope = (np.array(ends) - moved[0]) / step
+    assert np.log(abs(np.linalg.det(slope))) == pytest.approx(log_volume[0], abs=1e-6)
+
+
+def test_between_exact_images_the_map_is_the_exchange_itself():
+    starts = [(np.array([1.0, 5.0]), NARROW), (np.array([5.0, 1.0]), SWAP @ NARROW @ SWAP)]
+    modes = SeveralModes.of(starts, np.array([np.eye(2), SWAP]))
+    np.testing.assert_allclose(modes.maps[0, 1], SWAP, atol=1e-12)
+    np.testing.assert_allclose(modes.maps[1, 0], SWAP, atol=1e-12)
+    theta = np.array([[1.05, 5.2]])
+    moved, log_volume = modes.carried(theta, np.array([0]), np.array([1]))
+    np.testing.assert_allclose(moved, theta[:, ::-1])
+    assert log_volume == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_proposal_of_each_mode_knows_the_shares_and_is_as_good_as_that_of_one():
+    proposal = fit_each_mode(two_gaussians, [Identity()], STARTS, None, np.random.default_rng(1))
+    assert proposal.shares == pytest.approx([0.95 * SHARE + 0.025, 0.95 * (1 - SHARE) + 0.025], abs=0.02)
+    alone = fit_proposal(lambda t: one_gaussian(t, *STARTS[0]), [Identity()], STARTS[:1], np.random.default_rng(1))
+    assert proposal.efficiency > alone.efficiency - 0.05
+    theta, log_weight = proposal.weighted_draws(two_gaussians, np.random.default_rng(2), 20_000)
+    weight = np.exp(log_weight - log_weight.max())
+    assert weight[theta[:, 0] < 4].sum() / weight.sum() == pytest.approx(SHARE, abs=0.015)
+    assert np.exp(np.logaddexp.reduce(log_weight)) / 20_000 == pytest.approx(2 * np.pi, rel=0.02)  # unit volume
+
+
+def test_of_one_mode_nothing_changes():
+    one = fit_each_mode(two_gaussians, [Identity()], STARTS[:1], None, np.random.default_rng(1))
+    same = fit_proposal(two_gaussians, [Identity()], STARTS[:1], np.random.default_rng(1))
+    assert np.array_equal(one.density.mean, same.density.mean)
+    assert one.modes is None
+    assert "between modes" not in {move.name for move in mixture(Identity(), one)}
+    several = fit_each_mode(two_gaussians, [Identity()], STARTS, None, np.random.default_rng(1))
+    assert "between modes" in {move.name for move in mixture(Identity(), several)}
+
+
+@pytest.mark.parametrize("efficiency", [None, 0.0], ids=["fitted proposal", "the jump alone"])
+def test_a_run_has_the_shares_of_the_modes(efficiency):
+    settings = SamplerSettings(walkers=16, max_steps=3000, tau_factor=50)
+    rng = np.random.default_rng(3)
+    proposal = fit_each_mode(two_gaussians, [Identity()], STARTS, None, rng)
+    if efficiency is not None:  # no independence move: what carries walkers is the jump
+        proposal = replace(proposal, efficiency=efficiency)
+    start = starting_walkers(STARTS, lambda t: np.zeros(len(t)), settings, rng, proposal.shares)
+    chains = run_ensembles(two_gaussians, start, rng, settings, coordinates=Identity(), proposal=proposal)
+    assert chains.converged
+    theta = chains.draws(thinned=False).theta
+    assert (theta[..., 0] < 4).mean() == pytest.approx(SHARE, abs=0.02)
+
+
+def test_a_proposal_is_fitted_anew_to_the_draws_of_each_mode():
+    starts = [(np.array([4.0, -4.0]), 0.01 * np.eye(2)), (np.array([-4.0, 4.0]), 0.01 * np.eye(2))]
+    rng = np.random.default_rng(4)
+    first = fit_each_mode(lambda t: -50 * (t**2).sum(axis=1), [Identity()], starts, np.array([SWAP]), rng)
+    x = 4 + rng.normal(size=20_000)
+    draws = np.column_stack([x, (x - 4) ** 2 - 4 + 0.05 * rng.normal(size=x.size)])
+    draws[::2] = draws[::2, ::-1]
+    again = _refitted(mirrored, [Identity()], first, draws, rng)
+    assert again.modes is first.modes
+    assert again.efficiency > 0.5
+    assert again.shares == pytest.approx([0.5, 0.5], abs=0.03)
+    # where a mode has too few draws its proposal stays
+    few = _refitted(mirrored, [Identity()], first, draws[draws[:, 0] > draws[:, 1]], rng)
+    assert few.parts[1] is first.parts[1]
+    assert few.parts[0] is not first.parts[0]
+
+
+def test_walkers_that_never_leave_their_mode_cannot_have_converged():
+    """Of draws that are independent within each mode, while no walker ever changes it."""
+    rng = np.random.default_rng(5)
+    frozen = np.array([rng.choice([0.0, 8.0], size=(1, 16)) * np.ones((400, 1)) for _ in range(4)])
+    theta = np.stack([frozen, 8.0 - frozen], axis=-1) + 0.1 * rng.normal(size=(4, 400, 16, 2))
+    modes = SeveralModes.of(STARTS)
+    found = diagnose(theta, None, modes=modes)
+    assert found.modes_tau > 100
+    assert found.tau_max == max(found.modes_tau, found.tau.max())
+    mixing = theta[:, rng.permutation(400)]
+    mixing = np.where(rng.random((4, 400, 16, 1)) < 0.5, mixing, mixing[..., ::-1])
+    assert diagnose(mixing, None, modes=modes).modes_tau < 2
+    one_mode = np.where(theta[..., :1] > 4, theta[..., ::-1], theta)
+    assert diagnose(one_mode, None, modes=modes).modes_tau == 0.0
+
+
+def test_a_run_whose_walkers_cannot_jump_goes_on_to_its_end_and_has_not_converged():
+    offset = np.array([0.5, 0.5])
+
+    def two(theta):
+        first, second = (one_gaussian(theta, place, np.diag([1.0, 1e-6])) for place in (offset, -offset))
+        return np.logaddexp(first, second)
+
+    starts = [(place, np.diag([1.0, 1e-6])) for place in (offset, -offset)]
+    settings = SamplerSettings(walkers=16, max_steps=500, tau_factor=10, end_tolerance=0.2, r_hat_max=1.1)
+    rng = np.random.default_rng(7)
+    proposal = replace(fit_each_mode(two, [Identity()], starts, None, rng), efficiency=0.0)
+    wrong = replace(proposal.modes, maps=np.zeros_like(proposal.modes.maps) + 3.0 * np.eye(2))  # no jump is accepted
+    start = starting_walkers(starts, lambda t: np.zeros(len(t)), settings, rng)
+    frozen = run_ensembles(two, start, rng, settings, coordinates=Identity(), proposal=replace(proposal, modes=wrong))
+    jumping = run_ensembles(two, start, rng, settings, coordinates=Identity(), proposal=proposal)
+    assert not frozen.converged
+    assert jumping.converged
+    assert frozen.history[-1].modes_tau > 3 * jumping.history[-1].modes_tau > 0
+
+
+def test_walkers_begin_in_proportion_to_the_shares_and_at_least_one_about_each_mode():
+    settings = SamplerSettings(ensembles=4, walkers=20)
+    start = starting_walkers(
+        STARTS, lambda t: np.zeros(len(t)), settings, np.random.default_rng(6), np.array([0.999, 0.001])
+    )
+    assert ((start[..., 0] < 4).sum(axis=1) == 19).all()
+    start = starting_walkers(
+        STARTS, lambda t: np.zeros(len(t)), settings, np.random.default_rng(6), np.array([0.3, 0.7])
+    )
+    assert ((start[..., 0] < 4).sum(axis=1) == 6).all()
+
+
+def test_a_walker_that_could_not_come_back_stays():
+    starts = [(np.array([0.0]), np.eye(1)), (np.array([3.0]), np.eye(1)), (np.array([6.0]), np.eye(1))]
+    move = JumpMove(SeveralModes.of(starts))
+    random = np.random.RandomState(1)
+    proposed, log_factor = move.get_proposal(np.full((200, 1), -1.0), random)
+    assert set(np.unique(proposed.round(9))) == {2.0, 5.0}
+    assert (log_factor == 0.0).all()
+    # carried to 1 or 4, which are nearer to the first and to the second mode
+    proposed, log_factor = move.get_proposal(np.full((200, 1), -2.0), random)
+    assert (proposed == -2.0).all()
+    assert np.isneginf(log_factor).all()
