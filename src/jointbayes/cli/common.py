@@ -133,6 +133,8 @@ def print_summary(posterior: "Posterior") -> None:
     say(posterior.reason)
     for name in posterior.stiffness_names:
         say(verdict_line(posterior, name))
+    if posterior.solutions.sentence:
+        say(posterior.solutions.sentence)
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
     if posterior.mesh is not None and not posterior.mesh.within:

@@ -45,6 +45,8 @@ def require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
         expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
     for i, mode in enumerate(found.modes):
         expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
+        if mode.inside is not None:
+            expected[f"map.modes.{i}.inside"] = (len(mode.inside[0]), d)
     for name, given in (
         ("r_hat", record.record.r_hat),
         ("sampler.tau", record.record.sampler.tau),
@@ -61,6 +63,7 @@ def require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
         if there != wanted:
             raise MeasurementError(f"{where}: record, {place}: found {there}; expected {wanted}; {REMEDY}")
     covariances = {"map": found.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(found.modes)}
+    covariances |= {f"map.modes.{i}.inside": m.inside[1] for i, m in enumerate(found.modes) if m.inside is not None}
     for place, matrix in covariances.items():
         if not _is_covariance(matrix, d):
             raise MeasurementError(

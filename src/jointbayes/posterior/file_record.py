@@ -111,6 +111,13 @@ class _LocalMode(_Part):
     theta: Vector
     covariance: Rows
     log_posterior: Finite
+    inside: tuple[Vector, Rows] | None = None  # unknown to older files
+
+    @property
+    def mode(self) -> LocalMode:
+        """The mode that it describes."""
+        inside = self.inside and (np.array(self.inside[0]), np.array(self.inside[1]))
+        return LocalMode(np.array(self.theta), np.array(self.covariance), self.log_posterior, inside)
 
 
 class _Estimate(_Part):
@@ -127,14 +134,13 @@ class _Estimate(_Part):
         """The estimate that it describes."""
         starts = [(s.name, np.array(s.start), np.array(s.stiffness), s.log_posterior, s.reached_mode)
                   for s in self.starts]  # fmt: skip
-        modes = [(np.array(m.theta), np.array(m.covariance), m.log_posterior) for m in self.modes]
         return MapEstimate(
             np.array(self.theta),
             np.array(self.stiffness),
             np.array(self.covariance),
             self.log_posterior,
             tuple(StartOutcome(*start) for start in starts),
-            tuple(LocalMode(*mode) for mode in modes),
+            tuple(mode.mode for mode in self.modes),
             self.effort,
         )
 

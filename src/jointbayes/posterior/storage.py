@@ -188,6 +188,7 @@ def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
                 "theta": mode.theta.tolist(),
                 "covariance": mode.covariance.tolist(),
                 "log_posterior": mode.log_posterior,
+                "inside": mode.inside and [part.tolist() for part in mode.inside],
             }
             for mode in estimate.modes
         ],

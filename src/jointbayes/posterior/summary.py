@@ -27,6 +27,7 @@ from jointbayes.posterior.setup_summary import (
     fit_of,
     setup_summaries,
 )
+from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
 
 __all__ = [
@@ -122,6 +123,9 @@ class Summary:
         What `gather_knowledge` found; None where it was not asked.
     data_sha256
         Fingerprint of the data.
+    modes, solutions
+        Every mode that has draws, where there are several; and what is said of them where they give different
+        stiffnesses, empty where not.
     setups
         What is said of the data of each set-up, by its name; of a lone test under an empty name. Fit, check, diagnosis
         and natural frequencies above are then those of all data, of the set-up that fits worst, and of the first.
@@ -142,6 +146,8 @@ class Summary:
     files_of_bodies: Mapping[str, tuple[MeasuredFile, ...]]
     knowledge: Knowledge | None
     data_sha256: str
+    modes: tuple[ModeSummary, ...]
+    solutions: str
     setups: Mapping[str, SetupSummary]
 
     def __str__(self) -> str:
@@ -173,6 +179,7 @@ class Summary:
             "per value (1 is expected)",
             *(f"    {one.check.sentence}" for one in self.setups.values()),
             *([] if self.measured_bodies is None else [f"    {self.measured_bodies.sentence}"]),
+            *([f"    {self.solutions}"] if self.solutions else []),
             *(f"    No verdict: {reason}" for reason in self.no_verdict),
             *(f"    Warning: {warning}" for warning in self.warnings),
         ]
@@ -195,6 +202,8 @@ class Summary:
             "no_verdict": self.no_verdict,
             "parameters": {name: _parameter_json(p) for name, p in self.parameters.items()},
             "nuisances": {name: asdict(n) for name, n in self.nuisances.items()},
+            "modes": [asdict(mode) for mode in self.modes],
+            "solutions": self.solutions,
             "map": asdict(self.map) | {"starts": [{"name": n, "reached_mode": r} for n, r in self.map.starts]},
             "natural_frequencies_hz": asdict(frequencies),
             "fit": fit_json(self.fit, self.diagnosis),
@@ -261,6 +270,8 @@ def summarise(
         files_of_bodies={name: body.files for name, body in bodies_of(problem).items()},
         knowledge=knowledge,
         data_sha256=data_sha256(problem),
+        modes=posterior.solutions.summaries(),
+        solutions=posterior.solutions.sentence,
         setups=setups,
     )
 

@@ -1,6 +1,7 @@
 """The verdict on each stiffness of a posterior: the rule for its draws, and what may stand against it.
 
-In order: the draws are judged by `jointbayes.posterior.identifiability`; the same posterior with every prior of the
+In order: the draws are judged by `jointbayes.posterior.identifiability`; a stiffness to which several modes give
+different values is not identified, see `jointbayes.posterior.solutions`; the same posterior with every prior of the
 joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
 otherwise; a model that does not explain the data makes the verdict conditional; a run that failed has none.
 """
@@ -16,6 +17,7 @@ from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
 from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
+from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 
@@ -48,6 +50,11 @@ _WIDER = "every prior of the joint a decade wider on each side"
 
 class JudgedPosterior(PosteriorDraws):
     """Draws with a verdict on each stiffness."""
+
+    @cached_property
+    def solutions(self) -> Solutions:
+        """What each of several modes says; of one mode itself."""
+        return Solutions(self)
 
     @cached_property
     def widened(self) -> WidenedPosterior | None:
@@ -112,6 +119,8 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
         reasons += tuple(f"its draws reach {bound}" for bound in at_bound)
         return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
+    if solutions := posterior.solutions.reason(name):
+        return replace(known, verdict="not identified", verdict_reason=solutions)
     if name in posterior.stiffness_names and posterior.widened is not None:
         known = _with_wider_priors(posterior, posterior.widened, name, known)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""

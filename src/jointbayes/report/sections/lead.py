@@ -45,6 +45,9 @@ def _banners(inputs: ReportInputs) -> list[Block]:
                 "standard deviations away: the MAP search missed it.",
             )
         )
+    if summary.solutions:
+        head, bracket, rest = summary.solutions.partition(" (")
+        banners.append(Callout("bad", f"**{head}**{bracket}{foreign(rest)}"))
     if summary.no_verdict:
         banners.append(Callout("bad", f"**No verdict on any stiffness**: {'; '.join(summary.no_verdict)}."))
     if summary.mesh is not None and not summary.mesh.within:

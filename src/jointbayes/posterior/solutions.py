@@ -1,0 +1,187 @@
+"""Several solutions: modes of a posterior that are apart, what each says, and what measurement tells them apart."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import JointBayesError
+from jointbayes.frf import Ports
+from jointbayes.inference import Problem
+from jointbayes.joint.quantities import is_rotation
+from jointbayes.measurement import FrfMeasurement
+from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
+from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
+
+__all__ = ["LEAST_SHARE", "ModeSummary", "Solutions", "further_measurement"]
+
+Array = NDArray[np.float64]
+
+#: A solution with less of the probability lies outside every 95 % interval.
+LEAST_SHARE = 0.025
+#: Between two solutions draws are this much sparser than in the sparser of the two: halves of one ridge are not.
+_VALLEY = 0.3
+_WORDS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+_LINES = 200  # at which FRFs of the solutions are compared
+_ALIKE = 1e-3  # of |H|: FRFs that differ by less are equal
+_SHALLOWEST = 0.1  # of the median |H|: smaller values lie below the noise of other lines
+
+
+@dataclass(frozen=True, slots=True)
+class ModeSummary:
+    """A mode of several: its share of the draws, height, and median and 95 % interval of each quantity by name."""
+
+    share: float
+    log_posterior: float
+    values: Mapping[str, Mapping[str, float | tuple[float, float]]]
+
+
+class Solutions:
+    """Draws by the mode that is nearest to them.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    """
+
+    def __init__(self, posterior: PosteriorDraws) -> None:
+        self._posterior, starts = posterior, posterior.estimate.starts_for_draws
+        alone = np.zeros(len(posterior.theta), dtype=np.intp)
+        self._nearest = SeveralModes.of(starts).nearest(posterior.theta) if len(starts) > 1 else alone
+        #: Share of the draws of each mode.
+        self.shares = np.bincount(self._nearest, minlength=len(starts)) / len(alone)
+
+    def _draws(self, name: str, modes: list[int]) -> Array:
+        return self._posterior.values(name).ravel()[np.isin(self._nearest, modes)]
+
+    def values_of(self, name: str) -> list[list[int]]:
+        """Modes that give a quantity the same value, together: one list for each value, from low to high."""
+        likely = np.flatnonzero(self.shares >= LEAST_SHARE).tolist()
+        groups: list[list[int]] = []
+        for mode in sorted(likely, key=lambda mode: float(np.median(self._draws(name, [mode])))):
+            if groups and not _parted(self._draws(name, groups[-1]), self._draws(name, [mode])):
+                groups[-1].append(mode)
+            else:
+                groups.append([mode])
+        return groups
+
+    @cached_property
+    def split(self) -> tuple[str, ...]:
+        """Names of the quantities to which the solutions give different values."""
+        return tuple(name for name in self._posterior.stiffness_names if len(self.values_of(name)) > 1)
+
+    def reason(self, name: str) -> str:
+        """Why such a quantity is not identified: each value with its 95 % interval and probability; or empty."""
+        posterior, groups = self._posterior, self.values_of(name)
+        if len(groups) < 2:
+            return ""
+        values = []
+        for modes in groups:
+            draws, share = self._draws(name, modes), float(self.shares[modes].sum())
+            effective = max(1.0, share * min(map(float, posterior.record.sampler["ess"].values())))
+            quantiles = [(float(np.quantile(draws, p)), quantile_spread(draws, p, effective)) for p in (0.5, *INTERVAL)]
+            (median, error), low, high = quantiles
+            interval = rounded_interval((low[0], high[0]), (low[1], high[1]), " to ")
+            unit = posterior.unit(name)
+            values.append(f"{in_unit(rounded(median, error), unit)} ({interval}) with probability {share:.2f}")
+        return f"{_count(len(groups))} solutions: {' or '.join(values)}"
+
+    @cached_property
+    def _distinct(self) -> list[list[int]]:
+        """Modes that differ in no quantity together, the likeliest solution first."""
+        groups: dict[tuple[int, ...], list[int]] = {}
+        places = [{mode: i for i, modes in enumerate(self.values_of(name)) for mode in modes} for name in self.split]
+        for mode in np.flatnonzero(self.shares >= LEAST_SHARE).tolist():
+            groups.setdefault(tuple(place[mode] for place in places), []).append(mode)
+        return sorted(groups.values(), key=lambda modes: -self.shares[modes].sum())
+
+    @cached_property
+    def sentence(self) -> str:
+        """What the solutions are and what measurement would tell them apart; empty where there is one."""
+        if not self.split:
+            return ""
+        shares = ", ".join(f"{self.shares[modes].sum():.2f}" for modes in self._distinct)
+        text = (
+            f"{_count(len(self._distinct)).capitalize()} solutions explain the data (probability {shares}): "
+            f"{', '.join(self.split)} differ between them."
+        )
+        theta = np.array([self._posterior.estimate.starts_for_draws[modes[0]][0] for modes in self._distinct])
+        return f"{text} {further_measurement(self._posterior.problem, theta)}".rstrip()
+
+    def summaries(self) -> tuple[ModeSummary, ...]:
+        """Every mode that has draws, where there are several."""
+        names = [*self._posterior.stiffness_names, *(n.name for n in self._posterior.problem.prior.nuisances)]
+        modes = np.flatnonzero(self.shares).tolist() if len(self.shares) > 1 else []
+        found = []
+        for mode in modes:
+            values = {}
+            for name in names:
+                median, low, high = np.quantile(self._draws(name, [mode]), [0.5, *INTERVAL]).tolist()
+                values[name] = {"median": median, "interval95": (low, high)}
+            height = self._posterior.estimate.modes[mode].log_posterior
+            found.append(ModeSummary(float(self.shares[mode]), height, values))
+        return tuple(found)
+
+
+def further_measurement(problem: Problem, theta: Array) -> str:
+    """At which DOF the FRFs of several solutions, θ of shape (m, d), differ the most, in a sentence; or empty.
+
+    Of the translations of the model's points that are not measured, with the force where it is, that at which the two
+    solutions that differ the least differ the most, as the root of the mean square over the lines relative to |H|. Of
+    modes as data force and sensor are at one point.
+    """
+    parts = [part for part in problem.parts if isinstance(part.measurement, FrfMeasurement)]
+    part = (parts or list(problem.parts))[0]
+    measured = part.measurement
+    points = [label for label in part.structures_of_data.nominal.dofs if label.rpartition(":")[0].isalnum()]
+    candidates = tuple(label for label in points if not is_rotation(label))
+    if isinstance(measured, FrfMeasurement):
+        candidates = tuple(label for label in candidates if label not in measured.frf.outputs)
+        lines, inputs = measured.frf.frequency_hz, measured.frf.inputs[:1]
+        noise = float(np.median(np.sqrt(measured.variance) / np.abs(measured.frf.values)))
+    else:
+        lines, inputs, noise = np.linspace(0.5, 1.2, _LINES) * measured.top_hz, candidates, 0.0
+    if not candidates:
+        return ""
+    lines = lines[np.linspace(0, len(lines) - 1, min(len(lines), _LINES)).round().astype(int)]
+    prior = problem.prior
+    try:
+        ports = Ports(lines, candidates, inputs)
+        frf = frfs_as_measured(part, ports, "receptance", prior.stiffness(theta), prior.factors(theta))
+    except JointBayesError:  # a body given by its FRFs has them at its measured DOFs alone
+        return ""
+    frf = frf[..., 0] if isinstance(measured, FrfMeasurement) else np.diagonal(frf, axis1=2, axis2=3)
+    size = np.abs(frf).mean(axis=0)
+    size = np.maximum(size, _SHALLOWEST * np.median(size, axis=0))
+    pairs = [np.abs((frf[i] - frf[j]) / size) for i, j in combinations(range(len(theta)), 2)]
+    difference = np.sqrt(np.mean(np.square(pairs), axis=1)).min(axis=0)
+    best = int(np.argmax(difference))
+    if not difference[best] > max(noise, _ALIKE):
+        return "No single sensor at another point of the model would tell them apart."
+    where = (
+        f"A sensor at {candidates[best]} with the force at {inputs[0]}" if noise else f"An FRF at {candidates[best]}"
+    )
+    text = f"{where} would tell them apart: there their FRFs differ by {100 * difference[best]:.0f} % of |H|"
+    return f"{text}, {number(difference[best] / noise, 2)} times the noise." if noise else f"{text}."
+
+
+def _parted(left: Array, right: Array) -> bool:
+    """Whether draws of two modes, the lower first, have a gap between them, and are not halves of one ridge."""
+    (start, low), (high, end) = np.quantile(left, INTERVAL), np.quantile(right, INTERVAL)
+    if not low < high:
+        return False
+    between = sum(int(((draws > low) & (draws < high)).sum()) for draws in (left, right)) / (high - low)
+    sparser = 0.95 * min(
+        len(draws) / max(width, np.finfo(float).tiny) for draws, width in ((left, low - start), (right, end - high))
+    )
+    return bool(between < _VALLEY * sparser)
+
+
+def _count(count: int) -> str:
+    return _WORDS.get(count, str(count))

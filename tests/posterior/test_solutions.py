@@ -1,0 +1,114 @@
+"""Modes that are apart are said to be several solutions, with what would tell them apart."""
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from benchmarks import several_modes as study
+
+import jointbayes as jb
+from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _parted, further_measurement
+from jointbayes.report.sections.lead import _banners
+from tests.conftest import CONFIGS, TO_CONVERGE
+
+
+@pytest.fixture(scope="module")
+def portal():
+    return jb.sample(jb.case_from_text("portal", study.portal()), seed=1, settings=TO_CONVERGE)
+
+
+def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
+    assert portal.converged
+    assert portal.solutions.shares == pytest.approx([0.5, 0.5], abs=0.05)
+    low, high = study.FEET
+    for index, name in enumerate(portal.stiffness_names):
+        known = portal.identifiability(name)
+        assert known.verdict == "not identified"
+        assert known.verdict_reason.startswith("two solutions: ")
+        values = [float(part.split()[0]) for part in known.verdict_reason.removeprefix("two solutions: ").split(" or ")]
+        assert values == pytest.approx([low[index % 3], high[index % 3]], rel=0.06)
+        assert known.verdict_reason.count("with probability 0.") == 2
+
+
+def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
+    from jointbayes.cli.common import print_summary
+
+    sentence = portal.solutions.sentence
+    assert sentence.startswith("Two solutions explain the data (probability 0.5")
+    assert "A.kx, A.ky, A.krz, B.kx, B.ky, B.krz differ between them" in sentence
+    print_summary(portal)
+    assert sentence in capsys.readouterr().out
+    summary = portal.summary()
+    assert sentence in str(summary)
+    inputs = SimpleNamespace(posterior=portal, summary=summary)
+    banners = [banner.text for banner in _banners(inputs)]
+    assert any(text.startswith("**Two solutions explain the data** (probability") for text in banners)
+    found = json.loads(json.dumps(summary.to_json(), allow_nan=False))
+    assert found["solutions"] == sentence
+    assert [mode["share"] for mode in found["modes"]] == pytest.approx(portal.solutions.shares)
+    for mode in found["modes"]:
+        feet = study.FEET if mode["values"]["A.kx"]["median"] < 5e7 else study.FEET[::-1]
+        for name, value in zip(portal.stiffness_names, np.ravel(feet), strict=True):
+            low, high = mode["values"][name]["interval95"]
+            assert low < mode["values"][name]["median"] < high
+            assert low / 1.05 < value < high * 1.05
+
+
+def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
+    """With a sensor across the beam's middle too the mirror image no longer fits: its FRF has the other sign."""
+    assert "A sensor at mid:y with the force at mid:x would tell them apart" in portal.solutions.sentence
+    text = study.portal().replace('outputs = ["mid:x"]', 'outputs = ["mid:x", "mid:y"]')
+    problem = jb.case_from_text("told apart", text).problem
+    theta = np.array([mode.theta for mode in portal.estimate.modes])
+    heights = problem.log_posterior(theta)
+    assert abs(heights[0] - heights[1]) > 1000
+    assert len(jb.find_map(problem).modes) == 1
+
+
+def test_two_storeys_of_the_same_two_frequencies_are_two_solutions():
+    posterior = jb.sample(jb.load_case(CONFIGS / "two_storeys.toml"), seed=1, settings=TO_CONVERGE)
+    assert posterior.converged
+    assert posterior.identifiability("first.kx").verdict_reason.startswith("two solutions: 1.4")
+    assert "An FRF at 2:x would tell them apart" in posterior.solutions.sentence
+
+
+def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
+    solutions = cheap_posterior.solutions
+    assert solutions.shares.tolist() == [1.0]
+    assert solutions.split == ()
+    assert solutions.sentence == solutions.reason("k11") == ""
+    assert solutions.summaries() == ()
+    assert cheap_posterior.summary().to_json()["modes"] == []
+
+
+def test_a_mode_that_no_interval_reaches_is_no_solution(portal):
+    """The draws of one foot order alone, and so few of the other as lie outside every 95 % interval."""
+    few = dataclasses.replace(portal)
+    solutions = Solutions(few)
+    rare = np.flatnonzero(solutions._nearest == 1)[int(0.8 * LEAST_SHARE * len(few.theta)) :]
+    solutions._nearest[rare] = 0
+    solutions.shares = np.bincount(solutions._nearest) / len(few.theta)
+    assert solutions.shares[1] < LEAST_SHARE
+    assert solutions.values_of("A.kx") == [[0]]
+    assert solutions.reason("A.kx") == ""
+
+
+def test_halves_of_one_ridge_are_not_two_solutions():
+    rng = np.random.default_rng(1)
+    flat, bell = rng.uniform(0, 1, 20_000), rng.normal(size=20_000)
+    assert not _parted(flat[flat < 0.5], flat[flat >= 0.5])
+    assert not _parted(flat[flat < 0.05], flat[flat >= 0.05])
+    assert not _parted(bell[bell < 0], bell[bell >= 0])
+    assert not _parted(bell[bell < 1.5], bell[bell >= 1.5])
+    assert not _parted(bell, bell + 3)  # the intervals meet
+    assert _parted(bell, bell + 6)
+    assert _parted(bell, 6 + 0.1 * bell)
+    assert _parted(bell, 6 + 0.01 * bell[:600])
+
+
+def test_where_no_single_sensor_tells_them_apart_it_says_so():
+    problem = jb.load_case(CONFIGS / "two_storeys.toml").problem
+    same = np.tile(problem.prior.mean, (2, 1))
+    assert further_measurement(problem, same) == "No single sensor at another point of the model would tell them apart."
