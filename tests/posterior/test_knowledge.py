@@ -2,6 +2,7 @@
 
 import datetime
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +11,16 @@ import pytest
 import jointbayes as jb
 from jointbayes.case import build as case_objects
 from jointbayes.case.case import case_from_text
+from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge, summarise
 from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.information.exact_inputs import effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.information.knowledge import assumed_words
-from jointbayes.posterior.information.uncertain_inputs import (
-    UncertainInputsRow,
-    effect_of_uncertain_inputs,
-    effect_sentence,
-)
+from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs
+from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.report import ReportInputs, build_report, render_html
 from jointbayes.report.labels import nuisance_label
+from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Table
 from jointbayes.report.sections.knowledge import freed_blocks
 from tests.conftest import CONFIGS, cheap_text, of_case
@@ -174,8 +175,120 @@ def test_the_sentence_says_which_verdicts_rest_on_what():
     )
     assert effect_sentence((all_free, known)) == effect_sentence((known, all_free))
     assert effect_sentence((known, alone[0])) == (
-        "With Young's modulus uncertain no verdict is worse than with all exactly known."
+        "With Young's modulus uncertain no verdict is worse than with all exactly known, and no interval moves or "
+        "widens by more than 50 % of its width."
     )
+
+
+def row_of_intervals(uncertain, **ends):
+    """A row whose stiffnesses have these 95 % intervals, equal-tailed about their geometric middle, within 1 %."""
+    score, prior = np.linspace(-1, 1, 4001) / 0.95, np.exp(np.linspace(-40, 40, 2001))
+    known = {}
+    for name, (low, high) in ends.items():
+        draws = np.exp((math.log(high / low) * score + math.log(high * low)) / 2)
+        known[name] = replace(assess(draws, prior), unit="N/m")
+    return UncertainInputsRow(uncertain, "this run", known)
+
+
+@pytest.mark.parametrize(
+    ("freed", "holds"),
+    [
+        ((100.0, 110.0), True),
+        ((97.8, 112.4), True),  # 1.46 times as wide
+        ((97.3, 112.9), False),  # 1.56 times
+        ((104.6, 114.9), True),  # moved by 0.46 of its width
+        ((105.1, 115.5), False),  # by 0.52
+        ((95.8, 105.0), True),
+        ((95.0, 104.6), False),
+        ((104.9, 105.0), True),  # narrower, inside
+        ((109.9, 111.0), False),  # narrower, its median outside
+        ((100.0, 130.0), False),  # identified no more
+    ],
+)
+def test_a_verdict_is_unconditional_where_freed_inputs_leave_its_interval(freed, holds):
+    run, row = row_of_intervals((), k=(100.0, 110.0)), row_of_intervals(("density", "length"), k=freed)
+    exact = inputs_taken_as_exact((run, row))
+    assert ("k" not in exact) == holds
+    if not holds:
+        assert exact["k"].condition == " only if density and length are exact"
+        ends = rounded_interval(row.known["k"].interval95, row.known["k"].interval95_error, " to ")
+        assert exact["k"].beside == f"with them uncertain {ends} N/m, {row.verdict['k']}"
+    # a change that the Monte Carlo errors of the ends explain is none
+    noisy = replace(row, known={"k": replace(row.known["k"], interval95_error=(8.0, 8.0))})
+    within = run.verdict == row.verdict and 100 < row.known["k"].median < 110
+    assert ("k" not in inputs_taken_as_exact((run, noisy))) == (holds or within)
+
+
+def test_what_could_not_be_shown_is_no_reason_to_say_less():
+    run = row_of_intervals((), k=(100.0, 110.0), open=(1.0, 1e6))
+    none = UncertainInputsRow(("length",), "none", {})
+    exact = inputs_taken_as_exact((run, none))
+    assert list(exact) == ["k"]  # nothing is claimed of the other
+    assert exact["k"].condition == " only if length is exact"
+    assert exact["k"].beside == "what is known with it uncertain could not be shown"
+    assert exact["k"].as_json()["interval95"] is None
+    # what is uncertain in the run itself is no condition, and where nothing else is there is none
+    own = replace(run, uncertain=("length",))
+    assert inputs_taken_as_exact((own, none, replace(run, uncertain=()))) == {}
+    assert inputs_taken_as_exact((own, replace(none, uncertain=("length", "density"))))["k"].quantities == ("density",)
+    assert inputs_taken_as_exact(()) == {}
+
+
+def test_a_one_sided_limit_is_compared_as_one():
+    def bounded(uncertain, limit, verdict="bounded below"):
+        row = row_of_intervals(uncertain, k=(100.0, 1e6))
+        return replace(row, known={"k": replace(row.known["k"], verdict=verdict, limit95=limit)})
+
+    run = bounded((), 100.0)
+    for limit, holds in ((99.0, True), (67.0, True), (66.0, False), (500.0, True)):
+        assert (inputs_taken_as_exact((run, bounded(("length",), limit))) == {}) == holds
+    assert inputs_taken_as_exact((run, bounded(("length",), 100.0, "bounded above")))
+    above = bounded((), 100.0, "bounded above")
+    for limit, holds in ((101.0, True), (149.0, True), (151.0, False), (20.0, True)):
+        assert (inputs_taken_as_exact((above, bounded(("length",), limit, "bounded above"))) == {}) == holds
+
+
+def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_case, cheap_posterior, capsys):
+    posterior = of_case(cheap_posterior, workshop_problem=cheap_case.workshop_problem)
+    inputs = ReportInputs(posterior)
+    built, summary = build_report(inputs, DATE), inputs.summary.to_json()
+    freed = inputs.knowledge.freed[-1].known["k22"]
+    only_if = "identified only if Young's modulus, density, length and damping ratio are exact"
+    low, high = freed.interval95
+    assert summary["parameters"]["k22"]["only_if_exact"] == {
+        "quantities": ["youngs_modulus", "density", "length", "damping_ratio"],
+        "interval95": [low, high],
+        "limit95": None,
+        "verdict": freed.verdict,
+    }
+    assert summary["parameters"]["k22"]["verdict"] == "identified"
+    table = next(b for b in built.lead if isinstance(b, Table) and b.caption.startswith("Stiffness of the joint"))
+    row = next(row for row in table.rows if row[0] == "k22")
+    assert row[-1] == only_if
+    assert table.row_kinds[table.rows.index(row)] == "caution"
+    assert badge(only_if).kind == "caution"
+    beside = f"with them uncertain {rounded_interval(freed.interval95, freed.interval95_error, ' to ')} N·m/rad"
+    said = next(b.text for b in built.lead if isinstance(b, Paragraph) and only_if in b.text and beside in b.text)
+    assert f"**k22**: {only_if} (" in said
+    assert summary["identifiability"]["sentence"].startswith("With Young's modulus, density, length and damping ratio")
+    print_summary(posterior, inputs.knowledge)
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("k22: "))
+    assert f": {only_if} (" in line
+    assert beside in line
+    assert only_if in str(inputs.summary)
+    print_summary(posterior)  # without a report nobody looked
+    assert "These verdicts take Young's modulus, density, length and damping ratio as exact" in capsys.readouterr().out
+
+
+def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed_too(uncertain):
+    own = case_from_text("uncertain", UNCERTAIN)
+    rows = effect_of_uncertain_inputs(uncertain, own.workshop_problem)
+    names = ("youngs_modulus", "density", "length", "damping_ratio", "gain")
+    assert [row.uncertain for row in rows[:2]] == [("length", "gain"), ()]
+    assert set(rows[2].uncertain) == set(names)
+    assert inputs_taken_as_exact(rows)["k22"].quantities == ("youngs_modulus", "density", "damping_ratio")
+    assumed = gather_knowledge(replace(uncertain, kept_knowledge=None), own.workshop_problem).assumed
+    assert [word.split(" to ")[0] for word in assumed] == ["Young's modulus", "density", "damping ratio"]
 
 
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):

@@ -89,7 +89,8 @@ def test_the_sentence_on_the_coupling_carries_the_summary_s_numbers(whole, cheap
 
 
 def parameter(low, high, sd_log, verdict="identified"):
-    return SimpleNamespace(known=Identifiability((low, high), math.nan, sd_log, 1.0, verdict, "", (low + high) / 2))
+    known = Identifiability((low, high), math.nan, sd_log, 1.0, verdict, "", (low + high) / 2)
+    return SimpleNamespace(known=known, verdict=verdict)
 
 
 def test_the_sentence_on_the_coupling_fits_every_outcome():

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from jointbayes.case.case import Case
     from jointbayes.case.plausibility import InputWarning
-    from jointbayes.posterior import Posterior
+    from jointbayes.posterior import Knowledge, Posterior
     from jointbayes.sampling import UnfinishedRun
 
 NOT_MATCHED = 1
@@ -124,17 +124,25 @@ def note_written(path: Path) -> None:
     click.get_current_context().meta[WRITTEN] = path
 
 
-def print_summary(posterior: "Posterior") -> None:
+def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
+    from jointbayes.posterior.information.exact_inputs import listed
+    from jointbayes.posterior.information.uncertain_inputs import uncertain_quantities
     from jointbayes.posterior.verdicts import verdict_line
 
     if not posterior.converged:
         say("NOT CONVERGED: do not use these numbers.")
     say(posterior.reason)
     for name in posterior.stiffness_names:
-        say(verdict_line(posterior, name))
+        exact = knowledge.exact.get(name) if knowledge else None
+        say(verdict_line(posterior, name, *((exact.condition, exact.beside) if exact else ())))
     if posterior.solutions.sentence:
         say(posterior.solutions.sentence)
+    freed = posterior.case.workshop_problem if posterior.case and knowledge is None else None
+    taken = set(uncertain_quantities(freed)) - set(uncertain_quantities(posterior.problem)) if freed else ()
+    if freed and taken:
+        exact_names = listed([name for name in uncertain_quantities(freed) if name in taken])
+        say(f"These verdicts take {exact_names} as exact: the report shows what is known with them uncertain.")
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
     if posterior.mesh is not None and not posterior.mesh.within:

@@ -35,6 +35,7 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
     case = load(config)
     from jointbayes.cli.progress import show_phase
     from jointbayes.errors import ReportError, ReportInterruptedError
+    from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
     from jointbayes.report.run_directory import require_writable, write_run
 
@@ -42,15 +43,16 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
     require_writable(target)
     with unfinished("run", config, out, target, seed, resume=resume) as kept:
         posterior = draw(case, seed, kept)
+        inputs = ReportInputs(posterior)
         try:
             with draws_kept(posterior, target, kept.path) as draws:
-                note_written(write_run(posterior, target, show_phase))
+                note_written(write_run(posterior, target, show_phase, inputs))
         except (ReportError, ReportInterruptedError):
             if not draws.exists():  # they are whole beside the run directory
                 kept.discard()
             raise
         kept.discard()
-    print_summary(posterior)
+    print_summary(posterior, inputs.knowledge)
     for check, diagnosis in zip(posterior.checks, posterior.diagnoses, strict=True):
         if check.finding != "explained" or check is posterior.check:
             say(check.sentence)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from jointbayes.frf import MeasuredFile
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.information.exact_inputs import ExactInputs
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.monte_carlo import effective_sizes
@@ -50,7 +51,11 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSummary:
-    """One stiffness: what its draws say, in `unit`, and how well they were drawn; NaN where a number does not exist."""
+    """One stiffness: what its draws say, in `unit`, and how well they were drawn; NaN where a number does not exist.
+
+    `exact` are inputs that the verdict takes as exact and does not hold without; None where there are none such, or
+    nobody asked.
+    """
 
     unit: str
     known: Identifiability
@@ -61,6 +66,13 @@ class StiffnessSummary:
     r_hat: float
     ess_bulk: float
     ess_tail: float
+    exact: ExactInputs | None = None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict as it is printed, with the conditions it stands under."""
+        condition = "" if self.exact is None else self.exact.condition
+        return verdict_text(self.known.verdict, if_model_right=self.known.if_model_right, condition=condition)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +170,7 @@ class Summary:
                 rounded(p.known.median, p.known.median_error),
                 p.unit,
                 f"({rounded_interval(p.known.interval95, p.known.interval95_error)})",
-                verdict_text(p.known.verdict, if_model_right=p.known.if_model_right),
+                p.verdict,
             )
             for name, p in self.parameters.items()
         ]
@@ -248,7 +260,10 @@ def summarise(
         record=posterior.record,
         warnings=tuple(warnings),
         no_verdict=reasons_for_no_verdict(posterior),
-        parameters={name: _stiffness(posterior, i, name) for i, name in enumerate(posterior.stiffness_names)},
+        parameters={
+            name: replace(_stiffness(posterior, i, name), exact=knowledge.exact.get(name) if knowledge else None)
+            for i, name in enumerate(posterior.stiffness_names)
+        },
         nuisances={n.name: _nuisance(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         map=MapSummary(
             log_posterior=estimate.log_posterior,
@@ -335,6 +350,7 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
         "verdict": known.verdict,
         "verdict_reason": known.verdict_reason,
         "if_model_right": known.if_model_right,
+        "only_if_exact": None if p.exact is None else p.exact.as_json(),
         "limit95": known.limit95,
         "limit95_error": known.limit95_error,
         "r_hat": p.r_hat,

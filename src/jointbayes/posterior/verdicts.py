@@ -140,22 +140,29 @@ def _moved_by_mesh(posterior: JudgedPosterior, name: str) -> tuple[str, ...]:
     return (f"the mesh moves it by {shift:.2g} posterior standard deviations",)
 
 
-def verdict_text(verdict: Verdict, *, if_model_right: bool) -> str:
-    """The verdict as it is printed, with the condition it stands under.
+def verdict_text(verdict: Verdict, *, if_model_right: bool, condition: str = "") -> str:
+    """The verdict as it is printed, with the conditions it stands under.
 
     Examples
     --------
     >>> verdict_text("identified", if_model_right=True)
     'identified, if the model were right'
     """
-    return f"{verdict}, {IF_MODEL_RIGHT}" if if_model_right else verdict
+    return (
+        f"{verdict}, {IF_MODEL_RIGHT}{' and' if condition else ''}{condition}"
+        if if_model_right
+        else verdict + condition
+    )
 
 
-def verdict_line(posterior: JudgedPosterior, name: str) -> str:
-    """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal."""
+def verdict_line(posterior: JudgedPosterior, name: str, condition: str = "", beside: str = "") -> str:
+    """Median, 95 % credible interval and verdict of one stiffness with its reason, for the terminal.
+
+    `condition` follows the verdict, and `beside` the reason, see `ExactInputs`.
+    """
     known = posterior.identifiability(name)
-    words = verdict_text(known.verdict, if_model_right=known.if_model_right)
-    reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+    words = verdict_text(known.verdict, if_model_right=known.if_model_right, condition=condition)
+    reason = "; ".join(filter(None, [known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "), beside]))
     if known.limit:
         return f"{name}: {known.limit} with 95 % probability: {words} ({reason})"
     interval = rounded_interval(known.interval95, known.interval95_error, " to ")

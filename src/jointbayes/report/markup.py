@@ -107,7 +107,8 @@ def badge(cell: str) -> Badge | None:
     >>> badge("5.05e9") is None
     True
     """
-    return _BY_TEXT.get(cell.strip())
+    verdict, only_if, _ = cell.strip().partition(" only if ")
+    return _BY_TEXT.get(verdict_text(verdict.split(",")[0], if_model_right=True) if only_if else verdict)  # type: ignore[arg-type]
 
 
 def kind_of(verdict: str) -> Kind | Literal[""]:

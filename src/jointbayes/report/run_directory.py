@@ -62,7 +62,12 @@ def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Pat
         return write_run(posterior, target)
 
 
-def write_run(posterior: Posterior, target: Path, tell: Callable[[str], None] = lambda _: None) -> Path:
+def write_run(
+    posterior: Posterior,
+    target: Path,
+    tell: Callable[[str], None] = lambda _: None,
+    inputs: ReportInputs | None = None,
+) -> Path:
     """Write a run directory, without a copy of the draws elsewhere until it is there.
 
     Parameters
@@ -73,6 +78,8 @@ def write_run(posterior: Posterior, target: Path, tell: Callable[[str], None] = 
         The directory.
     tell
         Called with the name of each phase as it begins.
+    inputs
+        What is computed of the posterior, to be used again.
 
     Raises
     ------
@@ -80,7 +87,7 @@ def write_run(posterior: Posterior, target: Path, tell: Callable[[str], None] = 
         If the directory exists and is no run directory.
     """
     require_writable(target)
-    inputs = ReportInputs(posterior)
+    inputs = inputs or ReportInputs(posterior)
     tell("checking the model, and what the verdicts rest on")
     summary = inputs.summary
     tell("drawing figures")

@@ -14,12 +14,16 @@ from jointbayes.joint.quantities import Coordinate
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
+from jointbayes.posterior.information.exact_inputs import (
+    ExactInputs,
+    effect_sentence,
+    inputs_taken_as_exact,
+    listed,
+)
 from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.information.uncertain_inputs import (
     UncertainInputsRow,
     effect_of_uncertain_inputs,
-    effect_sentence,
-    listed,
     uncertain_quantities,
 )
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
@@ -60,10 +64,17 @@ class Knowledge:
         return {"profiles": profiles, "freed": [asdict(row) for row in self.freed], "assumed": list(self.assumed)}
 
     @property
+    def exact(self) -> dict[str, ExactInputs]:
+        """The stiffnesses whose verdict holds only if what the run takes as exact is so, by name."""
+        return inputs_taken_as_exact(self.freed)
+
+    @property
     def directions_sentence(self) -> str:
-        """Which combinations are known, in one sentence; conditional where the model does not explain the data."""
+        """Which combinations are known, in one sentence; conditional as the verdicts are."""
         said = summary_sentence(self.directions)
-        return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said}"
+        if self.exact:
+            said = f"With {listed(next(iter(self.exact.values())).quantities)} exactly known: {said}"
+        return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
 
     @property
     def freed_sentence(self) -> str:
@@ -142,8 +153,12 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
 
 
 def _assumed(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
-    """The words of `assumed_words`; none where a problem has uncertain quantities of its own."""
-    return () if freed is None or uncertain_quantities(problem) else assumed_words(freed)
+    """The words of `assumed_words` for what is uncertain in `freed` alone."""
+    if freed is None:
+        return ()
+    own = uncertain_quantities(problem)
+    words = zip(uncertain_quantities(freed), assumed_words(freed), strict=True)
+    return tuple(word for name, word in words if name not in own)
 
 
 def _under_wider_priors(posterior: JudgedPosterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

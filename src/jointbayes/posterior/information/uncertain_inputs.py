@@ -17,41 +17,28 @@ from jointbayes.inference import JointPrior, Problem
 from jointbayes.posterior.coordinates import compliance_and_scores
 from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
-from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.verdicts import BEYOND, JudgedPosterior, with_limit
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
+    INTERVAL,
     Coordinates,
     Proposal,
     SamplerSettings,
     drawn_without_replacement,
     fit_proposal,
+    quantile_spread,
     run_ensembles,
     truncated,
 )
 from jointbayes.structure import is_mode_frequency
 
-__all__ = [
-    "Source",
-    "UncertainInputsRow",
-    "effect_of_uncertain_inputs",
-    "effect_sentence",
-    "listed",
-    "uncertain_quantities",
-]
+__all__ = ["Source", "UncertainInputsRow", "effect_of_uncertain_inputs", "uncertain_quantities"]
 
 Array = NDArray[np.float64]
 Source = Literal["this run", "importance sampling", "short run", "none"]
 
-_RANK: dict[Verdict, int] = {
-    "identified": 0,
-    "weakly identified": 1,
-    "bounded below": 2,
-    "bounded above": 2,
-    "not identified": 3,
-}
 _DRAWS = 8000
 #: Effective draws below which the ends of a 95 % interval are not worth printing.
 _LEAST_EFFECTIVE = 400
@@ -106,10 +93,10 @@ def effect_of_uncertain_inputs(
     Parameters
     ----------
     posterior
-        The run. Where it has uncertain quantities the rows are: as it was run, none uncertain.
+        The run, which is the first row. Where it has uncertain quantities, there is one with none uncertain.
     freed
-        The same problem with more quantities uncertain, for a run that takes all as exactly known. The rows are then:
-        as it was run, all uncertain.
+        The same problem with more quantities uncertain. Where the run takes any of them as exactly known, the last row
+        is that with all uncertain.
     each
         Whether each quantity is looked at alone as well, a second or two for each.
 
@@ -120,7 +107,8 @@ def effect_of_uncertain_inputs(
         themselves are uncertain: they are one quantity for each mode.
     """
     own = uncertain_quantities(posterior.problem)
-    problem = posterior.problem if own or freed is None else freed
+    more = () if freed is None else uncertain_quantities(freed)
+    problem = freed if freed is not None and set(more) > set(own) else posterior.problem
     every = uncertain_quantities(problem)
     if not every or any(is_mode_frequency(name) for name in every):
         return ()
@@ -128,40 +116,10 @@ def effect_of_uncertain_inputs(
     if "no verdict" in map(str, run.verdict.values()):
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])
-    other = _row(posterior, problem, () if own else every, rng)
-    if len(every) == 1 or not each:
-        return run, other
-    alone = tuple(_row(posterior, problem, (name,), rng) for name in every)
-    return (run, other, *alone) if own else (run, *alone, other)
-
-
-def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
-    """The table in words: whose verdict is worse with all quantities uncertain, and what a single one does."""
-    settled = [row for row in rows if row.known]
-    least, most = (pick(settled, key=lambda row: len(row.uncertain)) for pick in (min, max))
-    if not most.uncertain or least.uncertain or len(settled) < 2:
-        return "Whether other uncertain quantities matter is open: the draws that would show it did not converge."
-    parts = []
-    for name, verdict in least.verdict.items():
-        if _RANK[most.verdict[name]] <= _RANK[verdict]:
-            continue
-        alone = [r.uncertain[0] for r in settled if len(r.uncertain) == 1 and r.verdict[name] == most.verdict[name]]
-        enough = f", {' or '.join(alone)} alone suffices" if alone and len(most.uncertain) > 1 else ""
-        parts.append(
-            f"{name} goes from {verdict} ({_spread(least.known[name])}) to {most.verdict[name]} "
-            f"({_spread(most.known[name])}{enough.replace('_', ' ')})"
-        )
-    names = listed(most.uncertain)
-    if not parts:
-        return f"With {names} uncertain no verdict is worse than with all exactly known."
-    return f"With {names} uncertain: {'; '.join(parts)}."
-
-
-def _spread(found: Identifiability) -> str:
-    low, high = found.interval95
-    if found.limit:
-        return f"{found.limit} with 95 % probability"
-    return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
+    sets: list[tuple[str, ...]] = [()] if own else []
+    sets += [(name,) for name in every] if each and len(every) > 1 else []
+    sets += [every] if set(every) > set(own) else []
+    return run, *(_row(posterior, problem, names, rng) for names in sets)
 
 
 def _row(
@@ -175,9 +133,9 @@ def _row(
         proposal = fit_proposal(
             part.log_density, part.coordinate_systems(), ((start, covariance),), rng, enough=_ENOUGH
         )
-        draws, source = _draws(part.log_density, proposal, rng)
+        draws, source, effective = _draws(part.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
-        draws, source = None, "none"
+        draws, source, effective = None, "none", 0.0
     if draws is None:
         return UncertainInputsRow(uncertain, "none", {})
     theta = part.whole(draws)
@@ -187,7 +145,10 @@ def _row(
         sides = [side for one, side in held if one == quantity.name]
         found = _judged(values, posterior.prior_values(quantity.name).ravel(), sides)
         conditional = not posterior.check.explains and found.verdict != "not identified"
-        known[quantity.name] = replace(found, unit=quantity.unit, if_model_right=conditional)
+        low, high = (quantile_spread(values, probability, effective) for probability in INTERVAL)
+        known[quantity.name] = replace(
+            found, unit=quantity.unit, if_model_right=conditional, interval95_error=(low, high)
+        )
     return UncertainInputsRow(uncertain, source, known)
 
 
@@ -274,27 +235,24 @@ class _Part:
 
 def _draws(
     log_density: Callable[[Array], Array], proposal: Proposal, rng: np.random.Generator
-) -> tuple[Array | None, Source]:
-    """Equally weighted draws, shape (n, f), and where they come from; None where none can be trusted."""
+) -> tuple[Array | None, Source, float]:
+    """Equally weighted draws, shape (n, f), where they come from, and how many independent ones they are worth.
+
+    None where none can be trusted.
+    """
     theta, log_weight = proposal.weighted_draws(log_density, rng, _DRAWS)
     if not len(theta):
-        return None, "none"
+        return None, "none", 0.0
     weighted = WeightedDraws(theta, log_weight)
     if weighted.effective >= _LEAST_EFFECTIVE and pareto_k(log_weight) <= PARETO_LIMIT:
-        return weighted.resample(rng, _DRAWS), "importance sampling"
+        return weighted.resample(rng, _DRAWS), "importance sampling", weighted.effective
     count = _SHORT.ensembles * _SHORT.walkers
     chosen = drawn_without_replacement(truncated(log_weight, _DRAWS), count, rng)
     if len(chosen) < count:
-        return None, "none"
+        return None, "none", 0.0
     start = theta[chosen].reshape(_SHORT.ensembles, _SHORT.walkers, -1)
     chains = run_ensembles(log_density, start, rng, _SHORT, coordinates=proposal.coordinates, proposal=proposal)
     if not (chains.r_hat.max() < _SHORT_R_HAT and chains.ess.min() >= _SHORT_EFFECTIVE):
-        return None, "none"
+        return None, "none", 0.0
     draws: Array = chains.draws().theta.reshape(-1, theta.shape[1])
-    return draws, "short run"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence: ``"density, length and gain"``."""
-    readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
-    return readable[0] if len(readable) == 1 else f"{', '.join(readable[:-1])} and {readable[-1]}"
+    return draws, "short run", float(chains.ess.min())

@@ -3,7 +3,7 @@
 from jointbayes.joint import Quantity
 from jointbayes.posterior.identifiability import RULE, Identifiability
 from jointbayes.posterior.summary import Summary
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, verdict_text
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 from jointbayes.report.format import factor, number, rounded, rounded_interval
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of
@@ -110,7 +110,7 @@ def _verdict_table(inputs: ReportInputs) -> Table:
             rounded(known.median, known.median_error),
             _interval(known),
             "–" if p.unit == "1" else p.unit,
-            _verdict(known),
+            p.verdict,
         ]
         if reference is not None:
             row.insert(1, number(reference[i]))
@@ -125,16 +125,12 @@ def _verdict_table(inputs: ReportInputs) -> Table:
         tuple(head),
         tuple(rows),
         note=note,
-        row_kinds=tuple(kind_of(_verdict(p.known)) for p in parameters.values()),
+        row_kinds=tuple(kind_of(p.verdict) for p in parameters.values()),
     )
 
 
 def _interval(known: Identifiability) -> str:
     return rounded_interval(known.interval95, known.interval95_error)
-
-
-def _verdict(known: Identifiability) -> str:
-    return verdict_text(known.verdict, if_model_right=known.if_model_right)
 
 
 def verdict_sentences(summary: Summary) -> str:
@@ -143,9 +139,10 @@ def verdict_sentences(summary: Summary) -> str:
     for name, p in summary.parameters.items():
         known, limit = p.known, ""
         reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+        reason += f"; {p.exact.beside}" if p.exact else ""
         if known.limit:
             limit = f" {known.limit} with 95 % probability,"
-        sentences.append(f"**{name}**:{limit} {_verdict(known)} ({reason}).")
+        sentences.append(f"**{name}**:{limit} {p.verdict} ({reason}).")
     return " ".join(sentences)
 
 
@@ -160,14 +157,15 @@ def _coupling_sentences(inputs: ReportInputs) -> list[str]:
 def coupling_sentence(summary: Summary, coupling: Quantity, rotation: Quantity) -> str:
     """What the data say of a coupling against the stiffness of the rotation, in words with its numbers."""
     k12, k22 = (summary.parameters[quantity.name].known for quantity in (coupling, rotation))
+    verdict = summary.parameters[coupling.name].verdict
     low, high = k12.interval95
     if low <= 0 <= high:
         return (
-            f"**The coupling stiffness {coupling.name} is {_verdict(k12)}**: its 95 % credible interval, "
+            f"**The coupling stiffness {coupling.name} is {verdict}**: its 95 % credible interval, "
             f"{_interval(k12)} {coupling.unit}, contains zero, so that not even its sign is known."
         )
     text = (
-        f"**The coupling stiffness {coupling.name} is {_verdict(k12)}**: its 95 % credible interval spans a factor of "
+        f"**The coupling stiffness {coupling.name} is {verdict}**: its 95 % credible interval spans a factor of "
         f"{factor(max(high / low, low / high))} ({_interval(k12)} {coupling.unit})"
     )
     if k12.sd_log > 0 and k22.sd_log > 0:
