@@ -48,6 +48,7 @@ class StatedCase:
     paper_audit: bool = False
     measured_frequencies_hz: tuple[float, ...] | None = None
     workshop_problem: Problem | None = None
+    default_priors: frozenset[str] = frozenset()
     warnings: tuple[str, ...] = ()
 
 

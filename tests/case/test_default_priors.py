@@ -1,11 +1,16 @@
 """Priors and first guesses of a case that states none: the structure's own stiffness at each DOF."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from jointbayes.case.case import Case, case_from_text
+from jointbayes.case.case import Case, case_from_text, load_case
 from jointbayes.errors import CaseError
-from tests.conftest import CONFIGS
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import sample
+from tests.conftest import CONFIGS, edited
 
 BEAM = """
 [structure]
@@ -87,7 +92,8 @@ def test_a_short_member_at_the_joint_does_not_make_a_body_stiff():
     bending = MODULUS * np.pi * 0.063**4 / 64
     for name, size, truth in (("taper.ky", bending / 0.09**3, 6e8), ("taper.krz", bending / 0.09, 1.2e6)):
         low, high = np.exp(prior[name].support)
-        assert (low, high) == pytest.approx((0.1 * size, 1e6 * size))
+        assert high == pytest.approx(1e6 * size)
+        assert 0.05 * 0.1 * size < low <= 0.1 * size * (1 + 1e-9)  # the first mode of all is below
         assert low < truth < high / 10
 
 
@@ -120,3 +126,78 @@ def test_a_joint_of_a_measured_body_to_ground_needs_a_prior_and_starts_from_it()
     )
     problem = case_from_text("ground", SWAPPED + stated, directory=CONFIGS).problem
     assert problem.initial[:2] == pytest.approx([1e8, 1e6])
+
+
+CHAIN = """
+[structure]
+kind = "chain"
+masses_kg = { 1 = 50.0, 2 = 15.0 }
+springs = [{ between = ["1", "2"], stiffness_n_per_m = COUPLING }]
+damping = { law = "modal", ratio = 0.01 }
+[joint]
+kind = "springs"
+dofs = ["1:x"]
+[data]
+kind = "natural_frequencies"
+frequencies_hz = [FIRST, SECOND]
+sd_relative = 0.01
+"""
+
+
+def hung(coupling: float, joint: float) -> Case:
+    """Two masses on a joint, with the natural frequencies that they have."""
+    stiffness, mass = np.array([[joint + coupling, -coupling], [-coupling, coupling]]), np.diag([50.0, 15.0])
+    first, second = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)) / (2 * np.pi)
+    text = CHAIN.replace("COUPLING", str(coupling)).replace("FIRST", str(first)).replace("SECOND", str(second))
+    return case_from_text("hung", text)
+
+
+@pytest.mark.parametrize("coupling", [8e3, 1e6, 1e9])
+def test_a_joint_far_softer_than_its_structure_is_inside_the_default_range(coupling):
+    """Two masses that move as one on 2000 N/m at 0.88 Hz, however stiff the spring between them is."""
+    case = hung(coupling, 2e3)
+    low, high = np.exp(case.problem.prior.marginals[0].support)
+    first = case.problem.measurement.frequency_hz[0]
+    assert first == pytest.approx(0.88, abs=0.01)
+    spring = 50 * (2 * np.pi * first) ** 2
+    assert low == pytest.approx(0.1 * (coupling if 0.1 * coupling < spring else spring))
+    assert low < 2e3 / 2
+    assert high == pytest.approx(1e6 * coupling)
+
+
+def test_a_mass_that_nothing_holds_takes_its_range_from_the_measured_frequency():
+    between = '{ between = ["1", "2"], stiffness_n_per_m = 8000.0 }'
+    text = edited(hung(8e3, 2e3).text, (between, ""), ("1 = 50.0, ", ""), ("1:x", "2:x"))
+    text = re.sub(r"frequencies_hz = .*", "frequencies_hz = [1.8]", text)
+    problem = case_from_text("loose", text).problem
+    low, high = np.exp(problem.prior.marginals[0].support)
+    spring = 15.0 * (2 * np.pi * problem.measurement.frequency_hz[0]) ** 2
+    assert (low, high) == pytest.approx((0.1 * spring, 1e6 * spring))
+
+
+def test_a_case_knows_which_priors_no_one_stated():
+    assert hung(8e3, 2e3).default_priors == {"kx"}
+    stated = '[prior.kx]\ndistribution = "log_uniform"\nlow = 10.0\nhigh = 1e6\n'
+    assert case_from_text("stated", hung(8e3, 2e3).text + stated).default_priors == frozenset()
+    stub = 'extends = "spindle_tool.toml"\nremove = ["joints.taper.prior"]\n'
+    assert case_from_text("stub", stub, directory=CONFIGS).default_priors == {"taper.ky", "taper.krz"}
+    assert load_case(CONFIGS / "spindle_tool.toml").default_priors == frozenset()
+
+
+def test_every_shipped_case_states_its_priors():
+    for path in sorted(CONFIGS.glob("*.toml")):
+        assert load_case(path).default_priors == frozenset(), path.stem
+
+
+def test_a_limit_set_by_a_default_range_is_not_called_the_users():
+    """A joint so stiff that the data say no more than that: the upper end of the range is nobody's statement."""
+    both = hung(8e3, 5e8)
+    first = both.problem.measurement.frequency_hz[0]
+    case = case_from_text("hung", re.sub(r"frequencies_hz = .*", f"frequencies_hz = [{first}]", both.text))
+    posterior = sample(case, settings=SamplerSettings(walkers=16, max_steps=800, end_tolerance=0.2), seed=1)
+    known = posterior.identifiability("kx")
+    assert known.verdict == "bounded below"
+    assert known.verdict_reason.startswith("the default range, up to 8e9 N/m, which no one stated, limits it")
+    text = case.text + '[prior.kx]\ndistribution = "log_uniform"\nlow = 800.0\nhigh = 8e9\n'
+    again = replace(posterior, case=case_from_text("stated", text))
+    assert again.identifiability("kx").verdict_reason.startswith("the prior's upper bound 8e9 N/m limits it")

@@ -3,7 +3,7 @@
 import math
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
@@ -31,6 +31,7 @@ from jointbayes.case.schema.priors import (
 from jointbayes.case.schema.structure import StructureSpec
 from jointbayes.case.structures import metres, structure_recipe
 from jointbayes.frf import NaturalFrequencies, Ports, rigid_body_modes
+from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import (
     JointPrior,
     Marginal,
@@ -111,19 +112,45 @@ def recipe_of(spec: StructureSpec, data: DataSpec, measurement: Measurement | No
     return structure_recipe(spec, loaded)
 
 
-def own_stiffnesses(joint: JointSpec, structure: StructureSpec, recipe: StructureRecipe) -> dict[str, float]:
+@dataclass(frozen=True, slots=True)
+class OwnStiffness:
+    """A structure's stiffness by itself where one of a joint acts, and the softest joint that default priors expect."""
+
+    size: float
+    softest: float
+
+
+def own_stiffnesses(
+    joint: JointSpec, structure: StructureSpec, recipe: StructureRecipe, measurement: Measurement
+) -> dict[str, OwnStiffness]:
     """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
 
-    Empty where both sides are measured bodies, of which there is no model.
+    A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
+    natural frequency is then m ω²: the softest joint is expected there where the default range would not reach so far.
+    Where nothing holds a mass that spring is its stiffness as well. Empty where both sides are measured bodies.
     """
-    for side in (joint.dofs, joint.against):
-        if side and structure.absent(side[0]) is None:
-            places = {q.name: q.places[0] for q in joint.quantities if q.unit != "1"}
-            return {name: recipe.own_stiffness(side[i], side[j]) for name, (i, j) in places.items()}
-    return {}
+    sides = [side for side in (joint.dofs, joint.against) if side and structure.absent(side[0]) is None]
+    if not sides:
+        return {}
+    shown = resonances_hz(measurement)
+    lines = measurement.frf.frequency_hz if isinstance(measurement, FrfMeasurement) else shown
+    lowest = float((shown if shown.size else lines).min())
+    found = {}
+    for quantity in joint.quantities:
+        if quantity.unit == "1":
+            continue
+        i, j = quantity.places[0]
+        springs = [
+            math.sqrt(recipe.own_inertia(side[i]) * recipe.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
+            for side in sides
+        ]
+        size = recipe.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
+        beyond = shown.size and min(springs) < DEFAULT_PRIOR_FACTORS[0] * size
+        found[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
+    return found
 
 
-def joint_marginals(spec: CaseSpec, joint: JointSpec, own: Mapping[str, float], length: float) -> list[Marginal]:
+def joint_marginals(spec: CaseSpec, joint: JointSpec, own: Mapping[str, OwnStiffness], length: float) -> list[Marginal]:
     """Priors on the coordinates of one joint of a case: as stated, or from the structure's own stiffnesses and size."""
     priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
     if priors is None:
@@ -163,17 +190,18 @@ def true_stiffness(spec: CaseSpec, truth: TruthSpec) -> Array:
     return np.array([truth.by_name[name] for name in spec.all_quantities])
 
 
-def _default_marginal(axis: Coordinate, own: Mapping[str, float], length: float) -> Marginal:
+def _default_marginal(axis: Coordinate, own: Mapping[str, OwnStiffness], length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic and axis.unit not in _UNITS:  # a loss factor, or a dashpot
-        ends = DEFAULT_LOSS if axis.unit == "1" else [end * own[axis.quantity] for end in DEFAULT_DASHPOT_FACTORS]
+        ends = DEFAULT_LOSS if axis.unit == "1" else [end * own[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]
         return Uniform(*np.log(ends))
     if axis.logarithmic:
-        return Uniform(*np.log([factor * own[axis.quantity] for factor in DEFAULT_PRIOR_FACTORS]))
+        low, high = DEFAULT_PRIOR_FACTORS
+        return Uniform(*np.log([low * own[axis.quantity].softest, high * own[axis.quantity].size]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
-def guess_of(joint: JointSpec, own: Mapping[str, float], marginals: Sequence[Marginal]) -> Array:
+def guess_of(joint: JointSpec, own: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:
     """First guess of the quantities of a joint, (q,): as stated, or of a coupled pair a translational spring alone.
 
     Joints of other kinds begin far stiffer than the structure; those between measured bodies in the middle of their
@@ -188,11 +216,11 @@ def guess_of(joint: JointSpec, own: Mapping[str, float], marginals: Sequence[Mar
         yielding = [not q.may_be_negative for q in joint.stiffnesses]
         if joint.kind == "coupled":
             yielding[1:] = [False, False]
-        springs = [own[q.name] if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
+        springs = [own[q.name].size if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
         guess = DEFAULT_GUESS_FACTOR * np.array(springs)
     damping = [
         math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
-        * (1.0 if q.unit == "1" else own[q.name])
+        * (1.0 if q.unit == "1" else own[q.name].size)
         for q in joint.damping
     ]
     return np.concatenate([guess, damping])

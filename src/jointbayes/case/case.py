@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jointbayes.case.build import joints_of, largest_ratio, measurement_of, noise_of, recipe_of, stiffness_of
 from jointbayes.case.case_text import CaseText, case_text, read_case_text
-from jointbayes.case.combined import CaseSetup, prior_of, problem_of
+from jointbayes.case.combined import CaseSetup, default_priors_of, prior_of, problem_of
 from jointbayes.case.files import (
     as_measured,
     plan_of,
@@ -20,7 +20,15 @@ from jointbayes.case.files import (
     require_lowest,
 )
 from jointbayes.case.matrix_files import with_matrices
-from jointbayes.case.plausibility import InputWarning, input_warnings, sign_warnings, stated_band_hz, truth_warnings
+from jointbayes.case.numbering import find_numbering
+from jointbayes.case.plausibility import (
+    InputWarning,
+    input_warnings,
+    numbering_warnings,
+    sign_warnings,
+    stated_band_hz,
+    truth_warnings,
+)
 from jointbayes.case.schema.bodies import labels_of_bodies
 from jointbayes.case.schema.case import CaseSpec, needs_files, parse_case, parse_planned, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
@@ -141,9 +149,15 @@ class Case:
             lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
             found += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
             found += sign_warnings(measured.provenance, texts[name])
+            found += numbering_warnings(find_numbering(part), texts[name], measured.provenance is not None)
         for one in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             found += truth_warnings(one.spec, one.source, prior_of([one])[0])
         return tuple(dict.fromkeys(found))
+
+    @cached_property
+    def default_priors(self) -> frozenset[str]:
+        """Coordinates of joints whose prior nobody stated; empty where the problem is not the text's."""
+        return default_priors_of(parse_setups(self.source)) if self.problem is self.stated else frozenset()
 
     @cached_property
     def workshop_problem(self) -> Problem | None:

@@ -3,7 +3,7 @@
 A case of one test is that of one set-up without a name.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from jointbayes.case.build import guess_of, joint_marginals, kind_of, own_stiffnesses, quantities_of, workshop_priors
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.schema.joint import NamedJointSpec
 from jointbayes.case.schema.setups import joint_of_setup
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody, Substructures
@@ -22,7 +23,7 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement
 from jointbayes.structure import StructureRecipe, family_of_recipe
 
-__all__ = ["CaseSetup", "prior_of", "problem_of"]
+__all__ = ["CaseSetup", "default_priors_of", "prior_of", "problem_of"]
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 continue
             kinds[named] = owner if named != owner else kind_of(joint)
             if named == owner:
-                own = own_stiffnesses(joint, one.spec.structure, one.recipe)
+                own = own_stiffnesses(joint, one.spec.structure, one.recipe, one.measurement)
                 priors = joint_marginals(one.spec, joint, own, one.recipe.extent)
                 marginals += priors
                 guesses.append(guess_of(joint, own, priors))
@@ -129,6 +130,17 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance, one.name)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
     return JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values())), np.concatenate(guesses)
+
+
+def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
+    """Coordinates of joints whose prior no one stated, by their names in the prior of all set-ups."""
+    return frozenset(
+        prefixed(joint_of_setup(setup, name, spec)[0], axis.name)
+        for setup, spec in specs.items()
+        for name, joint in spec.all_joints.items()
+        if name not in spec.sharing and (joint.prior if isinstance(joint, NamedJointSpec) else spec.prior) is None
+        for axis in joint.coordinates
+    )
 
 
 def _shared(first: Nuisance, other: Nuisance, setup: str) -> Nuisance:

@@ -18,10 +18,11 @@ from jointbayes.case.schema.section import BoxSpec, CircleSpec, RectangleSpec, S
 from jointbayes.case.schema.structure import BeamSpec, StructureSpec
 
 if TYPE_CHECKING:
+    from jointbayes.case.numbering import Renumbered
     from jointbayes.inference import JointPrior
     from jointbayes.measurement.provenance import Provenance
 
-__all__ = ["InputWarning", "input_warnings", "sign_warnings", "stated_band_hz", "truth_warnings"]
+__all__ = ["InputWarning", "input_warnings", "numbering_warnings", "sign_warnings", "stated_band_hz", "truth_warnings"]
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0
@@ -138,6 +139,22 @@ def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputW
     doubts = provenance.sign_doubts if provenance else ()
     findings = (Finding(("data", "file"), f"found that at {w.where} {w.sentence}", "", w.remedy) for w in doubts)
     return _placed(findings, text)
+
+
+def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: bool) -> tuple[InputWarning, ...]:
+    """A doubt of the numbers of measured modes, as `jointbayes.case.numbering` finds it."""
+    if doubt is None:
+        return ()
+    stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
+    found = (
+        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: squared "
+        f"residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, the joint "
+        "fitted anew for each"
+    )
+    expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
+    remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
+    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
+    return _placed([Finding(loc, found, expected, remedy)], text)
 
 
 def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:

@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Protocol
@@ -103,6 +103,11 @@ class SampledCase(Protocol):
     @property
     def workshop_problem(self) -> Problem | None:
         """The same problem with more quantities uncertain."""
+        ...
+
+    @property
+    def default_priors(self) -> Collection[str]:
+        """Coordinates whose prior nobody stated."""
         ...
 
     @property

@@ -51,6 +51,10 @@ _WIDER = "every prior of the joint a decade wider on each side"
 class JudgedPosterior(PosteriorDraws):
     """Draws with a verdict on each stiffness."""
 
+    def has_default_prior(self, name: str) -> bool:
+        """Whether the range of a quantity is the default one, which the case does not state."""
+        return self.case is not None and name in self.case.default_priors
+
     @cached_property
     def solutions(self) -> Solutions:
         """What each of several modes says; of one mode itself."""
@@ -212,7 +216,8 @@ def _with_wider_priors(
         return replace(known, verdict=verdict, verdict_reason=f"rests on the prior: {moved}")
     if _same_verdict(known, wider, _log_ratio_error(known, wider, values, wide.effective)):
         return known
-    changed = f"rests on the prior: {known.verdict} with the priors as stated, {wider.verdict} with {_WIDER}"
+    which = "default priors, which no one stated" if posterior.has_default_prior(name) else "priors as stated"
+    changed = f"rests on the prior: {known.verdict} with the {which}, {wider.verdict} with {_WIDER}"
     return _less_certain(known, wider.verdict, changed)
 
 
@@ -263,9 +268,13 @@ def with_limit(known: Identifiability, values: Array, prior: Array, side: Side, 
 
 
 def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
-    """Such as "the prior's upper bound 1e8 N·m/rad"."""
+    """Such as "the prior's upper bound 1e8 N·m/rad"; what nobody stated is named as that."""
     bounds = posterior.problem.prior.bounds_of(name)
     assert bounds is not None
+    if posterior.has_default_prior(name):
+        reach = "up to" if side == "upper" else "from"
+        end = in_unit(number(bounds[side == "upper"]), posterior.unit(name))
+        return f"the default range, {reach} {end}, which no one stated,"
     return f"the prior's {side} bound {in_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 

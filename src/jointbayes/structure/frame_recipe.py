@@ -131,6 +131,12 @@ class FrameRecipe:
         own = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *own, *_OF_ALL)
 
+    def _body_at(self, point: str) -> tuple[str, Body]:
+        """Name and body of a point."""
+        return next(
+            (name, body) for name, body in self.bodies if any(_prefix(name) + p == point for p, _ in body.all_points)
+        )
+
     def own_stiffness(self, row: str, column: str) -> float:
         """EI/L³ (N/m), EI/L² (N) or EI/L (N·m/rad) of two DOFs of a point.
 
@@ -139,9 +145,7 @@ class FrameRecipe:
         """
         self.require_dof(row)
         point = row.rpartition(":")[0]
-        name, body = next(
-            (name, body) for name, body in self.bodies if any(_prefix(name) + p == point for p, _ in body.all_points)
-        )
+        name, body = self._body_at(point)
         stations = [body.stations(member) for member in body.members]
         bending = [
             member.material.youngs_modulus * min(section.inertia_y, section.inertia_z)
@@ -151,6 +155,20 @@ class FrameRecipe:
         ]
         extent = _diagonal([station.place for along in stations for station in along])
         return min(bending) / extent ** (3 - (":r" in row) - (":r" in column))
+
+    def own_inertia(self, dof: str) -> float:
+        """Mass of the members of the body of a point (kg), or for a rotation times a third of the diagonal squared."""
+        self.require_dof(dof)
+        body = self._body_at(dof.rpartition(":")[0])[1]
+        mass, places = 0.0, []
+        for member in body.members:
+            along = [station.place for station in body.stations(member)]
+            ends = (member.section, member.end_section or member.section)
+            area = sum(section.area for section in ends) / 2
+            length = np.linalg.norm(np.diff(along, axis=0), axis=1).sum()
+            mass += member.material.density * area * float(length)
+            places += along
+        return mass * _diagonal(places) ** 2 / 3 if ":r" in dof else mass
 
     @property
     def extent(self) -> float:

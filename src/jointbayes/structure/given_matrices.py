@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 #: The other side of a spring that holds a mass to what does not move.
 GROUND = "ground"
 _QUANTITIES = ("damping_ratio", "loss_factor")
-_SOME_HZ = 100.0
 _MOST_MASS = 1e6  # kg
 
 
@@ -101,13 +100,15 @@ class MatrixRecipe:
     def own_stiffness(self, row: str, column: str) -> float:
         """The structure's stiffness at a DOF, N/m or of a rotation N·m/rad; of two DOFs the root of their product.
 
-        Of a mass that nothing holds that of a spring with which it has 100 Hz.
+        0 of a mass that nothing holds.
         """
-        each = []
-        for at in (self.dofs.index(row), self.dofs.index(column)):
-            held = float(self.stiffness[at, at])
-            each.append(held if held > 0 else float(self.mass[at, at]) * (2 * np.pi * _SOME_HZ) ** 2)
+        each = [float(self.stiffness[at, at]) for at in (self.dofs.index(row), self.dofs.index(column))]
         return each[0] if row == column else math.sqrt(each[0]) * math.sqrt(each[1])
+
+    def own_inertia(self, dof: str) -> float:
+        """The mass, kg, or moment of inertia, kg·m², at a DOF."""
+        at = self.dofs.index(dof)
+        return float(self.mass[at, at])
 
     @property
     def extent(self) -> float:

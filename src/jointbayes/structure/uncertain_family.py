@@ -56,6 +56,10 @@ class Recipe(Protocol):
         """Its stiffness by itself where two DOFs of a point are: what default priors are relative to."""
         ...
 
+    def own_inertia(self, dof: str) -> float:
+        """Mass, kg, or moment of inertia, kg·m², that a spring at a DOF moves where nothing else holds it."""
+        ...
+
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> Any:  # noqa: ANN401 (its own)
         """Elements that are exact up to a frequency and end where something acts or is observed."""
         ...

@@ -155,6 +155,11 @@ class BeamRecipe:
         each = self.material.youngs_modulus * inertia / self.length ** np.array([3.0, 2.0, 1.0])
         return float(each[(":r" in row) + (":r" in column)])
 
+    def own_inertia(self, dof: str) -> float:
+        """ρAL (kg), or for a rotation ρAL³/3 (kg·m²), about an end."""
+        mass = self.material.density * self.section.area * self.length
+        return float(mass * self.length**2 / 3 if ":r" in dof else mass)
+
     @property
     def extent(self) -> float:
         """Length, m."""

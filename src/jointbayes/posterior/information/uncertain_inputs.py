@@ -143,7 +143,7 @@ def _row(
     known = {}
     for quantity, values in zip(problem.quantities, problem.prior.stiffness(theta).T, strict=True):
         sides = [side for one, side in held if one == quantity.name]
-        found = _judged(values, posterior.prior_values(quantity.name).ravel(), sides)
+        found = _judged(posterior, quantity.name, values, sides)
         conditional = not posterior.check.explains and found.verdict != "not identified"
         low, high = (quantile_spread(values, probability, effective) for probability in INTERVAL)
         known[quantity.name] = replace(
@@ -172,17 +172,19 @@ def _bounds_that_hold(prior: JointPrior, theta: Array) -> list[tuple[str, Side]]
     return found
 
 
-def _judged(values: Array, prior: Array, held: Sequence[Side]) -> Identifiability:
+def _judged(posterior: JudgedPosterior, name: str, values: Array, held: Sequence[Side]) -> Identifiability:
     """One stiffness by its draws; where they reach a bound of the prior, a limit to the other side.
 
     As for a run, but without draws under wider priors.
     """
+    prior = posterior.prior_values(name).ravel()
     found = assess(values, prior)
     if not held:
         return found
+    which = "default range, which no one stated," if posterior.has_default_prior(name) else "prior"
     if len(held) > 1:
-        return replace(found, verdict="not identified", verdict_reason="both bounds of its prior limit it")
-    return with_limit(found, values, prior, held[0], f"the prior's {held[0]} bound limits it")
+        return replace(found, verdict="not identified", verdict_reason=f"both bounds of its {which} limit it")
+    return with_limit(found, values, prior, held[0], f"the {held[0]} bound of its {which} limits it")
 
 
 class _Part:
