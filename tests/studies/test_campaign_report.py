@@ -1,6 +1,7 @@
 """The report of a campaign: what is counted, named and written, from directories whose truth is known."""
 
 import csv
+import dataclasses
 import datetime
 import json
 import shutil
@@ -8,10 +9,13 @@ import shutil
 import numpy as np
 import pytest
 
+from jointbayes.cli.campaign import _exit_by
 from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.joint import parametrisation_named
+from jointbayes.studies.campaign import findings as findings_module
 from jointbayes.studies.campaign import report as report_module
 from jointbayes.studies.campaign.cases import in_order, read_draws, read_index
+from jointbayes.studies.campaign.directory import Campaign
 from jointbayes.studies.campaign.findings import examine_campaign
 from jointbayes.studies.campaign.report import write_campaign_report
 from jointbayes.workflow import load_posterior
@@ -56,6 +60,32 @@ def test_the_directory_holds_report_and_numbers_and_nothing_is_left_behind(campa
     }
     assert (directory / "report.pdf").read_bytes().startswith(b"%PDF-")
     assert (directory / "report.html").stat().st_size < 5_000_000
+
+
+def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit_3(copy, monkeypatch, summary, capsys):
+    assert summary["population"]["converged"] is True
+    whole = findings_module.hierarchical_posterior
+
+    def stopped(*arguments, **settings):
+        reason = "ensembles of walkers: not converged after 10 steps (limit 10)"
+        return dataclasses.replace(whole(*arguments, **settings), converged=False, how=reason)
+
+    monkeypatch.setattr(findings_module, "hierarchical_posterior", stopped)
+    write_campaign_report(copy)
+    after = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
+    assert after["population"]["converged"] is False
+    page = (copy / "report.html").read_text(encoding="utf-8")
+    banner = page[
+        page.index("The population has NOT converged") - 300 : page.index("The population has NOT converged") + 400
+    ]
+    assert "bad" in banner
+    assert "not converged after 10 steps" in banner
+    rows = [{**row, "status": "done"} for row in Campaign(copy).index.to_dict("records") if row["converged"]]
+    write_index(copy, rows)
+    with pytest.raises(SystemExit) as ended:
+        _exit_by(Campaign(copy))
+    assert ended.value.code == 3
+    assert "NOT CONVERGED: the population of all joints" in capsys.readouterr().out
 
 
 def test_cases_are_counted_by_what_became_of_them(summary):

@@ -184,7 +184,7 @@ def test_a_population_near_the_limit_of_possible_joints_keeps_its_mean():
 def test_what_a_population_means_in_stiffness():
     log = parametrisation_named("log")
     mean, scatter = np.array([[22.0, 16.0, 14.0]] * 3), np.array([[0.2, 0.1, 0.3]] * 3)
-    known = hierarchical.Population(mean, scatter, np.ones((1, 1)), np.ones(1), np.zeros((2, 3)), 3.0, "")
+    known = hierarchical.Population(mean, scatter, np.ones((1, 1)), np.ones(1), np.zeros((2, 3)), 3.0, "", True)
     k11, k12, k22 = population_stiffness(known, log)
     for k, mu, sigma in ((k11, 22.0, 0.2), (k12, 16.0, 0.1), (k22, 14.0, 0.3)):
         assert k.median == pytest.approx(np.exp(mu), rel=0.01)
@@ -201,6 +201,7 @@ def test_what_a_population_means_in_stiffness():
         np.zeros((2, 3)),
         1.0,
         "",
+        True,
     )
     _, k12, k22 = population_stiffness(known, signed)
     assert not k12.logarithmic

@@ -1,17 +1,24 @@
 import itertools
 import multiprocessing
 import os
+import pickle
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.code_version import code_version
 from jointbayes.studies.tasks import run_tasks
+from jointbayes.studies.tasks.crew import Event, Reply, attempt, packed
+from jointbayes.studies.tasks.run import _Driver
 from tests.studies.task_functions import (
     fail_some,
     hang_some,
@@ -222,7 +229,98 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
     found = by_key(run_tasks(kill_some, tasks, scheduler=cluster.scheduler_address))
     assert {key for key, o in found.items() if o.killed_worker} == {"task 6"}
     assert all(found[f"task {i}"].value == i**2 for i in range(10) if i != 6)
-    assert {key: o.attempts for key, o in found.items() if o.attempts > 1} == {"task 3": 2, "task 6": 2}
+    again = {key: o.attempts for key, o in found.items() if o.attempts > 1}
+    assert again.pop("task 6") in (2, 3, 4)  # more than two where the death of task 3, which ended well, speaks for it
+    assert again == {"task 3": 2}
+
+
+@pytest.mark.filterwarnings("ignore:.*it gets nothing to do:RuntimeWarning")  # of the first of two workers
+def test_workers_of_another_version_get_nothing_to_do(cluster, monkeypatch):
+    monkeypatch.setattr("jointbayes.studies.tasks.crew.code_version", lambda: "0.1.0+other")
+    with pytest.raises(jb.WorkerError, match=r"found jointbayes 0\.1\.0\+[0-9a-f]{12}; expected 0\.1\.0\+other"):
+        list(run_tasks(square, numbered(4), scheduler=cluster.scheduler_address))
+
+
+@pytest.mark.science
+def test_a_scheduler_that_is_lost_ends_in_one_line_and_nothing_else_on_the_terminal(tmp_path):
+    pytest.importorskip("distributed", reason="install jointbayes[cluster] for the tests on Dask")
+    script = """
+import os, signal, sys, threading
+import distributed, jointbayes as jb
+from jointbayes.studies.tasks import run_tasks
+from tests.studies.task_functions import slow_square
+if __name__ == "__main__":
+    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as workers:
+        try:
+            tasks = ((f"{i}", (i, 1.0)) for i in range(60))
+            for outcome in run_tasks(slow_square, tasks, scheduler=workers.scheduler_address):
+                if outcome.key == "0":
+                    workers.loop.add_callback(workers.scheduler.close)
+        except jb.WorkerError as error:
+            print(error)
+            sys.stdout.flush()
+            os._exit(0)
+"""
+    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    paths = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    run = [sys.executable, str(tmp_path / "script.py")]
+    ended = subprocess.run(run, capture_output=True, text=True, timeout=120, env=os.environ | {"PYTHONPATH": paths})
+    assert ended.stdout.startswith("scheduler: found that it has gone; expected it to last; what is done is kept")
+    assert "Traceback" not in ended.stderr
+
+
+def test_what_another_version_of_a_worker_would_compute_is_refused(monkeypatch):
+    call = packed(square, (3,))
+    monkeypatch.setattr("jointbayes.studies.tasks.crew.code_version", lambda: "0.1.0+other")
+    assert attempt(call) == Reply(other_version="0.1.0+other")
+
+
+def test_the_fingerprint_of_the_code_sees_one_changed_digit(tmp_path):
+    sources = Path(jb.__file__).parent
+    copy = shutil.copytree(sources, tmp_path / "jointbayes", ignore=shutil.ignore_patterns("__pycache__"))
+    ask = [sys.executable, "-c", "from jointbayes.code_version import code_version; print(code_version())"]
+    own, other = (
+        subprocess.run(ask, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=True).stdout
+        for path in (str(sources.parent), str(tmp_path))
+    )
+    assert own == other == f"{code_version()}\n"
+    file = copy / "structure" / "beam.py"
+    file.write_text(file.read_text(encoding="utf-8") + "\nSHEAR = 0.5\n", encoding="utf-8")
+    changed = subprocess.run(
+        ask, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True
+    )
+    assert changed.stdout != own
+
+
+class OneWorker:
+    """A crew of one worker and a clock: somebody kills it every 80 s on average, a task of its own doing after 2 s."""
+
+    def __init__(self, killer: str, rng: np.random.Generator) -> None:
+        self.now, self.free, self._killer, self._rng = 0.0, 1, killer, rng
+
+    def start(self, ticket: int, call: bytes) -> None:
+        key, self.free = pickle.loads(pickle.loads(call)[1])[1][0], 0
+        own, chance = 2.0 if key == self._killer else 60.0, self._rng.exponential(80.0)
+        died = key == self._killer or chance < own
+        self.now += min(own, chance)
+        self._event = Event(ticket, None, "its worker ended by itself") if died else Event(ticket, Reply(key))
+
+    def wait(self, seconds: float) -> list[Event]:
+        self.free = 1
+        return [self._event]
+
+    def stop(self) -> None: ...
+
+
+def test_kills_from_outside_are_no_fault_of_a_task_and_a_task_that_kills_is_still_set_aside(monkeypatch):
+    """Each of 30 tasks of a minute outlives a worker with probability 0.47: two deaths in a row would condemn eight."""
+    crew = OneWorker("task 5", np.random.default_rng(3))
+    monkeypatch.setattr("jointbayes.studies.tasks.run.time.monotonic", lambda: crew.now)
+    driver = _Driver(square, ((f"task {i}", (f"task {i}",)) for i in range(30)), 2, None)
+    ended = by_key(driver.outcomes(lambda: crew))
+    assert {key for key, outcome in ended.items() if outcome.killed_worker} == {"task 5"}
+    assert ended["task 5"].attempts <= 4
+    assert max(outcome.attempts for outcome in ended.values()) > 2
 
 
 def test_task_on_dask_writes_netcdf_as_anywhere_else(cluster):

@@ -1,5 +1,6 @@
 """The command on many cases: campaign."""
 
+import json
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from jointbayes.cli.common import (
 )
 from jointbayes.cli.output import say
 from jointbayes.cli.progress import show_phase
+from jointbayes.errors import WorkerError
 
 if TYPE_CHECKING:
     from jointbayes.studies.campaign.directory import Campaign
@@ -68,10 +70,13 @@ def campaign(
             kept[UNFINISHED] = f"{now.done} of {now.total} cases are done in {target}; the same command goes on"
             progress(now)
 
-        ended = sample_all(
-            cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, full=full,
-            seconds=seconds, again=again, progress=tell, allow_outside=outside_allowed(),
-        )  # fmt: skip
+        try:
+            ended = sample_all(
+                cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, full=full,
+                seconds=seconds, again=again, progress=tell, allow_outside=outside_allowed(),
+            )  # fmt: skip
+        except WorkerError as error:
+            raise WorkerError(f"{error}; {kept[UNFINISHED]}" if UNFINISHED in kept else str(error)) from error
     _write_report(ended)
     _exit_by(ended)
 
@@ -97,9 +102,13 @@ def _exit_by(ended: "Campaign") -> None:
         say(f"The first {_SHOWN} are shown; all stand in the index.")
     say(f"Index: {ended.directory / 'index.parquet'}")
     say(f"Report: {ended.directory / 'report.html'} and {ended.directory / 'report.pdf'}")
+    population = json.loads((ended.directory / "summary.json").read_text(encoding="utf-8"))["population"]
+    doubted = population is not None and not population["converged"]
+    if doubted:
+        say(f"NOT CONVERGED: the population of all joints: {population['how']}")
     if len(failed):
         sys.exit(CASES_FAILED)
-    if len(doubtful):
+    if len(doubtful) or doubted:
         sys.exit(NOT_CONVERGED)
 
 

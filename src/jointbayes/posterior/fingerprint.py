@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from jointbayes.code_version import code_version
 from jointbayes.inference import Problem
 from jointbayes.posterior.run_record import bodies_of, measurement_sha256
 from jointbayes.posterior.stored_problem import described
@@ -21,7 +22,7 @@ __all__ = ["run_fingerprint"]
 _NO_MATTER = frozenset({"processes"})
 _ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})
 _SHOWN = 60  # characters; of longer values a digest
-_PACKAGES = ("jointbayes", "numpy", "scipy", "numba", "emcee")
+_PACKAGES = ("numpy", "scipy", "numba", "emcee")
 
 
 class StatedCase(Protocol):
@@ -70,7 +71,11 @@ def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settin
             parts |= _flat(tables, f"setups.{one.name}." if one.name else "")
     else:
         parts |= {name: _short(part) for name, part in described(problem).items() if name != "name"}
-    versions = {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+    versions = {
+        "python": platform.python_version(),
+        **{name: version(name) for name in _PACKAGES},
+        "jointbayes": code_version(),
+    }
     return parts | {f"version of {name}": number for name, number in versions.items()}
 
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.code_version import code_version
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
@@ -173,7 +174,11 @@ def sampler_figures(
 
 
 def package_versions() -> dict[str, str]:
-    """Version of Python and of every package that numbers depend on."""
-    numbers = ("jointbayes", "numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
+    """Version of Python, of every package that numbers depend on, and of this one as `code_version` has it."""
+    numbers = ("numpy", "scipy", "numba", "emcee", "dynesty", "arviz", "xarray")
     packages = (*numbers, "corner", "matplotlib", "typst")
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+    return {
+        "python": platform.python_version(),
+        **{name: version(name) for name in packages},
+        "jointbayes": code_version(),
+    }

@@ -26,6 +26,7 @@ from jointbayes.sampling.proposal.weights import resampled
 from jointbayes.studies.campaign.reweighting import JointDraws, Reweighting
 
 __all__ = [
+    "FEWEST_POPULATIONS",
     "LEAST_EFFECTIVE",
     "RESOLVED",
     "Population",
@@ -43,6 +44,8 @@ Array = NDArray[np.float64]
 LEAST_EFFECTIVE = 20.0
 #: Least scatter of a population, in typical standard deviations of a single joint: draws of joints tell no smaller one.
 RESOLVED = 0.15
+#: Independent draws of a population below which its intervals are not to be used.
+FEWEST_POPULATIONS = 100.0
 _DRAWS = 1000  # of the population
 _ENOUGH = 300.0  # effective, of these
 _AVERAGED = 60  # populations over which the weights of a joint's draws are averaged
@@ -124,6 +127,9 @@ class Population:
         Independent draws that `mean` and `scatter` are worth.
     how
         How they were drawn, in words.
+    converged
+        Whether these are enough to be used: walkers that met their stop rule, or weighted draws worth
+        `FEWEST_POPULATIONS` independent ones.
     """
 
     mean: Array
@@ -133,6 +139,7 @@ class Population:
     monte_carlo: Array
     effective_populations: float
     how: str
+    converged: bool
 
     def unresolved(self, draws: JointDraws) -> NDArray[np.bool_]:
         """Whether joints do not tell a coordinate's scatter from none, shape (d,): then only its upper end counts."""
@@ -200,7 +207,7 @@ def hierarchical_posterior(
         return out
 
     rng = np.random.default_rng([seed, 7])
-    phi, effective, how = _drawn(target, log_density, prior, least, rng)
+    phi, effective, how, converged = _drawn(target, log_density, prior, least, rng)
     mean, scatter = phi[:, :d], np.exp(phi[:, d:])
     rows = np.linspace(0, len(phi) - 1, min(_AVERAGED, len(phi))).round().astype(int)
     weight, of_joints = target.weights(mean[rows], scatter[rows])
@@ -208,13 +215,13 @@ def hierarchical_posterior(
     noise = target.score_covariance(middle[:d], np.exp(middle[d:]))
     spread = np.atleast_2d(np.cov(phi.T))
     error = np.sqrt(np.diag(spread @ noise @ spread) / np.diag(spread))
-    return Population(mean, scatter, weight, of_joints, error.reshape(2, d), effective, how)
+    return Population(mean, scatter, weight, of_joints, error.reshape(2, d), effective, how, converged)
 
 
 def _drawn(
     target: Reweighting, log_density: LogDensity, prior: PopulationPrior, least: Array, rng: np.random.Generator
-) -> tuple[Array, float, str]:
-    """Equally weighted draws, shape (p, 2d), how many independent ones they are worth, and how they came about.
+) -> tuple[Array, float, str, bool]:
+    """Equally weighted draws, shape (p, 2d), how many independent ones they are worth, how they came about, if enough.
 
     The first proposal that is good enough, the cheap ones first; of many joints a fit to the density itself would take
     minutes, and the best so far is taken.
@@ -237,13 +244,13 @@ def _drawn(
             break
     assert best is not None
     if best[1] >= _ENOUGH or numbers > _WALKED:
-        return best
+        return *best, best[1] >= FEWEST_POPULATIONS
     rows = rng.choice(len(best[0]), (_RUN.ensembles, _RUN.walkers))
     start = best[0][rows] + 1e-3 * np.sqrt(np.diag(covariance)) * np.abs(rng.normal(size=(*rows.shape, mode.size)))
     chains = run_ensembles(log_density, start, rng, _RUN, proposal=proposal)
     theta = chains.draws().theta.reshape(-1, mode.size)
     chosen = np.linspace(0, len(theta) - 1, min(4 * _DRAWS, len(theta))).round().astype(int)
-    return theta[chosen], float(chains.ess.min()), f"ensembles of walkers: {chains.reason}"
+    return theta[chosen], float(chains.ess.min()), f"ensembles of walkers: {chains.reason}", chains.converged
 
 
 def _mode(target: Reweighting, log_density: LogDensity, least: Array) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ LINES = "index.new.jsonl"
 _KINDS = {
     "key": "string", "file": "string", "status": "string", "attempts": "int64", "error": "string", "serial": "string",
     "date": "timestamp[us]", "order": "int64", "seed": "int64", "converged": "bool", "reason": "string",
-    "seconds": "double", "explains": "bool", "misfit_p_value": "double", "fingerprint": "string",
+    "seconds": "double", "explains": "bool", "misfit_p_value": "double", "fingerprint": "string", "code": "string",
 }  # fmt: skip
 _TEXTS = ("unit", "verdict")  # what of a quantity is no number
 _APART = 5.0  # seconds between two writings of the index, or

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jointbayes.code_version import code_version
 from jointbayes.errors import ModelError
 from jointbayes.studies.campaign.cases import DONE
 from jointbayes.studies.campaign.directory import Campaign, require_campaign_directory
@@ -203,7 +203,7 @@ def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]
 
 
 def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int, full: bool) -> str:
-    return CampaignCase.fingerprint(text, files, _FORM, version("jointbayes"), seed, draws, full)
+    return CampaignCase.fingerprint(text, files, _FORM, code_version(), seed, draws, full)
 
 
 def _has_file(directory: Path, row: Row) -> bool:

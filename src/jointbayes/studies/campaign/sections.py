@@ -40,7 +40,6 @@ _LONGEST = 160  # characters of a reason
 _NOISY = 0.3  # Monte Carlo error in posterior sd that is said aloud
 _BEYOND = 0.0027  # of normal values lie beyond three standard deviations
 _MOST_NAMED = 12
-_FEWEST_POPULATIONS = 100.0  # independent draws of a population, below which its intervals are rough
 
 
 def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
@@ -66,15 +65,16 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
             f"**Too few joints for a population.** Expected {FEWEST_JOINTS} or more cases that are done and converged."
         )
         return (*blocks, Callout("caution", text))
+    if not found.population.converged:
+        worth = f"worth {found.population.effective_populations:.0f} independent draws"
+        text = f"by {found.population.how}, {worth}. What is said of the single joints is not touched by it"
+        head = "**The population has NOT converged, do not use its numbers**, nor those of joints given all the others:"
+        blocks.append(Callout("bad", f"{head} {text}."))
     blocks.append(_population_table(found))
     odd = sum(int(q.outlier.any()) for q in found.quantities)
     named = [f"{q.name}: {_named(found, q.outlier)}" for q in found.quantities if q.outlier.any()]
     if odd:
         blocks.append(Callout("caution", f"**Outliers.** {'; '.join(named)}. They are part of the population."))
-    worth = found.population.effective_populations
-    if worth < _FEWEST_POPULATIONS:
-        text = f"**The population is drawn poorly:** by {found.population.how}, worth {worth:.0f} independent draws."
-        blocks.append(Callout("caution", text))
     noisy = float(found.population.monte_carlo.max())
     if noisy > _NOISY:
         blocks.append(

@@ -52,6 +52,7 @@ def _population(found: PopulationFindings) -> dict[str, Any]:
         "joints": len(found.draws.rows),
         "parametrisation": found.draws.parametrisation.key,
         "how": population.how,
+        "converged": population.converged,
         "effective_draws": population.effective_populations,
         "stiffness": {k.name: _stiffness(k) for k in found.stiffness},
         "coordinates": {

@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from jointbayes.code_version import code_version
 from jointbayes.posterior.brief import Cell
 
 __all__ = ["CaseWork", "do_case"]
@@ -62,4 +63,4 @@ def do_case(work: CaseWork) -> dict[str, Cell]:
     posterior = sample(case, work.seed, settings=case.sampler.for_one_of_many(full=work.full))
     row = posterior.brief()
     posterior.with_fewer_draws(work.draws).save(Path(work.file))
-    return {"seconds": time.monotonic() - begin, **row}
+    return {"seconds": time.monotonic() - begin, "code": code_version(), **row}

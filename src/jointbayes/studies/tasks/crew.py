@@ -6,19 +6,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from jointbayes.code_version import code_version
 from jointbayes.errors import JointBayesError, WorkerError
 
-__all__ = ["Call", "Crew", "Event", "Reply", "attempt", "packed"]
+__all__ = ["Call", "Crew", "Event", "Reply", "attempt", "other_version", "packed"]
 
 Call = bytes
 """A function, by the name of its module, and its arguments, as they are sent to a worker."""
 
 
 class Reply(NamedTuple):
-    """What became of one attempt: a value, or the error in words."""
+    """What became of one attempt: a value, or the error in words; or the other version of a worker that refused it."""
 
     value: Any = None
     error: str | None = None
+    other_version: str = ""
 
 
 class Event(NamedTuple):
@@ -34,12 +36,18 @@ class Event(NamedTuple):
         Of the death, where it is known.
     certain
         Whether nothing else ran on the worker that died.
+    overdue
+        Whether the worker was ended because the attempt took longer than allowed.
+    never_began
+        Whether the attempt was refused where it was sent.
     """
 
     ticket: int
     reply: Reply | None
     reason: str = ""
     certain: bool = True
+    overdue: bool = False
+    never_began: bool = False
 
 
 class Crew(Protocol):
@@ -68,7 +76,7 @@ def packed(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Call:
         If function or arguments cannot be sent to another process.
     """
     try:
-        return pickle.dumps((function, arguments))
+        return pickle.dumps((code_version(), pickle.dumps((function, arguments))))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise WorkerError(
             f"run_tasks: found a call that cannot be sent to another process ({error}); expected a function at the top "
@@ -76,10 +84,21 @@ def packed(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Call:
         ) from error
 
 
+def other_version(found: str, where: str = "workers") -> str:
+    """The line that refuses workers of another version."""
+    return (
+        f"{where}: found jointbayes {found}; expected {code_version()}, with the sources of the driver; install the "
+        "same there, and start the same command again, which goes on"
+    )
+
+
 def attempt(call: Call) -> Reply:
     """Run a call, in a worker. Whatever it raises becomes one error in words."""
     try:
-        function, arguments = pickle.loads(call)
+        wanted, inner = pickle.loads(call)
+        if wanted != code_version():  # what another version computes looks the same and is not
+            return Reply(other_version=code_version())
+        function, arguments = pickle.loads(inner)
         return Reply(value=function(*arguments))
     except JointBayesError as error:
         return Reply(error=str(error))

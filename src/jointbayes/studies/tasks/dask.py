@@ -1,14 +1,16 @@
 """The workers of a Dask cluster, each with one task at a time: so it is known which task was on one that is gone."""
 
+import logging
 import queue
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from jointbayes.errors import WorkerError
-from jointbayes.studies.tasks.crew import Call, Event, Reply, attempt
+from jointbayes.studies.tasks.crew import Call, Event, Reply, attempt, other_version
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -52,10 +54,13 @@ class DaskCrew:
         patience: float = _PATIENCE,
     ) -> None:
         self._client, self._own = _client(scheduler)
+        if self._own:  # what it says of a scheduler that is gone is said here in one line
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._most, self._seconds, self._patience = workers, seconds, patience
         self._ended: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._running: dict[int, tuple[Any, str, float]] = {}  # future, worker and start of each ticket
         self._addresses: set[str] = set()
+        self._refused: dict[str, str] = {}  # version of each worker that has another than the driver
         self._seen = self._looked = time.monotonic()
         self._look()
 
@@ -71,9 +76,15 @@ class DaskCrew:
     def start(self, ticket: int, call: Call) -> None:
         """Send the call to an idle worker, and to no other."""
         address = min(self._idle())
-        future = self._client.submit(
-            _attempt, call, key=f"jointbayes-{uuid4().hex}", workers=[address], allow_other_workers=False, pure=False
-        )
+        with _scheduler_there():
+            future = self._client.submit(
+                _attempt,
+                call,
+                key=f"jointbayes-{uuid4().hex}",
+                workers=[address],
+                allow_other_workers=False,
+                pure=False,
+            )
         self._running[ticket] = (future, address, time.monotonic())
         future.add_done_callback(lambda _: self._ended.put(ticket))
 
@@ -98,20 +109,34 @@ class DaskCrew:
     def _finished(self, ticket: int) -> list[Event]:
         if ticket not in self._running:
             return []
-        future, _, _ = self._running.pop(ticket)
+        future, address, _ = self._running.pop(ticket)
         try:
-            return [Event(ticket, future.result(timeout=_FETCH))]
+            reply = future.result(timeout=_FETCH)
         except Exception as error:  # Dask's own, of many kinds: the result is gone, or never came
             if type(error).__name__ in ("KilledWorker", "TimeoutError", "CommClosedError", "FutureCancelledError"):
                 return [Event(ticket, None, "its worker ended by itself")]
             return [Event(ticket, Reply(error=f"{type(error).__name__}: {' '.join(str(error).split())}"))]
         finally:
             future.release()
+        if reply.other_version:
+            self._refuse(address, reply.other_version)
+            return [Event(ticket, None, never_began=True)]
+        return [Event(ticket, reply)]
+
+    def _refuse(self, address: str, version: str) -> None:
+        """Give a worker of another version nothing more to do: what it computes looks the same and is not."""
+        self._refused[address] = version
+        self._addresses.discard(address)
+        line = other_version(version, f"worker {address}")
+        if not self._addresses:
+            raise WorkerError(line)
+        warnings.warn(f"{line}; it gets nothing to do", RuntimeWarning, stacklevel=2)
 
     def _look(self) -> list[Event]:
         """Ask the scheduler for its workers; attempts on those that are gone have ended."""
         self._looked = time.monotonic()
-        self._addresses = set(self._client.nthreads())
+        with _scheduler_there():
+            self._addresses = set(self._client.nthreads()) - self._refused.keys()
         if self._addresses:
             self._seen = self._looked
         elif self._looked - self._seen > self._patience:
@@ -125,12 +150,13 @@ class DaskCrew:
             if address in self._addresses and not over:
                 continue
             if over and address in self._addresses:
-                self._client.restart_workers([address], raise_for_error=False)
+                with _scheduler_there():
+                    self._client.restart_workers([address], raise_for_error=False)
                 self._addresses.discard(address)
             self._running.pop(ticket)
             future.cancel()
             reason = f"took longer than the {self._seconds:g} s allowed" if over else "its worker ended by itself"
-            events.append(Event(ticket, None, reason))
+            events.append(Event(ticket, None, reason, overdue=over))
         return events
 
     def stop(self) -> None:
@@ -140,6 +166,18 @@ class DaskCrew:
         self._running.clear()
         if self._own:
             self._client.close()
+
+
+@contextmanager
+def _scheduler_there() -> Iterator[None]:
+    """Say in one line that the scheduler has gone."""
+    try:
+        yield
+    except (OSError, TimeoutError) as error:  # Dask's CommClosedError is an OSError
+        raise WorkerError(
+            "scheduler: found that it has gone; expected it to last; what is done is kept: start it and its workers, "
+            "and the same command again, which goes on"
+        ) from error
 
 
 def _attempt(call: Call) -> Reply:

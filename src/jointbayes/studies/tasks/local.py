@@ -103,7 +103,7 @@ class LocalCrew:
         worker.pipe.close()
         if worker.ticket is not None:
             reason = f"took longer than the {self._seconds:g} s allowed" if over else _end_of(worker)
-            yield Event(worker.ticket, None, reason)
+            yield Event(worker.ticket, None, reason, overdue=over)
         elif not worker.ready:
             self._stillborn += 1
 

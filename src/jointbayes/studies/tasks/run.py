@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import WorkerError
-from jointbayes.studies.tasks.crew import Crew, Event, packed
+from jointbayes.studies.tasks.crew import Crew, Event, other_version, packed
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 __all__ = ["Outcome", "run_tasks"]
 
 _TICK = 0.5  # seconds between two calls of `watch`
+_FORGIVEN = 5.0  # times as many deaths as expected are taken for chance
+_MOST_FORGIVEN = 10
+_MOST_DEATHS = 1 / 20  # of a worker in a second that may be somebody else's doing
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,10 @@ class _Task:
     arguments: tuple[Any, ...]
     attempts: int = 0
     alone: bool = False  # something died beside it: what it does is seen only where nothing else runs
+    began: float = 0.0
+    worked: float = 0.0  # seconds, of all attempts
+    kills: int = 0
+    reason: str = ""  # of the last
 
 
 def run_tasks(
@@ -66,7 +74,9 @@ def run_tasks(
 ) -> Iterator[Outcome]:
     """Call a function for many tasks side by side; yield what became of each, in the order in which they end.
 
-    A task whose worker dies, and one that raises, is begun again at once, `attempts` times in all; the others go on.
+    A task that raises is begun again at once, `attempts` times in all; the others go on. One whose worker dies is begun
+    again when all others have had their turn. Where workers also die of tasks that end well in the end, somebody else
+    kills them, and a task is given up only where its own die clearly more often in the time that they work.
     The first task runs by itself, so that only one process compiles what is not yet compiled. Where the loop over the
     outcomes is left, by Ctrl-C too, all workers end.
 
@@ -145,6 +155,10 @@ class _Driver:
         self._function, self._source, self._attempts = function, source, attempts
         self._watch = watch or (lambda _keys: None)
         self._again: deque[_Task] = deque()
+        self._killed: deque[_Task] = deque()  # tried again at the end
+        self._set_aside: list[Outcome] = []
+        self._worked = 0.0  # seconds of all attempts
+        self._deaths = self._innocent = 0  # of workers: in all, and of those at tasks that ended well
         self._running: dict[int, _Task] = {}
         self._tickets = itertools.count()
         self._warm = False
@@ -159,6 +173,7 @@ class _Driver:
                 if ended:
                     self._hand_out(at_work)  # workers go on while the caller looks at the outcomes
                 yield from ended
+            yield from self._set_aside
         finally:
             at_work.stop()
 
@@ -173,6 +188,7 @@ class _Driver:
                 break
             ticket = next(self._tickets)
             task.attempts += 1
+            task.began = time.monotonic()
             self._running[ticket] = task
             crew.start(ticket, packed(self._function, task.arguments))
         return bool(self._running or self._again or self._peek())
@@ -183,8 +199,29 @@ class _Driver:
     def _next(self) -> _Task | None:
         if self._again:
             return self._again.popleft()
-        found = next(self._source, None)
-        return None if found is None else _Task(*found)
+        fresh = next(self._source, None)
+        return _Task(*fresh) if fresh is not None else self._next_killed()
+
+    def _next_killed(self) -> _Task | None:
+        """A task whose worker died and that is to be tried again; those that are not are set aside in the end."""
+        for task in self._killed:
+            if task.kills < self._allowed(task):
+                self._killed.remove(task)
+                return task
+        if not self._running:  # nothing more will be known
+            self._set_aside += [
+                Outcome(task.key, None, task.reason, task.attempts, killed_worker=True) for task in self._killed
+            ]
+            self._killed.clear()
+        return None
+
+    def _allowed(self, task: _Task) -> int:
+        """How many of its workers may die: `attempts`, and more where workers die that tasks have no part in."""
+        if not self._innocent:
+            return self._attempts
+        others = max(self._worked - task.worked, 1e-9)
+        expected = min((self._deaths - task.kills) / others, _MOST_DEATHS) * task.worked
+        return self._attempts + min(round(_FORGIVEN * expected), _MOST_FORGIVEN)
 
     def _peek(self) -> bool:
         """Whether there is a further task; it is then the next one to wait."""
@@ -196,13 +233,29 @@ class _Driver:
     def _judged(self, event: Event) -> Outcome | None:
         """The outcome of a task that has ended for good; one that has not waits again, before all others."""
         task, reply = self._running.pop(event.ticket), event.reply
+        if event.never_began:
+            task.attempts -= 1
+            self._again.appendleft(task)
+            return None
+        if reply is not None and reply.other_version:
+            raise WorkerError(other_version(reply.other_version))
         self._warm = True
+        spent = time.monotonic() - task.began
+        task.worked, self._worked = task.worked + spent, self._worked + spent
         if reply is not None and reply.error is None:
+            self._innocent += task.kills
             return Outcome(task.key, reply.value, None, task.attempts, False)
         if not event.certain:
             task.alone = True
             task.attempts -= 1
-        if not event.certain or task.attempts < self._attempts:
+            self._again.appendleft(task)
+            return None
+        if reply is None and not event.overdue:
+            task.kills, task.reason = task.kills + 1, event.reason
+            self._deaths += 1
+            self._killed.append(task)
+            return None
+        if task.attempts - task.kills < self._attempts:
             self._again.appendleft(task)
             return None
         return Outcome(task.key, None, event.reason if reply is None else reply.error, task.attempts, reply is None)
