@@ -86,7 +86,7 @@ def assemble_measurement(
     stored = (record for record in records if isinstance(record, FrfRecord))
     mapped = map_records(stored if plan.signals is None else made.frfs, plan.channels, where)
     known, contradicted = _with_quantity(mapped.records, plan, where)
-    notes = [*made.notes, *dict.fromkeys(note for record in known for note in record.notes), *contradicted]
+    notes = [*made.notes, *dict.fromkeys(note for record in known for note in record.notes)]
     if plan.conjugate:
         known = [replace(record, values=record.values.conj()) for record in known]
         notes.append("The complex conjugates of the FRFs were taken, as conjugate = true asks.")
@@ -124,7 +124,7 @@ def assemble_measurement(
         mapped.left_out,
         words,
         (*notes, *without_modes),
-        _warnings(cut, plan),
+        (*contradicted, *_warnings(cut, plan)),
         modes,
         variance_dof=measured.variance_dof,
         loaded=tuple(output for output in frf.outputs if ":r" not in output),
@@ -174,9 +174,9 @@ def _frfs_of_histories(records: Iterable[Record], plan: MeasurementPlan, where: 
 
 def _with_quantity(
     records: Iterable[FrfRecord], plan: MeasurementPlan, where: str
-) -> tuple[list[FrfRecord], list[str]]:
-    """Records with the quantity that the plan states, if any, and notes on what contradicts it."""
-    known, notes = [], {}
+) -> tuple[list[FrfRecord], list[MeasurementWarning]]:
+    """Records with the quantity that the plan states, if any, and warnings of files that say another."""
+    known, contradicted = [], {}
     for record in records:
         if plan.quantity is None and record.quantity is None:
             raise MeasurementError(
@@ -185,9 +185,14 @@ def _with_quantity(
             )
         if plan.quantity is not None and record.quantity not in (None, plan.quantity):
             unit = f" in {record.unit}" if record.unit else ""
-            notes[f"The file says {record.quantity}{unit}; the case says {plan.quantity}, and was followed."] = True
+            contradicted[record.quantity, record.unit] = MeasurementWarning(
+                "quantity",
+                f"the file says {record.quantity}{unit} and the case {plan.quantity}, which was followed",
+                "take quantity away from [data], or make sure that the file is wrong",
+                where=record.where,
+            )
         known.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
-    return known, list(notes)
+    return known, list(contradicted.values())
 
 
 def _place(record: FrfRecord, where: str) -> str:

@@ -10,7 +10,7 @@ from jointbayes.measurement.channels import ChannelUse
 __all__ = ["MeasuredMode", "MeasurementWarning", "Provenance"]
 
 #: Warnings that leave open which sign, or which sign of i, the numbers of an FRF have.
-_SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive")
+_SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive", "quantity")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ class Provenance:
 
     @property
     def sign_doubts(self) -> tuple[MeasurementWarning, ...]:
-        """Warnings that leave the sign of the FRFs, or their time factor, in doubt."""
+        """Warnings that leave the sign of the FRFs, their time factor or their quantity in doubt."""
         return tuple(warning for warning in self.warnings if warning.key in _SIGN_IN_DOUBT)
 
     def as_json(self) -> dict[str, Any]:
