@@ -329,7 +329,7 @@ MODES = [
          "damping_sd_relative = [0.1, 0.2]\ndamping_sd = [1e-3, 2e-3]\n"
          "[data.shapes]\ndofs = ['2:y', '3:y']\nreference = ['8:y']\nsd = [0.02, 0.03]\n"
          "components = [[[0.1, 0.2], [0.3, 0.4]], [[0.11, 0.21], [0.31, 0.41]]]\n", SD),
-        ("eigenvalues = [[5700.0, 2.1e5], [5800.0, 2.2e5]]", "", ENDS),
+        ("eigenvalues = [[5700.0, 2.1e5], [5800.0, 2.2e5]]\neigenvalue_sd = [60.0, 2000.0]", "", ENDS),
     )
 ]  # fmt: skip
 SETTINGS = """

@@ -256,7 +256,7 @@ def of_data() -> list[tuple[str, str, Value]]:
 REPEATED = {
     "frequencies_hz": ("frequency", ((31.0, 210.0), (33.0, 212.0)), (0.011, 0.012), (0.3, 0.7)),
     "damping_ratios": ("damping", ((0.011, 0.013), (0.012, 0.015)), (0.1, 0.2), (1e-3, 2e-3)),
-    "eigenvalues": ("frequency", ((5700.0, 2.1e5), (5800.0, 2.2e5)), (0.011, 0.012), (0.0, 0.0)),
+    "eigenvalues": ("frequency", ((5700.0, 2.1e5), (5800.0, 2.2e5)), (0.011, 0.012), (60.0, 2000.0)),
 }
 
 
@@ -265,16 +265,20 @@ def of_repeated() -> list[tuple[str, str, Value]]:
     lines: list[tuple[str, str, Value]] = []
     for key, (name, values, relative, absolute) in REPEATED.items():
         lines.append((f"data{{modes}}.{key}[*][*]", f"measurement.{name}.values[{{0}},{{1}}]", 1))
-        spreads = {"damping": ("damping_sd_relative", "damping_sd"), "frequency": ("sd_relative", "sd_hz")}[name]
+        relative_key, absolute_key = {
+            "damping_ratios": ("damping_sd_relative", "damping_sd"),
+            "frequencies_hz": ("sd_relative", "sd_hz"),
+            "eigenvalues": ("sd_relative", "eigenvalue_sd"),
+        }[key]
         for mode, (one, other) in enumerate(zip(*values, strict=True)):
             sd, r, s = f"measurement.{name}.sd[*,{mode}]", relative[mode], absolute[mode]
             for row, rest in enumerate((other, one)):
                 mean_of = f"data{{modes}}.{key}[{row}][{mode}]"
                 lines.append((mean_of, sd, lambda v, rest=rest, r=r, s=s: math.hypot(r * (v + rest) / 2, s)))
+            mean = (one + other) / 2
             if key != "eigenvalues":
-                mean = (one + other) / 2
-                lines.append((f"data{{modes}}.{spreads[0]}[{mode}]", sd, lambda v, m=mean, s=s: math.hypot(v * m, s)))
-                lines.append((f"data{{modes}}.{spreads[1]}[{mode}]", sd, lambda v, m=mean, r=r: math.hypot(r * m, v)))
+                lines.append((f"data{{modes}}.{relative_key}[{mode}]", sd, lambda v, m=mean, s=s: math.hypot(v * m, s)))
+            lines.append((f"data{{modes}}.{absolute_key}[{mode}]", sd, lambda v, m=mean, r=r: math.hypot(r * m, v)))
     return lines
 
 

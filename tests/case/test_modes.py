@@ -79,6 +79,10 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
         (("118.0", "0.0"), "data.frequencies_hz: found one that is not above 0"),
         (("sd_relative = [0.01, 0.02]", "sd_relative = [0.01, 0.02, 0.03]"), "data.sd_relative: found 3 for 2 modes"),
         (("sd_hz = 0.5", "sd_hz = 0.0\neigenvalues = [1.0]"), "data.eigenvalues: given together with"),
+        (
+            ("sd_hz = 0.5", "eigenvalue_sd = 9.0"),
+            "data.eigenvalue_sd: found it with frequencies_hz; expected sd_rel.* sd_hz",
+        ),
         (("damping_sd_relative = 0.1\n", ""), "damping_sd_relative and damping_sd are both 0"),
         (("[0.011, 0.009]", "[1.1, 0.9]"), "data.damping_ratios: found one outside 0 to 1"),
         (("[0.011, 0.009]", "[0.011]"), "data.damping_ratios: found 1 modes in repetition 1 and 2"),

@@ -20,8 +20,8 @@ def modes_of(spec: ModesSpec) -> ModeMeasurement:
         shapes = ModeShapes(stated.dofs, reference, Observed(np.array(stated.components), np.array(stated.sd)[:, None]))
     rows = spec.frequencies_hz or spec.eigenvalues
     assert rows is not None
-    frequency = _observed(rows, spec.sd_relative, spec.sd_hz)
     of_eigenvalues = spec.eigenvalues is not None
+    frequency = _observed(rows, spec.sd_relative, spec.eigenvalue_sd if of_eigenvalues else spec.sd_hz)
     return ModeMeasurement(frequency, damping, shapes, spec.numbers or (), spec.match, of_eigenvalues)
 
 

@@ -81,7 +81,7 @@ TABLE = (
     _of("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
     _of("relative floor", 1e-15, 1e3),
     _of("sd_relative damping_sd_relative damping_ratios damping_sd force_noise response_noise", 1e-15, 10.0),
-    _of("eigenvalues", 1e-12, 1e20),
+    _of("eigenvalues eigenvalue_sd", 1e-12, 1e20),
     _of("components", 1e-15, 1e15),
     _of("gain", 1e-12, 1e12),
     _of("coherence", 1e-6, 1.0),

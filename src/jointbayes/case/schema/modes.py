@@ -124,6 +124,9 @@ class ModesSpec(Spec):
     eigenvalues: Annotated[_Rows | None, _EIGENVALUES] = None
     sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.005)] = (0.0,)
     sd_hz: Annotated[_EachMode, key_field(f"the standard deviation in Hz, {_EACH}", 0.5)] = (0.0,)
+    eigenvalue_sd: Annotated[
+        _EachMode, key_field(f"the standard deviation of an eigenvalue in rad2/s2, {_EACH}", 24.0)
+    ] = (0.0,)
     damping_ratios: Annotated[_Rows | None, _RATIOS] = None
     damping_sd_relative: Annotated[
         _EachMode, key_field(f"the standard deviation of a damping ratio as a fraction of it, {_EACH}", 0.1)
@@ -172,12 +175,11 @@ class ModesSpec(Spec):
         if any(value <= 0 or math.isinf(value) for value in _flat(rows)):
             yield Finding((key,), "found one that is not above 0", "", "correct it, or write nan where none was found")
             return
-        if key == "eigenvalues" and max(self.sd_hz) > 0:
-            yield Finding(
-                ("sd_hz",), "found it with eigenvalues", "sd_relative, of the eigenvalues", "state sd_relative"
-            )
+        absolute, other = ("eigenvalue_sd", "sd_hz") if key == "eigenvalues" else ("sd_hz", "eigenvalue_sd")
+        if max(getattr(self, other)) > 0:
+            yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")
         n = len(rows[0])
-        yield from self._sd_findings("sd_relative", "sd_hz", n)
+        yield from self._sd_findings("sd_relative", absolute, n)
         if self.damping_ratios is not None:
             yield from self._row_findings("damping_ratios", self.damping_ratios, n)
             if any(not 0 <= value < 1 for value in _flat(self.damping_ratios) if not math.isnan(value)):
