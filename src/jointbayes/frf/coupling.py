@@ -161,7 +161,8 @@ class LowRankCoupling:
         """
         if self._free is not None:
             return self._free[None]
-        return self._with_bodies(free_receptance(self._family, self._modes, factors, self.omega))
+        modelled = free_receptance(self._family, self._modes, factors, self.omega)
+        return self._with_bodies(modelled) if self.bodies else modelled  # symmetric as it is
 
     def _with_bodies(self, modelled: ComplexArray) -> ComplexArray:
         for body, motions in self.bodies:

@@ -17,7 +17,7 @@ import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numpy.typing import NDArray
 
-__all__ = ["LANES", "compiled", "in_order", "inner", "lane_blocks"]
+__all__ = ["LANES", "aligned_zeros", "compiled", "in_order", "inner", "lane_blocks"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -130,7 +130,7 @@ def _say(kind: str, text: str) -> None:
         logging.getLogger("jointbayes").warning("jointbayes: %s", text)
 
 
-def _aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
+def aligned_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Zeros that begin at a cache line: a vector load across two lines costs a third of the kernel's speed."""
     size = math.prod(shape)
     buffer = np.zeros(size + 8)
@@ -145,7 +145,7 @@ def lane_blocks(rows: NDArray[np.float64], width: int = LANES) -> NDArray[np.flo
     """
     *lead, k, lines = rows.shape
     blocks = -(-lines // width)
-    out = _aligned((*lead, blocks * k * width))
+    out = aligned_zeros((*lead, blocks * k * width))
     padded = np.zeros((*lead, k, blocks * width))
     padded[..., :lines] = rows
     out[:] = padded.reshape(*lead, k, blocks, width).swapaxes(-3, -2).reshape(*lead, -1)

@@ -9,7 +9,7 @@ Of most joints K⁻¹ is known to nearly all digits: H = A_ab − A_aj (K⁻¹ +
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.frf.kernels.compiled import compiled, inner, lane_blocks
+from jointbayes.frf.kernels.compiled import aligned_zeros, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.ports import as_batch
 
@@ -225,6 +225,18 @@ def _over_lines(
 
 
 @compiled
+def _pack(free: ComplexArray, rows: NDArray[np.int64], out: Array) -> None:
+    """Receptances (lines, k, k) between some of the motions, as rows (blocks, q, q rows)."""
+    for line in range(len(free)):
+        b, j = line // _WIDTH, line % _WIDTH
+        for p in range(len(rows)):
+            for q in range(len(rows)):
+                value = free[line, rows[p], rows[q]]
+                out[b, p, q * 2 * _WIDTH + j] = value.real
+                out[b, p, (q * 2 + 1) * _WIDTH + j] = value.imag
+
+
+@compiled
 def _yielding_over_lines(
     compliance: Array, places: NDArray[np.int64], r: int, free: Array, ports: NDArray[np.int64], data: Array, out: Array
 ) -> None:
@@ -258,10 +270,9 @@ class MultiDofCoupling:
         port = port.ravel()
         self.ports = np.array([(port[o], port[n_out + i]) for o in range(n_out) for i in range(q - n_out)])
         rows = np.concatenate([np.arange(r), r + kept])
-        chosen = np.moveaxis(free[:, rows[:, None], rows], 0, -1)
         self.along = along[:, kept]
-        blocks = _blocks(np.stack([chosen.real, chosen.imag], axis=2))
-        self.free = blocks.reshape(*blocks.shape[:2], -1)
+        self.free = aligned_zeros((-(-len(free) // _WIDTH), len(rows), len(rows) * 2 * _WIDTH))
+        _pack(free, rows, self.free)
 
     def receptance(self, stiffness: ArrayLike) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
