@@ -148,7 +148,21 @@ def _sampler_row(row: Data) -> tuple[str, ...]:
     return (name, *(number(row[figure]) for figure in figures))
 
 
-_SECTIONS = {"likelihood": ("Cost of a likelihood", _likelihood), "samplers": ("Samplers", _samplers)}
+def _small_data(data: Data) -> list[str]:
+    lines = [
+        "CPU time of `jointbayes run`, a process from the case file to the report, over that of the main case, which",
+        "runs first and last. The cases that are not shipped stand in `benchmarks/small_data.py`.",
+        "",
+    ]
+    rows = ((name, number(row["cpu_s"]), number(row["ratio"], 2)) for name, row in data["cases"].items())
+    return lines + table(("case", "s of CPU", "over the main case"), rows)
+
+
+_SECTIONS = {
+    "likelihood": ("Cost of a likelihood", _likelihood),
+    "samplers": ("Samplers", _samplers),
+    "small_data": ("Few measured frequencies", _small_data),
+}
 
 
 def in_short(results: Data) -> str:

@@ -2,14 +2,27 @@
 
 import argparse
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks import cases, jax_model, joint_damping, likelihood, measured_body, page, peers, record, timing
+from benchmarks import (
+    cases,
+    jax_model,
+    joint_damping,
+    likelihood,
+    measured_body,
+    page,
+    peers,
+    record,
+    small_data,
+    timing,
+)
 from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
 from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 
+import jointbayes as jb
 from jointbayes.structure import FixedFamily
 
 PEERS = [
@@ -238,3 +251,13 @@ def test_a_page_on_coverage_shows_what_its_study_recorded(study):
     results = json.loads(study.RESULTS.read_text(encoding="utf-8"))
     assert study.section(results) in study.PAGE.read_text(encoding="utf-8")
     assert all(data["data_sets"] == 100 for data in results.values())
+
+
+@pytest.mark.parametrize("name", small_data.CASES)
+def test_cases_of_few_frequencies_are_cases_whose_density_takes_no_eigensolution_for_each_draw(name):
+    problem = jb.case_from_text("small", small_data.CASES[name]).problem
+    theta = problem.prior.sample(np.random.default_rng(1), 2000)
+    problem.log_posterior(theta[:1])
+    began = time.process_time()
+    assert np.isfinite(problem.log_posterior(theta)).all()
+    assert time.process_time() - began < 1.0  # 0.1 s; a solution of the strip for each was 0.5 s a draw
