@@ -19,11 +19,11 @@ from jointbayes.identification import (
     ModeSearch,
     compliance_start,
     first_starts,
-    missing_for_iteration,
     part_to_iterate,
     refine,
     search_further,
     sensitivity_iteration,
+    why_not_iterated,
 )
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
@@ -91,7 +91,7 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
     problem, whole = _problem_and_case(case)
     part = part_to_iterate(problem)
     if part is None:
-        raise ModelError(f"{problem.name}: {_why_not_iterated(problem)}; use find_map instead")
+        raise ModelError(f"{problem.name}: {why_not_iterated(problem)}; use find_map instead")
     assert isinstance(part.measurement, FrfMeasurement)
     assert part.joint_frf is not None
     start = part.first_guess if initial is None else np.asarray(initial, dtype=float)
@@ -106,21 +106,6 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
         **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
     return replace(history, setup=part.setup)
-
-
-def _why_not_iterated(problem: Problem) -> str:
-    """What was found in place of what the paper's iteration expects."""
-    bodies = [body.name for part in problem.parts for body in part.measured_bodies]
-    if bodies:
-        return (
-            f"found the measured body {bodies[0]}; the paper's iteration expects a structure that is modelled "
-            "throughout"
-        )
-    if problem.parametrisation.damped:
-        return "found damping of the joint; the paper's iteration expects stiffnesses alone"
-    if not any(isinstance(part.measurement, FrfMeasurement) for part in problem.parts):
-        return "found natural frequencies as data; the paper's iteration expects FRFs"
-    return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"
 
 
 def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:

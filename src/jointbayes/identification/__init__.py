@@ -11,6 +11,7 @@ from jointbayes.identification.paper_iteration import (
     missing_for_iteration,
     part_to_iterate,
     sensitivity_iteration,
+    why_not_iterated,
 )
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.refine import refine
@@ -37,4 +38,5 @@ __all__ = [
     "screened_draws",
     "search_further",
     "sensitivity_iteration",
+    "why_not_iterated",
 ]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
+from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import Structure, StructureFamily
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "missing_for_iteration",
     "part_to_iterate",
     "sensitivity_iteration",
+    "why_not_iterated",
 ]
 
 Array = NDArray[np.float64]
@@ -229,3 +231,18 @@ def missing_for_iteration(problem: Problem) -> str:
     """What measurement files lack for the paper's iteration, in words; empty where no file could have had it."""
     provenances = (part.measurement.provenance for part in problem.parts)
     return next((known.iteration for known in provenances if known is not None and known.iteration), "")
+
+
+def why_not_iterated(problem: Problem) -> str:
+    """What was found in place of what the paper's iteration expects."""
+    bodies = [body.name for part in problem.parts for body in part.measured_bodies]
+    if bodies:
+        return (
+            f"found the measured body {bodies[0]}; the paper's iteration expects a structure that is modelled "
+            "throughout"
+        )
+    if problem.parametrisation.damped:
+        return "found damping of the joint; the paper's iteration expects stiffnesses alone"
+    if not any(isinstance(part.measurement, FrfMeasurement) for part in problem.parts):
+        return "found natural frequencies as data; the paper's iteration expects FRFs"
+    return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"
