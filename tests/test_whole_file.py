@@ -11,7 +11,8 @@ import pytest
 
 from jointbayes import whole_file as files
 from jointbayes.errors import WriteError
-from jointbayes.whole_file import claimed, exchanged, scratch_directory, swept, whole_file, write_whole_file
+from jointbayes.own_directory import LOCK, MARK, locked
+from jointbayes.whole_file import exchanged, scratch_directory, swept, whole_file, write_whole_file
 
 pytestmark = pytest.mark.skipif(files.fcntl is None, reason="this system has no locks on files that end with a process")
 
@@ -90,9 +91,36 @@ def test_nothing_is_swept_that_only_looks_like_a_scrap(tmp_path):
 
 
 def test_a_scrap_with_no_lock_in_it_is_swept(tmp_path):
-    (tmp_path / ".one.12345678.jointbayes" / "new").mkdir(parents=True)  # killed before it was locked
+    (tmp_path / ".one.12345678.jointbayes").mkdir()  # killed before it was locked
     swept(tmp_path)
     assert names(tmp_path) == []
+
+
+def scrap(place):
+    """A directory as a process leaves it that was killed as it wrote in it."""
+    place.mkdir()
+    (place / MARK).write_text(f"jointbayes: {files._KIND}\n", encoding="utf-8")
+    (place / LOCK).write_text("process 1 on somewhere\n", encoding="utf-8")
+    return place
+
+
+def test_a_directory_without_our_mark_is_not_swept(tmp_path):
+    others = tmp_path / ".one.12345678.jointbayes"
+    (others / "new").mkdir(parents=True)
+    (others / "new" / "thesis").write_text("mine", encoding="utf-8")
+    swept(tmp_path)
+    assert (others / "new" / "thesis").read_text(encoding="utf-8") == "mine"
+    assert names(others) == ["new"]
+
+
+def test_nothing_is_moved_out_of_a_directory_that_a_scrap_links_to(tmp_path):
+    (tmp_path / "victim").mkdir()
+    (tmp_path / "victim" / "thesis").write_text("mine", encoding="utf-8")
+    (tmp_path / "here").mkdir()
+    (scrap(tmp_path / "here" / ".one.12345678.jointbayes") / "old").symlink_to(tmp_path / "victim")
+    swept(tmp_path / "here")
+    assert names(tmp_path / "victim") == ["thesis"]
+    assert names(tmp_path / "here") == []
 
 
 def directory(place, content):
@@ -140,7 +168,7 @@ def test_an_older_directory_comes_back_where_the_new_one_cannot_take_its_place(t
 
 def test_an_older_directory_comes_back_where_a_process_was_killed_between_two_renames(tmp_path):
     name = "r" * 130 + ".1"  # of which a scrap's name has the beginning only
-    (tmp_path / ".r.12345678.jointbayes" / "old").mkdir(parents=True)
+    (scrap(tmp_path / ".r.12345678.jointbayes") / "old").mkdir()
     directory(tmp_path / ".r.12345678.jointbayes" / "old" / name, "old")
     swept(tmp_path)
     assert names(tmp_path) == [name]
@@ -148,10 +176,10 @@ def test_an_older_directory_comes_back_where_a_process_was_killed_between_two_re
 
 
 def test_a_lock_is_one_process_s_and_free_when_it_has_gone(tmp_path):
-    lock = claimed(tmp_path / "lock")
-    assert claimed(tmp_path / "lock") is None
+    lock = locked(tmp_path / "lock")
+    assert locked(tmp_path / "lock") is None
     os.close(lock)
-    again = claimed(tmp_path / "lock")
+    again = locked(tmp_path / "lock")
     assert again is not None
     os.close(again)
 

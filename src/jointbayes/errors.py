@@ -110,7 +110,7 @@ class ReportInterruptedError(KeyboardInterrupt):
 
 
 class TerminatedError(KeyboardInterrupt):
-    """The program was asked to end by SIGTERM."""
+    """The program was asked to end by SIGTERM or SIGHUP."""
 
 
 def array_of(given: object, kind: type, what: str, error: type[JointBayesError]) -> NDArray[Any]:

@@ -10,29 +10,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jointbayes.errors import WriteError
+from jointbayes.own_directory import OwnDirectory, fcntl, lock_taken, open_regular, still_there, sync_directory
 
-try:
-    import fcntl
-except ImportError:  # Windows: scraps are not swept, and whether another run is at work on a directory is not known
-    fcntl = None  # type: ignore[assignment]
-
-__all__ = [
-    "LOCK",
-    "alone_in",
-    "claimed",
-    "exchanged",
-    "scratch_directory",
-    "swept",
-    "sync_directory",
-    "whole_file",
-    "write_whole_file",
-]
+__all__ = ["exchanged", "scratch_directory", "swept", "whole_file", "write_whole_file"]
 
 _LONGEST = 100  # characters of the target's name in that of its scratch file; names end at 255 bytes
 #: Names of what is being written; a process that is alive holds a lock on it.
 _SCRATCH = re.compile(r"\..*\.[0-9a-f]{8}\.jointbayes", re.DOTALL)
-#: Name of the file in a directory that is locked while a process is at work in it.
-LOCK = "lock"
+_KIND = "files that are being written"
 _OLD = "old"
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of Linux
 _swept: set[str] = set()  # directories in which this process has swept
@@ -102,21 +87,14 @@ def scratch_directory(target: Path) -> Iterator[Path]:
         The directory. A process that dies leaves it, and the next one sweeps it.
     """
     swept(target.parent, once=True)
-    while True:
-        scratch = _scratch_name(target)
-        try:
-            scratch.mkdir()
-        except FileExistsError:
-            continue
-        with suppress(FileNotFoundError):  # another process has swept it before it was claimed
-            lock = claimed(scratch / LOCK)
-            if lock is not None:
-                break
+    scratch = OwnDirectory(_scratch_name(target), _KIND)
+    while os.path.lexists(scratch.path) or not scratch.take():  # another process may sweep it before it is locked
+        scratch = OwnDirectory(_scratch_name(target), _KIND)
     try:
-        yield scratch
+        yield scratch.path
     finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        os.close(lock)
+        shutil.rmtree(scratch.path, ignore_errors=True)
+        scratch.leave()
 
 
 def exchanged(new: Path, target: Path, scratch: Path) -> None:
@@ -159,57 +137,6 @@ def _swapped_at_once(one: Path, other: Path) -> bool:
     return bool(rename(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0)
 
 
-def claimed(path: Path, *, surely: bool = False) -> int | None:
-    """Lock a file, which is made if there is none; the system frees it when this process ends, however it ends.
-
-    Parameters
-    ----------
-    path
-        The file.
-    surely
-        Whether a disk that knows no locks is an error; else the file counts as locked there.
-
-    Returns
-    -------
-    int or None
-        Descriptor to close when done; None where another process has the lock.
-    """
-    while True:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
-        try:
-            if not _locked(lock, surely=surely):
-                os.close(lock)
-                return None
-            if _still_there(path, lock):
-                return lock
-        except BaseException:
-            os.close(lock)
-            raise
-        os.close(lock)  # whoever had it before has removed it meanwhile
-
-
-@contextmanager
-def alone_in(directory: Path) -> Iterator[None]:
-    """Keep other processes out of a directory; the lock ends with the process, however that ends.
-
-    Raises
-    ------
-    WriteError
-        If another one is at work there.
-    """
-    path = directory / LOCK
-    lock = claimed(path)
-    if lock is None:
-        raise WriteError(
-            f"{directory}: found another process at work in it; expected one at a time; wait, or choose another --out"
-        )
-    try:
-        yield
-    finally:
-        path.unlink(missing_ok=True)
-        os.close(lock)
-
-
 def swept(folder: Path, *, once: bool = False) -> None:
     """Remove what processes that died while they wrote into a directory have left there.
 
@@ -229,40 +156,29 @@ def swept(folder: Path, *, once: bool = False) -> None:
     _swept.add(place)
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in [one for one in entries if _SCRATCH.fullmatch(one.name)]:
-            with suppress(OSError):
+            with suppress(OSError, WriteError):  # WriteError: it is not ours
                 _sweep(Path(entry.path), is_directory=entry.is_dir(follow_symlinks=False))
 
 
-def sync_directory(folder: Path) -> None:
-    """Force the names in a directory to the disk, where the system can."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
 def _sweep(scrap: Path, *, is_directory: bool) -> None:
-    if is_directory:
-        lock = claimed(scrap / LOCK, surely=True)
-    else:
-        lock = os.open(scrap, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
-        if not _locked(lock, surely=True):
+    if not is_directory:
+        lock = open_regular(scrap, os.O_RDWR)
+        try:
+            if lock_taken(lock, surely=True):
+                scrap.unlink()
+        finally:
             os.close(lock)
-            lock = None
-    if lock is None:
+        return
+    own = OwnDirectory(scrap, _KIND)
+    if not own.take(surely=True):
         return
     try:
-        if not is_directory:
-            scrap.unlink()
-            return
-        for older in (scrap / _OLD).iterdir() if (scrap / _OLD).is_dir() else ():
-            if not os.path.lexists(scrap.parent / older.name):
-                older.replace(scrap.parent / older.name)
+        for name in os.listdir(scrap / _OLD) if _OLD in own.names() and not (scrap / _OLD).is_symlink() else ():
+            if not os.path.lexists(scrap.parent / name):
+                (scrap / _OLD / name).replace(scrap.parent / name)
         shutil.rmtree(scrap)
     finally:
-        os.close(lock)
+        own.leave()
 
 
 def _claimed_scratch(target: Path) -> tuple[Path, int]:
@@ -273,32 +189,10 @@ def _claimed_scratch(target: Path) -> tuple[Path, int]:
             lock = os.open(scratch, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o666)
         except FileExistsError:
             continue
-        if fcntl is None or (_locked(lock) and _still_there(scratch, lock)):
+        if fcntl is None or (lock_taken(lock) and still_there(scratch, lock)):
             return scratch, lock
         os.close(lock)  # swept before it was locked
 
 
 def _scratch_name(target: Path) -> Path:
     return target.with_name(f".{target.name[:_LONGEST]}.{secrets.token_hex(4)}.jointbayes")
-
-
-def _locked(descriptor: int, *, surely: bool = False) -> bool:
-    """Whether a lock was free; it is taken now."""
-    if fcntl is None:
-        return True
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        if surely:
-            raise
-    return True
-
-
-def _still_there(path: Path, descriptor: int) -> bool:
-    try:
-        there = os.stat(path, follow_symlinks=False)
-    except FileNotFoundError:
-        return False
-    return os.path.samestat(there, os.fstat(descriptor))

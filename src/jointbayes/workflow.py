@@ -282,16 +282,25 @@ def _found_mode(
     """The MAP estimate, from the checkpoint if it is there."""
     if checkpoint is None:
         return find_map(case, seed=seed, tell=tell)
-    if checkpoint.estimate is None:
+    problem, _ = _problem_and_case(case)
+    estimate = None
+    if checkpoint.estimate is not None:
+        from jointbayes.posterior.agreement import require_estimate
+        from jointbayes.posterior.file_record import parse_estimate
+
+        try:
+            kept = parse_estimate(checkpoint.estimate, str(checkpoint.path))
+            require_estimate(problem, kept, str(checkpoint.path))
+            estimate = kept.estimate
+        except MeasurementError:
+            tell(f"{checkpoint.path}: found no estimate of the mode of this problem; searching for the mode again")
+    if estimate is None:
         estimate = find_map(case, seed=seed, tell=tell)
         checkpoint.keep_estimate(estimate_record(estimate))
         return estimate
-    from jointbayes.posterior.file_record import estimate_from
-
     tell(f"going on with the run that was interrupted, after {checkpoint.steps} steps")
-    problem, _ = _problem_and_case(case)
     iteration = identify(case) if part_to_iterate(problem) is not None else None
-    return replace(estimate_from(checkpoint.estimate), iteration=iteration)
+    return replace(estimate, iteration=iteration)
 
 
 def _generator(seed: int, purpose: int) -> np.random.Generator:

@@ -1,5 +1,6 @@
 """Runs that are stopped from outside: by a signal, by another run, by what stands in their way."""
 
+import hashlib
 import json
 import os
 import signal
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
+from jointbayes.report.run_directory import room_of_run
 from jointbayes.sampling import SamplerSettings, UnfinishedRun, checkpoint
 from tests.conftest import CONFIGS, cheap_frequencies_text, edited
 
@@ -69,10 +71,11 @@ def test_a_run_stopped_by_a_signal_says_how_to_go_on_and_goes_on_to_the_same_bit
     assert jb.load_posterior("x.nc").theta.tobytes() == undisturbed.theta.tobytes()
 
 
-def test_a_signal_before_the_first_step_leaves_nothing(config, tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_before_the_first_step_leaves_nothing(config, tmp_path, number):
     code = (
         "import os\nfrom jointbayes import workflow\nfrom jointbayes.cli.commands import main\n"
-        "def search(*_a, **_o):\n    os.kill(os.getpid(), 15)\n    import time; time.sleep(9)\n"
+        f"def search(*_a, **_o):\n    os.kill(os.getpid(), {int(number)})\n    import time; time.sleep(9)\n"
         "workflow.find_map = search\nmain()"
     )
     done = program(tmp_path, code, "run", config.name, "--out", "out")
@@ -106,7 +109,7 @@ def test_two_runs_on_one_directory_are_refused(config, tmp_path):
         for command in ("run", "sample"):
             result = cli(command, config, "--out", "out", "--resume")
             assert result.exit_code == 2
-            assert f"out.unfinished: found another run at work on it (process {os.getpid()} on " in result.stderr
+            assert f"out.unfinished: found another process at work in it (process {os.getpid()} on " in result.stderr
     assert names(tmp_path) == ["clamp.toml"]
 
 
@@ -119,6 +122,50 @@ def test_a_changed_case_is_refused_by_its_key(config, tmp_path):
     assert "structure.elements: found 5, expected 4 as in the checkpoint" in result.stderr
     config.write_text(f"# only a comment\n{text}", encoding="utf-8")
     assert cli("sample", config, "--out", "x.nc", "--resume").exit_code in (0, 3)
+
+
+@pytest.mark.parametrize("estimate", [{}, {"theta": [1.0]}, None], ids=["empty", "of another shape", "of 2 numbers"])
+def test_an_estimate_that_is_not_of_this_problem_is_found_again(config, tmp_path, estimate, monkeypatch):
+    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
+    monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
+    case, settings, told = jb.load_case(config), SamplerSettings(walkers=8, max_steps=100), []
+    expected = jb.sample(case, seed=2, settings=settings, checkpoint=tmp_path / "run").theta.tobytes()
+    lines = (tmp_path / "run" / "blocks").read_bytes().splitlines(keepends=True)
+    (number,) = (i for i, line in enumerate(lines) if b'"estimate"' in line)
+    kept = json.loads(lines[number][65:])["estimate"]
+    kept = estimate if estimate is not None else {**kept, "theta": kept["theta"][:2]}
+    text = json.dumps({"estimate": kept}).encode()
+    lines[number] = hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
+    (tmp_path / "run" / "blocks").write_bytes(b"".join(lines))
+    again = jb.sample(case, seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True, tell=told.append)
+    assert again.theta.tobytes() == expected
+    assert any("found no estimate of the mode of this problem; searching for the mode again" in line for line in told)
+
+
+def test_a_run_directory_with_a_file_of_the_user_is_refused_before_any_work(config, tmp_path, monkeypatch):
+    monkeypatch.setattr("jointbayes.workflow.find_map", None)
+    (tmp_path / "out" / "figures").mkdir(parents=True)
+    for name in ("summary.json", "report.html", "figures/k11.svg"):
+        (tmp_path / "out" / name).touch()
+    for name, found in (("notes.txt", "notes.txt"), ("figures/photo.jpg", "figures/photo.jpg"), ("raw/x.uff", "raw")):
+        (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "out" / name).write_text("mine", encoding="utf-8")
+        result = cli("run", config, "--out", "out")
+        assert result.exit_code == 2
+        assert f"out: found {found} in it, which no run wrote; expected a new directory or" in result.stderr
+        (tmp_path / "out" / name).unlink()
+    (tmp_path / "out" / "raw").rmdir()
+    (tmp_path / "link").symlink_to("out")
+    assert "link: found a link; expected" in cli("run", config, "--out", "link").stderr
+    assert names(tmp_path) == ["clamp.toml", "link", "out"]
+
+
+def test_a_run_asks_for_the_room_of_checkpoint_draws_and_report_together(config):
+    case = jb.load_case(config)
+    settings = SamplerSettings(walkers=8, max_steps=20_000)
+    draws = 1000 * 4 * 8 * 8  # bytes of one number of each draw
+    assert room_of_run(case.problem, settings, report=False) == draws * (4 + 9)  # θ and ln p; 3 + 3 + 3
+    assert room_of_run(case.problem, settings, report=True) == draws * (4 + 2 * 9) + 3_000_000
 
 
 class Killed(Exception):
@@ -248,7 +295,7 @@ def _session(pid):
 def test_a_full_disk_is_one_line_and_nothing_hidden_stays(config, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1200k", "tmpfs", disk], check=False).returncode:
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3000k", "tmpfs", disk], check=False).returncode:
         pytest.skip("only root can mount a small disk: NOT TESTED")
     try:
         done = program(tmp_path, EVERY_BLOCK + FILLED, "sample", config.name, "--out", "disk/x.nc")

@@ -85,3 +85,7 @@ def test_without_a_directory_to_write_to_a_temporary_one_of_the_user_serves(tmp_
     third = run("--nowhere", TMPDIR=tmp_path, NUMBA_CACHE_DIR=tmp_path / "file")
     assert "compiling the loops" in third
     assert str(directory) + ":" not in third
+    before = sorted(tmp_path.iterdir())
+    fourth = run("--nowhere", TMPDIR=tmp_path, NUMBA_CACHE_DIR=tmp_path / "file")
+    assert "compiling the loops" not in fourth  # the same one serves again, and none is left behind at each start
+    assert sorted(tmp_path.iterdir()) == before

@@ -2,18 +2,24 @@
 
 import dataclasses
 import errno
+import hashlib
+import json
 import os
 import signal
+import stat
+import time
 
 import numpy as np
 import pytest
 
-from jointbayes.errors import CheckpointError
+from jointbayes.errors import CheckpointError, WriteError
+from jointbayes.own_directory import OwnDirectory
 from jointbayes.sampling import Identity, Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted
 from jointbayes.sampling import checkpoint as checkpoints
 from tests.sampling.test_adapted import exact, filament, of_one_half
 
 SETTINGS = SamplerSettings(walkers=8, max_steps=600, end_tolerance=1e-6)
+SHORT = SamplerSettings(walkers=8, max_steps=100, check_every=10, end_tolerance=1e-6)
 OF_STAGES = SamplerSettings(walkers=24, max_steps=1500)
 PARTS = {"seed": "4", "sampling.walkers": "8"}
 
@@ -48,6 +54,11 @@ def run(begin, keeper=None, density=gaussian, progress=None, settings=SETTINGS):
 @pytest.fixture(scope="module")
 def undisturbed(begin):
     return run(begin)
+
+
+@pytest.fixture(scope="module")
+def short(begin):
+    return run(begin, settings=SHORT)
 
 
 def killed_after(steps):
@@ -134,34 +145,210 @@ def flipped(path, place):
     path.write_bytes(bytes(content))
 
 
+def lines_of(run):
+    return (run / "blocks").read_bytes().splitlines(keepends=True)
+
+
+def signed(line):
+    """A line with its right digest, whatever it says."""
+    text = line if isinstance(line, bytes) else json.dumps(line).encode()
+    return hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
+
+
+def without_line(number):
+    def remove(run):
+        lines = lines_of(run)
+        (run / "blocks").write_bytes(b"".join([*lines[:number], *lines[number:][1:]]))
+
+    return remove
+
+
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "damaged"),
     [
-        (lambda run: flipped(run / "checkpoint", 40), "damaged"),
-        (lambda run: (run / "checkpoint").write_bytes(b""), "damaged"),
-        (lambda run: (run / "checkpoint").write_bytes((run / "checkpoint").read_bytes()[:-30]), "damaged"),
-        (lambda run: flipped(run / "draws-0", -5), "damaged"),
-        (lambda run: os.truncate(run / "draws-0", (run / "draws-0").stat().st_size - 8), "damaged"),
-        (lambda run: (run / "checkpoint").unlink(), None),  # killed between two renames
-        (lambda run: (run / "checkpoint.new").write_bytes(b"half a che"), None),  # killed while it was written
-        (lambda run: os.truncate(run / "draws-0", (run / "draws-0").stat().st_size + 12), None),  # half appended
+        (lambda run: flipped(run / "blocks", 40), 1),
+        (lambda run: flipped(run / "blocks", len(lines_of(run)[0]) + 90), 1),
+        (lambda run: flipped(run / "blocks", -30), 1),
+        (lambda run: flipped(run / "blocks", -1), 0),  # looks as if the last line had not been written whole
+        (lambda run: (run / "blocks").write_bytes((run / "blocks").read_bytes()[:-30]), 0),
+        (without_line(3), 0),
+        (lambda run: flipped(run / "draws", -5), 1),
+        (lambda run: flipped(run / "draws", 20), 1),
+        (lambda run: os.truncate(run / "draws", (run / "draws").stat().st_size - 8), 1),
+        (lambda run: (run / "draws").unlink(), 5),
+        (lambda run: os.truncate(run / "draws", (run / "draws").stat().st_size + 12), 0),  # half appended
+        (lambda run: os.truncate(run / "blocks", (run / "blocks").stat().st_size + 12), 0),
     ],
-    ids=["a bit", "empty", "cut", "a bit of the draws", "draws cut", "renamed", "half written", "half appended"],
-)
-def test_what_a_crash_damages_costs_a_block_at_most(begin, undisturbed, tmp_path, damage, said):
+    ids=[
+        "a bit of the head", "a bit of the other", "a bit of a line", "an end of a line", "cut", "a line gone",
+        "a bit of the draws", "a bit of the first draws", "draws cut", "no draws", "half appended", "half a line",
+    ],
+)  # fmt: skip
+def test_what_a_crash_damages_is_made_again(begin, undisturbed, tmp_path, damage, damaged):
     killed(begin, tmp_path / "run", 250)
     damage(tmp_path / "run")
     told = []
     same(resumed(begin, tmp_path / "run", told), undisturbed)
-    assert [line for line in told if "damaged" in line] == told
-    assert len(told) == (said is not None)
+    assert told == [f"{tmp_path / 'run'}: found {damaged} damaged blocks of steps; they are made again"] * bool(damaged)
+    same(resumed(begin, tmp_path / "run"), undisturbed)  # what was made again is on disk
 
 
-def test_two_damaged_checkpoints_are_refused(begin, tmp_path):
+def test_a_flipped_bit_costs_one_block(begin, tmp_path):
+    def steps_made(damage):
+        place = tmp_path / str(damage)
+        killed(begin, place, 500)
+        if damage is not None:
+            flipped(place / "draws", damage)
+        calls = []
+        with pytest.raises(Killed):
+            resumed(begin, place, density=lambda theta: (calls.append(0), gaussian(theta))[1],
+                    progress=killed_after(550))  # fmt: skip
+        return len(calls)
+
+    block = steps_made(None)  # from 500 to 550
+    for place in (0, 8 * 50 * 4 * 8 * 3 * 4 + 77):  # in the first and in the fifth block of 50 steps
+        assert 1.5 * block < steps_made(place) < 2.5 * block
+
+
+def test_any_flipped_bit_is_survived(begin, short, tmp_path):
+    killed(begin, tmp_path / "run", 90, settings=SHORT)
+    whole = {name: (tmp_path / "run" / name).read_bytes() for name in ("blocks", "draws")}
+    rng = np.random.default_rng(5)
+    for number in range(12):
+        name = ("blocks", "draws")[number % 2]
+        for file, content in whole.items():
+            (tmp_path / "run" / file).write_bytes(content)
+        place, bit = int(rng.integers(len(whole[name]))), int(rng.integers(8))
+        content = bytearray(whole[name])
+        content[place] ^= 1 << bit
+        (tmp_path / "run" / name).write_bytes(bytes(content))
+        same(resumed(begin, tmp_path / "run", settings=SHORT), short)
+
+
+def changed(run, number, **values):
+    """Write a line anew with other values and the right digest."""
+    lines = lines_of(run)
+    (run / "blocks").write_bytes(
+        b"".join([*lines[:number], signed({**json.loads(lines[number][65:]), **values}), *lines[number + 1 :]])
+    )
+
+
+OTHER_CONTENT = [
+    {"stage": -1}, {"stage": "0"}, {"stage": 7}, {"block": 2**70}, {"block": None}, {"offset": 10**15}, {"offset": -8},
+    {"offset": 8}, {"shape": [10, 4, 8]}, {"shape": [10**6, 4, 8, 3]}, {"shape": [0, 4, 8, 3]}, {"shape": "none"},
+    {"shape": [10, 8, 4, 3]}, {"sha256": ""}, {"sha256": 1}, {"moves": []}, {"moves": [{}] * 4}, {"moves": {}},
+    {"moves": [{"stretch": [1]}] * 4}, {"moves": [{"stretch": ["a", "b"]}] * 4}, {"singular": None}, {"seconds": -1.0},
+    {"seconds": float("nan")}, {"more": 1},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("values", OTHER_CONTENT, ids=[str(values) for values in OTHER_CONTENT])
+def test_other_content_with_the_right_digest_is_no_traceback(begin, short, tmp_path, values):
+    killed(begin, tmp_path / "run", 50, settings=SHORT)
+    changed(tmp_path / "run", 4, **values)
+    told = []
+    chains, _ = resumed(begin, tmp_path / "run", told, settings=SHORT)
+    assert chains.theta.tobytes() == short[0].theta.tobytes()
+
+
+@pytest.mark.parametrize("line", [b"", b"null", b"[]", b"{}", b"1e999", b"{" * 10_000, b"\xff", b'{"estimate": 3}'])
+def test_a_line_that_is_something_else_is_a_damaged_one(begin, short, tmp_path, line):
+    killed(begin, tmp_path / "run", 50, settings=SHORT)
+    with (tmp_path / "run" / "blocks").open("ab") as stream:
+        stream.write(signed(line))
+    told = []
+    same(resumed(begin, tmp_path / "run", told, settings=SHORT), short)
+    assert told == [f"{tmp_path / 'run'}: found 1 damaged blocks of steps; they are made again"]
+
+
+def test_draws_that_are_no_numbers_are_made_again_whatever_their_digest(begin, short, tmp_path):
+    killed(begin, tmp_path / "run", 50, settings=SHORT)
+    size = 8 * 10 * 4 * 8 * 3
+    draws = bytearray((tmp_path / "run" / "draws").read_bytes())
+    draws[size : 2 * size] = np.full(size // 8, np.nan).tobytes()
+    (tmp_path / "run" / "draws").write_bytes(bytes(draws))
+    changed(tmp_path / "run", 3, sha256=hashlib.sha256(draws[size : 2 * size]).hexdigest())
+    same(resumed(begin, tmp_path / "run", settings=SHORT), short)
+
+
+def test_a_checkpoint_of_another_version_is_refused(begin, tmp_path):
     killed(begin, tmp_path / "run", 150)
-    flipped(tmp_path / "run" / "draws-0", 5)
-    with pytest.raises(CheckpointError, match="found both checkpoints damaged; expected one that is whole; remove"):
+    for number in (0, 1):
+        changed(tmp_path / "run", number, version=99)
+    with pytest.raises(CheckpointError, match="found checkpoint version 99; expected version 2; remove that directory"):
         resumed(begin, tmp_path / "run")
+
+
+def test_a_checkpoint_that_does_not_say_what_it_is_of_is_refused(begin, tmp_path):
+    killed(begin, tmp_path / "run", 150)
+    for number in (0, 1):
+        changed(tmp_path / "run", number, fingerprint=3)
+    with pytest.raises(CheckpointError, match="found a damaged checkpoint; expected version 2; remove that directory"):
+        resumed(begin, tmp_path / "run")
+
+
+# ---- directories and files that are not ours
+
+
+def test_a_directory_of_somebody_else_is_refused_and_stays(begin, tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis").write_text("mine", encoding="utf-8")
+    monkeypatch.chdir(tmp_path / "mine")
+    for place in (tmp_path / "mine", "."):
+        with pytest.raises(
+            CheckpointError, match="found a directory that holds other files, and no mark of jointbayes"
+        ):
+            begun(begin, place)
+        with pytest.raises(CheckpointError, match="remove it if an older jointbayes left it"):
+            resumed(begin, place)
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis"]
+
+
+def test_a_directory_of_another_kind_is_refused(begin, tmp_path):
+    with OwnDirectory(tmp_path / "run", "a campaign"):
+        pass
+    with pytest.raises(
+        CheckpointError, match="found a directory of a campaign; expected a new directory, or one of an"
+    ):
+        begun(begin, tmp_path / "run")
+
+
+def test_files_that_somebody_puts_into_the_directory_stay(begin, tmp_path):
+    with UnfinishedRun(tmp_path / "run") as keeper:
+        keeper.begin(PARTS)
+        run(begin, keeper)
+        (tmp_path / "run" / "draws-0").write_text("mine", encoding="utf-8")
+        (tmp_path / "run" / "folder").mkdir()
+        keeper.discard()
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == [".jointbayes", "draws-0", "folder"]
+
+
+def test_the_directory_is_nobody_elses_to_look_into(tmp_path):
+    with UnfinishedRun(tmp_path / "run"):
+        assert stat.S_IMODE((tmp_path / "run").stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("name", ["blocks", "draws", "lock", ".jointbayes"])
+@pytest.mark.parametrize("kind", ["link", "dangling link", "second name", "directory", "pipe"])
+def test_nothing_is_written_through_what_has_the_name_of_one_of_its_files(begin, tmp_path, name, kind):
+    killed(begin, tmp_path / "run", 20, settings=SHORT)
+    victim, place = tmp_path / "victim", tmp_path / "run" / name
+    victim.write_text("mine", encoding="utf-8")
+    place.unlink(missing_ok=True)
+    if kind == "second name":
+        os.link(victim, place)
+    elif kind == "directory":
+        place.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to(victim if kind == "link" else tmp_path / "new")
+    before = time.monotonic()
+    with pytest.raises((CheckpointError, WriteError), match="expected"):
+        resumed(begin, tmp_path / "run", settings=SHORT)
+    assert time.monotonic() - before < 5
+    assert victim.read_text(encoding="utf-8") == "mine"
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_run_is_not_begun_where_another_one_is_unfinished(begin, tmp_path):
@@ -189,7 +376,7 @@ def test_draws_of_another_density_are_refused(begin, tmp_path):
 
 def test_two_processes_never_work_on_one_run(tmp_path):
     with UnfinishedRun(tmp_path / "run"):
-        with pytest.raises(CheckpointError, match=f"found another run at work on it .process {os.getpid()} on "):
+        with pytest.raises(CheckpointError, match=f"found another process at work in it .process {os.getpid()} on "):
             UnfinishedRun(tmp_path / "run", resume=True).__enter__()
         assert (tmp_path / "run").is_dir()
     assert not (tmp_path / "run").exists()
@@ -206,9 +393,11 @@ def test_a_disk_that_is_full_costs_no_draws_and_says_so_once(begin, undisturbed,
     def full(*_arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "fsync", full)
     told = []
-    same(begun(begin, tmp_path / "run", told), undisturbed)
+    with UnfinishedRun(tmp_path / "run", tell=told.append) as keeper:
+        monkeypatch.setattr(os, "fsync", full)
+        keeper.begin(PARTS)
+        same(run(begin, keeper), undisturbed)
     assert told == [f"{tmp_path / 'run'}: no checkpoint could be written (No space left on device); going on without"]
 
 
@@ -234,13 +423,13 @@ def test_what_is_written_grows_as_the_draws_do(begin, tmp_path):
     sizes = []
 
     def look(told):
-        sizes.append((written(tmp_path / "run"), (tmp_path / "run" / "checkpoint").stat().st_size))
+        sizes.append((written(tmp_path / "run"), (tmp_path / "run" / "blocks").stat().st_size))
 
     begun(begin, tmp_path / "run", progress=look)
-    draws, checkpoint = np.transpose(sizes)
+    draws, lines = np.transpose(sizes)
     block = 8 * 50 * 4 * 8 * (2 + 1)
     np.testing.assert_array_equal(np.diff(draws, prepend=0), block)  # each draw is written once
-    assert np.diff(checkpoint).max() < 400  # one check more
+    assert np.diff(lines).max() < 2000  # one line more
 
 
 def test_checkpoints_wait_until_they_cost_little(begin, tmp_path, monkeypatch):
@@ -253,7 +442,7 @@ def test_checkpoints_wait_until_they_cost_little(begin, tmp_path, monkeypatch):
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_waits_for_the_block_and_the_checkpoint(begin, undisturbed, tmp_path, monkeypatch, number):
     class Stopped(KeyboardInterrupt):
         pass
@@ -295,4 +484,5 @@ def test_a_second_signal_does_not_wait(begin, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         begun(begin, tmp_path / "run", density=signalled)
     assert len(calls) == 901
-    assert UnfinishedRun(tmp_path / "run").holds_a_run
+    with UnfinishedRun(tmp_path / "run", resume=True) as keeper:
+        assert keeper.holds_a_run

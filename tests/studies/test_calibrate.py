@@ -16,10 +16,9 @@ from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteErro
 from jointbayes.studies.calibration import calibrate as driver
 from jointbayes.studies.calibration import data_set
 from jointbayes.studies.calibration.data_set import DENSITY, DRAWS, DataSet, analyse
-from jointbayes.studies.calibration.kept import KEPT, KeptDataSets
+from jointbayes.studies.calibration.kept import KEPT, KeptDataSets, calibration_directory
 from jointbayes.studies.calibration.report import calibration_table, ranks_csv
 from jointbayes.studies.calibration.result import FALSE_ALARM, Calibration
-from jointbayes.whole_file import alone_in
 from tests.studies.calibration_cases import FREQUENCIES, Here, small_case, write_case
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
@@ -125,7 +124,7 @@ def test_data_sets_of_another_calibration_are_not_mixed_in(kept, options, part):
 
 
 def test_two_calibrations_in_one_directory_are_refused(kept):
-    with alone_in(kept[0]), pytest.raises(WriteError, match="found another process at work in it"):
+    with calibration_directory(kept[0]), pytest.raises(WriteError, match="found another process at work in it"):
         calibrated(directory=kept[0])
     assert not (kept[0] / "lock").exists()
 
@@ -203,7 +202,14 @@ def test_a_directory_holds_report_numbers_and_ranks(kept, tmp_path):
     found = kept[1]
     jb.write_calibration(found, tmp_path / "out", small_case())
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file()}
-    assert names == {"report.html", "report.pdf", "summary.json", "ranks.csv", "case.toml", "figures/ranks.svg"}
+    assert names - {".jointbayes"} == {
+        "report.html",
+        "report.pdf",
+        "summary.json",
+        "ranks.csv",
+        "case.toml",
+        "figures/ranks.svg",
+    }
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["data_sets"] == COUNT
     assert summary["verdict"] == found.verdict

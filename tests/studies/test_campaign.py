@@ -15,12 +15,11 @@ import jointbayes as jb
 from jointbayes.case.toml_writer import toml_text
 from jointbayes.cli.commands import main
 from jointbayes.studies.campaign.cases import INDEX
-from jointbayes.studies.campaign.directory import require_campaign_directory
+from jointbayes.studies.campaign.directory import campaign_directory
 from jointbayes.studies.campaign.index import LINES, Index, kept_rows
 from jointbayes.studies.campaign.run import case_seed, run_cases
 from jointbayes.studies.campaign.table import read_cases
 from jointbayes.studies.campaign.work import CaseWork, do_case
-from jointbayes.whole_file import alone_in
 from tests.conftest import CONFIGS
 from tests.studies.task_functions import pretend_case
 
@@ -41,7 +40,9 @@ def fault_of(tmp_path, text, base=BASE):
 
 def pretend(tmp_path, text, **settings):
     """Run a campaign whose cases are only pretended, and return its index."""
-    directory = require_campaign_directory(tmp_path / "out")
+    directory = tmp_path / "out"
+    with campaign_directory(directory):
+        pass
     settings = {"seed": 1, "draws": 4000, "again": False, "progress": lambda _: None, "workers": 2, **settings}
     run_cases(read_cases([table_of(tmp_path, text)], BASE), directory, do=pretend_case, **settings)
     return jb.Campaign(directory).index
@@ -183,7 +184,7 @@ class TestDriver:
         assert np.isnan(index["k11.median"]["c2"])
         done = index[index["status"] == "done"]
         assert sorted((tmp_path / "out" / "cases").iterdir()) == [tmp_path / "out" / f for f in done["file"]]
-        assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["cases", INDEX]
+        assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [".jointbayes", "cases", INDEX]
 
     def test_started_again_what_is_done_stays_and_what_failed_is_tried_once_more(self, tmp_path):
         pretend(tmp_path, ROWS)
@@ -293,28 +294,32 @@ class TestDriver:
 class TestDirectory:
     def test_directory_with_other_files_is_refused(self, tmp_path):
         (tmp_path / "x").mkdir()
-        (tmp_path / "x/notes.txt").touch()
-        with pytest.raises(jb.CaseError, match="holds other files"):
-            require_campaign_directory(tmp_path / "x")
-        with pytest.raises(jb.CaseError, match="found a file"):
-            require_campaign_directory(tmp_path / "x/notes.txt")
+        (tmp_path / "x/index.parquet").touch()  # an older one of ours, or anybody's
+        with pytest.raises(jb.WriteError, match=r"holds other files, and no mark.*write 'jointbayes: a campaign' into"):
+            campaign_directory(tmp_path / "x").__enter__()
+        with pytest.raises(jb.WriteError, match="found a file"):
+            campaign_directory(tmp_path / "x/index.parquet").__enter__()
         with pytest.raises(jb.WriteError, match="cannot be written"):
-            require_campaign_directory(tmp_path / "x/notes.txt/below")
+            campaign_directory(tmp_path / "x/index.parquet/below").__enter__()
+        assert [p.name for p in (tmp_path / "x").iterdir()] == ["index.parquet"]
+        (tmp_path / "x/.jointbayes").write_text("jointbayes: a campaign\n")
+        with campaign_directory(tmp_path / "x"):
+            pass
 
     @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
     def test_one_process_at_a_time(self, tmp_path):
         program = (
-            "import sys; from pathlib import Path; from jointbayes.whole_file import alone_in\n"
-            "with alone_in(Path(sys.argv[1])): print('in', flush=True)"
+            "import sys; from jointbayes.studies.campaign.directory import campaign_directory\n"
+            "with campaign_directory(sys.argv[1]): print('in', flush=True)"
         )
-        with alone_in(tmp_path):
+        with campaign_directory(tmp_path / "x"):
             ended = subprocess.run(
-                [sys.executable, "-c", program, tmp_path], capture_output=True, text=True, check=False,
+                [sys.executable, "-c", program, tmp_path / "x"], capture_output=True, text=True, check=False,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
             )  # fmt: skip
-        assert "found another process at work in it" in ended.stderr
-        assert not list(tmp_path.iterdir())
-        with alone_in(tmp_path):
+        assert f"found another process at work in it (process {os.getpid()} on " in ended.stderr
+        assert [p.name for p in (tmp_path / "x").iterdir()] == [".jointbayes"]
+        with campaign_directory(tmp_path / "x"):
             pass
 
     def test_campaign_without_index_or_case_says_so(self, tmp_path):

@@ -165,11 +165,13 @@ def test_estimates_are_drawn_together_and_narrower_given_the_others(campaign):
 
 def test_a_second_report_is_the_same_and_replaces_the_first(copy):
     before = {name: (copy / name).read_bytes() for name in ("report.html", "report.pdf", "summary.json", "joints.csv")}
-    (copy / "figures" / "old.svg").write_text("<svg/>")
+    for old in ("ranking-old.svg", "mine.svg"):
+        (copy / "figures" / old).write_text("<svg/>")
     (copy / "report.html").write_text("old")
     write_campaign_report(copy)
     assert {name: (copy / name).read_bytes() for name in before} == before
-    assert not (copy / "figures" / "old.svg").exists()
+    assert not (copy / "figures" / "ranking-old.svg").exists()
+    assert (copy / "figures" / "mine.svg").exists()  # no report of ours has such a figure
     assert {file.name for file in copy.iterdir()} == FILES
 
 

@@ -42,19 +42,23 @@ def _well_behaved() -> Iterator[None]:
 
 @contextmanager
 def _answering_sigterm() -> Iterator[None]:
-    """Answer SIGTERM as Ctrl-C is answered: what has been made is kept, and nothing hidden stays behind."""
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+    """Answer SIGTERM and SIGHUP as Ctrl-C is: what has been made is kept, and nothing hidden stays behind."""
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
+    asked = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
+    asked = {number for number in asked if signal.getsignal(number) == signal.SIG_DFL}  # nohup ignores SIGHUP
 
     def end(_number: int, _frame: FrameType | None) -> None:
         raise TerminatedError
 
-    signal.signal(signal.SIGTERM, end)
+    for number in asked:
+        signal.signal(number, end)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in asked:
+            signal.signal(number, signal.SIG_DFL)
 
 
 class _Commands(click.Group):

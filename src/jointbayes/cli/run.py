@@ -21,8 +21,6 @@ from jointbayes.cli.common import (
 )
 from jointbayes.cli.output import say
 
-_ROOM = 1_000_000  # bytes of the draws of the smallest case
-
 
 @click.command()
 @config_argument
@@ -37,10 +35,10 @@ def run(config: Path, out: Path | None, seed: int | None, *, resume: bool) -> No
     from jointbayes.errors import ReportError, ReportInterruptedError
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
-    from jointbayes.report.run_directory import require_writable, write_run
+    from jointbayes.report.run_directory import require_writable, room_of_run, write_run
 
     target = out or Path("reports") / case.name
-    require_writable(target)
+    require_writable(target, room=room_of_run(case.problem, case.sampler, report=True))
     with unfinished("run", config, out, target, seed, resume=resume) as kept:
         posterior = draw(case, seed, kept)
         inputs = ReportInputs(posterior)
@@ -114,7 +112,7 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
     case = load(config)
     from jointbayes.errors import CaseError
     from jointbayes.report.kept_draws import save_draws
-    from jointbayes.report.run_directory import require_room
+    from jointbayes.report.run_directory import require_room, room_of_run
 
     target = out or Path(f"{case.name}.nc")
     if not target.absolute().parent.is_dir():
@@ -122,7 +120,7 @@ def sample(config: Path, out: Path | None, seed: int | None, *, resume: bool) ->
     if target.exists() and not target.is_file():
         kind = "a directory" if target.is_dir() else "no regular file"
         raise CaseError(f"{target}: found {kind}; expected a file; choose another --out")
-    require_room(target, _ROOM)
+    require_room(target, room_of_run(case.problem, case.sampler, report=False))
     with unfinished("sample", config, out, target, seed, resume=resume) as kept:
         posterior = draw(case, seed, kept)
         save_draws(posterior, target)

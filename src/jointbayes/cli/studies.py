@@ -134,16 +134,16 @@ def calibrate(
     """
     case = load(config)
     source = load(data_from) if data_from is not None else None
-    from jointbayes.report.run_directory import require_writable
+    from jointbayes.report.run_directory import require_room
     from jointbayes.studies.calibration.calibrate import calibrate as judged
-    from jointbayes.studies.calibration.directory import CALIBRATION_MARK, write_calibration
+    from jointbayes.studies.calibration.directory import write_calibration
     from jointbayes.studies.calibration.report import calibration_lines
 
     name = f"{directory_name(case.name, config)}-calibration"
     if source is not None and data_from is not None:
         name += f"-by-{directory_name(source.name, data_from)}"
     directory = out or Path("reports") / name
-    require_writable(directory, CALIBRATION_MARK)
+    require_room(directory)
     click.get_current_context().meta[UNFINISHED] = (
         f"the data sets that are done are kept in {directory}, where the same command goes on"
     )

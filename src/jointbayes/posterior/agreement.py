@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.draws import PosteriorDraws
-from jointbayes.posterior.file_record import REMEDY, FileRecord
+from jointbayes.posterior.file_record import REMEDY, EstimateRecord, FileRecord
 
-__all__ = ["require_agreement", "require_same_density"]
+__all__ = ["require_agreement", "require_estimate", "require_same_density"]
 
 Array = NDArray[np.float64]
 
@@ -33,20 +33,8 @@ def require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
     MeasurementError
         If anything has another shape or other names: which.
     """
-    names, stiffnesses = problem.names, len(problem.quantities)
-    d = len(names)
-    found = record.map
-    expected: dict[str, tuple[object, object]] = {
-        "mode.theta": (len(record.mode.theta), d),
-        "map.theta": (len(found.theta), d),
-        "map.stiffness": (len(found.stiffness), stiffnesses),
-    }
-    for i, start in enumerate(found.starts):
-        expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
-    for i, mode in enumerate(found.modes):
-        expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
-        if mode.inside is not None:
-            expected[f"map.modes.{i}.inside"] = (len(mode.inside[0]), d)
+    names, d = problem.names, len(problem.names)
+    expected: dict[str, tuple[object, object]] = {"mode.theta": (len(record.mode.theta), d)}
     for name, given in (
         ("r_hat", record.record.r_hat),
         ("sampler.tau", record.record.sampler.tau),
@@ -59,9 +47,24 @@ def require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
             expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), known if row.known else [])
         for i, profile in enumerate(record.knowledge.profiles):
             expected[f"knowledge.profiles.{i}.theta"] = ({len(theta) for theta in profile.theta}, {d})
-    for place, (there, wanted) in expected.items():
-        if there != wanted:
-            raise MeasurementError(f"{where}: record, {place}: found {there}; expected {wanted}; {REMEDY}")
+    _require(expected, where)
+    require_estimate(problem, record.map, where)
+
+
+def require_estimate(problem: Problem, found: EstimateRecord, where: str) -> None:
+    """Refuse a MAP estimate whose shapes are not those of the problem, as `require_agreement` does."""
+    d, stiffnesses = len(problem.names), len(problem.quantities)
+    expected: dict[str, tuple[object, object]] = {
+        "map.theta": (len(found.theta), d),
+        "map.stiffness": (len(found.stiffness), stiffnesses),
+    }
+    for i, start in enumerate(found.starts):
+        expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
+    for i, mode in enumerate(found.modes):
+        expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
+        if mode.inside is not None:
+            expected[f"map.modes.{i}.inside"] = (len(mode.inside[0]), d)
+    _require(expected, where)
     covariances = {"map": found.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(found.modes)}
     covariances |= {f"map.modes.{i}.inside": m.inside[1] for i, m in enumerate(found.modes) if m.inside is not None}
     for place, matrix in covariances.items():
@@ -69,6 +72,12 @@ def require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
             raise MeasurementError(
                 f"{where}: record, {place}.covariance: found none; expected a covariance of {d} numbers; {REMEDY}"
             )
+
+
+def _require(expected: dict[str, tuple[object, object]], where: str) -> None:
+    for place, (there, wanted) in expected.items():
+        if there != wanted:
+            raise MeasurementError(f"{where}: record, {place}: found {there}; expected {wanted}; {REMEDY}")
 
 
 def _is_covariance(rows: tuple[tuple[float, ...], ...], dimension: int) -> bool:

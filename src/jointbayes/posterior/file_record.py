@@ -30,7 +30,7 @@ from jointbayes.posterior.information.uncertain_inputs import Source
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import FILE_VERSION
 
-__all__ = ["REMEDY", "FileRecord", "estimate_from", "parse_record", "provenance_from"]
+__all__ = ["REMEDY", "EstimateRecord", "FileRecord", "parse_estimate", "parse_record", "provenance_from"]
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,9 @@ class _LocalMode(_Part):
         return LocalMode(np.array(self.theta), np.array(self.covariance), self.log_posterior, inside)
 
 
-class _Estimate(_Part):
+class EstimateRecord(_Part):
+    """A MAP estimate, as `estimate_record` wrote it."""
+
     theta: Vector
     stiffness: Vector
     covariance: Rows
@@ -190,7 +192,7 @@ class FileRecord(_Part):
     file_version: int
     record: _Run
     mode: _Mode
-    map: _Estimate
+    map: EstimateRecord
     knowledge: _Knowledge | None = None
     problem: _Problem | None = None
     of_case_text: bool = False  # of a stored problem: whether the text of the case states it
@@ -223,9 +225,18 @@ class FileRecord(_Part):
         return self.map.estimate
 
 
-def estimate_from(plain: Mapping[str, Any]) -> MapEstimate:
-    """MAP estimate from what `estimate_record` made of it."""
-    return _Estimate.model_validate_json(json.dumps(plain)).estimate
+def parse_estimate(plain: Mapping[str, Any], where: str) -> EstimateRecord:
+    """What `estimate_record` made of a MAP estimate, typed.
+
+    Raises
+    ------
+    MeasurementError
+        If it is something else: what.
+    """
+    try:
+        return EstimateRecord.model_validate_json(json.dumps(plain))
+    except ValidationError as error:
+        raise MeasurementError(f"{where}: {_fault(error)}") from None
 
 
 def parse_record(text: str, where: str) -> FileRecord:

@@ -9,22 +9,30 @@ from pathlib import Path
 from typing import Any
 
 from jointbayes.errors import CaseError, WriteError
+from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
+from jointbayes.sampling import SamplerSettings
 from jointbayes.whole_file import exchanged, scratch_directory, swept
 
 __all__ = [
     "json_text",
     "require_room",
     "require_writable",
+    "room_of_run",
     "write_report",
     "write_run",
     "write_whole",
 ]
 
 _MARK = "summary.json"  # by which a run directory is known
-_ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures of the smallest case
+#: What may be in a run directory, or in that of a comparison or a plan; any other file is the user's.
+_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "compare.json", "plan.json")
+_FOLDERS = {"figures": ".svg", "cases": ".toml"}
+_ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures
+_REMEDY = "expected a new directory or an earlier run directory; choose another --out"
+_STEPS = 1000  # of each ensemble; the shipped cases take 100 to 950
 
 
 def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
@@ -127,6 +135,8 @@ def write_whole(
             _write_synced(new / name, text.encode())
         if save_draws is not None:
             save_draws(new / "posterior.nc")
+        if target.is_dir():
+            _require_ours(target)  # once more: hours may have passed
         exchanged(new, target, scratch)
 
 
@@ -159,26 +169,56 @@ def require_writable(target: Path, mark: str = _MARK, room: int = _ROOM) -> None
     WriteError
         If nothing can be written there, or the disk has too little room.
     """
-    remedy = "expected a new directory or an earlier run directory; choose another --out"
     place = Path(os.path.abspath(target))
     here = Path.cwd()
     if os.path.realpath(place) in map(os.path.realpath, (here, *here.parents)):
-        raise CaseError(f"{target}: found the directory of this shell, or one above it; {remedy}")
+        raise CaseError(f"{target}: found the directory of this shell, or one above it; {_REMEDY}")
     if place.is_mount():
-        raise CaseError(f"{target}: found a disk's own directory, which cannot be replaced; {remedy}")
+        raise CaseError(f"{target}: found a disk's own directory, which cannot be replaced; {_REMEDY}")
     if target.is_dir():
         if any(target.iterdir()) and not (target / mark).is_file():
-            raise CaseError(f"{target}: found a directory that holds other files; {remedy}")
+            raise CaseError(f"{target}: found a directory that holds other files; {_REMEDY}")
+        _require_ours(target)
     elif os.path.lexists(target):
-        raise CaseError(f"{target}: found a file; {remedy}")
+        raise CaseError(f"{target}: found a file; {_REMEDY}")
     parent = next(p for p in place.parents if p.exists())
     if not parent.is_dir():
-        raise CaseError(f"{target}: found that {parent} is a file; {remedy}")
+        raise CaseError(f"{target}: found that {parent} is a file; {_REMEDY}")
     swept(parent)
     require_room(target, room)
 
 
-def require_room(target: Path, room: int) -> None:
+def _require_ours(target: Path) -> None:
+    """Refuse to replace a link, or a directory that holds anything that no run has written."""
+    if target.is_symlink():
+        raise CaseError(f"{target}: found a link; {_REMEDY}")
+    for entry in sorted(target.iterdir()):
+        known, below = entry.name in _FILES, [entry]
+        if entry.name in _FOLDERS and entry.is_dir() and not entry.is_symlink():
+            below = sorted(entry.iterdir())
+        for file in below:
+            ours = known if file is entry else file.suffix == _FOLDERS[entry.name]
+            if not ours or file.is_symlink() or not file.is_file():
+                raise CaseError(f"{target}: found {file.relative_to(target)} in it, which no run wrote; {_REMEDY}")
+
+
+def room_of_run(problem: Problem, settings: SamplerSettings, *, report: bool) -> int:
+    """Bytes that a run of a thousand steps has on the disk at one time: checkpoint, draws, and those of a report.
+
+    Parameters
+    ----------
+    problem, settings
+        What is sampled, and how.
+    report
+        Whether a report is written; the draws are there twice meanwhile.
+    """
+    dimension = len(problem.names)
+    draws = 8 * settings.ensembles * settings.walkers * min(settings.max_steps, _STEPS)
+    in_file = dimension + len(problem.quantities) + 3  # θ, stiffnesses, ln p and a share of all the rest
+    return draws * (dimension + 1 + (2 if report else 1) * in_file) + (_ROOM if report else 0)
+
+
+def require_room(target: Path, room: int = _ROOM) -> None:
     """Refuse a place where a file or directory cannot be made, or that has too little room.
 
     Parameters

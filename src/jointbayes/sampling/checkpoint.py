@@ -1,88 +1,108 @@
-"""A run on disk while it is not finished: where it stands, in a directory beside the result, so that it can go on."""
+"""A run on disk while it is not finished: its blocks of steps, beside the result, so that it can go on."""
 
 import hashlib
 import json
+import math
 import os
-import shutil
-import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from jointbayes.errors import CheckpointError
+from jointbayes.own_directory import OwnDirectory, sync_directory
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount
 from jointbayes.sampling.stage import Stage
-from jointbayes.sampling.stopping import Check, EndError
-from jointbayes.whole_file import claimed, sync_directory
 
 __all__ = ["SECONDS_BETWEEN", "UnfinishedRun", "require_same_density"]
 
-#: Least time between two checkpoints, and how many times as long as writing the last one took: it costs less than 2 %.
+#: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
 SECONDS_BETWEEN = 5.0
 _TIMES_THE_COST = 50
 
-_VERSION = 1
-_NEWEST, _PREVIOUS, _NEW, _LOCK = "checkpoint", "checkpoint.previous", "checkpoint.new", "lock"
+_VERSION = 2
+_BLOCKS, _DRAWS = "blocks", "draws"
+_FILES = (_BLOCKS, _DRAWS, "posterior.nc")  # the last one while the report is written
+
+_Count = Annotated[int, Field(ge=0, lt=2**62)]
 
 
-@dataclass(slots=True)
-class _Draws:
-    """What of a stage is on disk: so many bytes of a file that only grows."""
+class _Line(BaseModel):
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
-    rows: int = 0  # of the stage's blocks
-    step: int = 0
-    size: int = 0
-    digest: Any = field(default_factory=hashlib.sha256)
-    moves: list[dict[str, list[int]]] = field(default_factory=list)
-    singular: int = 0
+    def written(self) -> bytes:
+        """The line, with its digest before it."""
+        text = json.dumps(self.model_dump()).encode()
+        return hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
 
-    def take(self, rows: list[list[Block]], content: bytes) -> None:
-        """Count blocks that have been written."""
-        self.rows += len(rows)
-        self.step += _steps(rows)
-        self.size += len(content)
-        self.digest.update(content)
-        for row in rows:
-            self.moves = self.moves or [{} for _ in row]
-            for known, block in zip(self.moves, row, strict=True):
-                self.singular += block.singular
-                for name, count in block.moves.items():
-                    accepted, proposed = known.get(name, (0, 0))
-                    known[name] = [accepted + count.accepted, proposed + count.proposed]
+
+class _Head(_Line):
+    """What all blocks are of."""
+
+    version: int
+    fingerprint: dict[str, str]
+
+
+class _Estimate(_Line):
+    """What was found before the first step."""
+
+    estimate: dict[str, Any]
+
+
+class _Block(_Line):
+    """A block of steps of all ensembles: where it is in the file of draws, and its digest."""
+
+    stage: _Count
+    block: _Count
+    offset: _Count
+    shape: tuple[_Count, _Count, _Count, _Count]  # steps, ensembles, walkers, θ and log-density
+    sha256: str
+    moves: tuple[dict[str, tuple[_Count, _Count]], ...]
+    singular: _Count
+    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]  # spent on the stage so far
+
+    @property
+    def size(self) -> int:
+        """Bytes of draws."""
+        return 8 * math.prod(self.shape)
+
+
+_ANY_LINE = TypeAdapter[_Head | _Estimate | _Block](_Head | _Estimate | _Block)
 
 
 class UnfinishedRun:
     """The directory of a run that is not finished, locked by the process that is at work on it.
 
-    ``checkpoint`` says where the run stands: what it is a run of, the mode that was found, and how many bytes of the
-    files ``draws-0``, ``draws-1`` … count, with their digests; these files only grow. It is written beside, forced to
-    the disk and renamed, and the one before stays as ``checkpoint.previous``. ``lock`` is locked while a process is at
-    work and names it.
+    ``draws`` has the draws of blocks of steps, one after the other. ``blocks`` has a line for each, with its digest,
+    and before them what the run is of, twice, and the mode that was found. Both only grow, the draws first. The random
+    numbers of a block are a function of its number: one that is damaged is made again, bit for bit, and the others
+    stay.
 
     Parameters
     ----------
     path
-        The directory; it is made if it is not there.
+        The directory; it is made if it is not there. One that somebody else made is refused.
     resume
         Go on with what is there; where nothing is, begin.
     tell
-        Called with one line where the newest checkpoint is damaged, where there is none to go on with, and where none
-        can be written.
+        Called with one line where blocks are damaged, where there is no run to go on with, and where none can be
+        written.
     remedy
         What a user should do who did not ask to go on.
 
     Raises
     ------
     CheckpointError
-        On entering: if another process is at work on it, if a run is there and `resume` is false, or if both its
-        checkpoints are damaged.
+        On entering: if the directory is not ours, if another process is at work on it, if a run is there and `resume`
+        is false, or if what it is a run of cannot be read or is of another version.
+    WriteError
+        On entering: if a link or anything but a regular file has the name of one of its files.
     """
 
     def __init__(
@@ -95,21 +115,27 @@ class UnfinishedRun:
     ) -> None:
         self.path = Path(path)
         self.estimate: Any = None
+        self._own = OwnDirectory(
+            path,
+            "an unfinished run",
+            "choose another place, or remove it if an older jointbayes left it",
+            error=CheckpointError,
+            private=True,
+        )
         self._resume, self._tell, self._remedy = resume, tell, remedy
-        self._lock: int | None = None
-        self._fingerprint: dict[str, str] | None = None
-        self._known: dict[str, Any] | None = None
-        self._stages: list[dict[str, Any]] = []
-        self._draws: dict[int, _Draws] = {}
+        self._head: _Head | None = None
+        self._blocks: dict[tuple[int, int], _Block] = {}  # by stage and number
+        self._rows: dict[int, int] = {}  # of each stage: so many blocks from its first one on are on disk
+        self._end = dict.fromkeys((_BLOCKS, _DRAWS), 0)  # what comes after it was not written whole
+        self._begun = self._kept_estimate = self._failed = self._discarded = False
         self._saved = self._cost = 0.0
-        self._failed = self._discarded = False
 
     def __enter__(self) -> Self:
-        self._claim()
+        self._own.__enter__()
         try:
             self._look()
         except BaseException:
-            self._free()
+            self._own.leave()
             raise
         self._saved = time.monotonic()
         return self
@@ -119,17 +145,17 @@ class UnfinishedRun:
     ) -> None:
         if not self._discarded and not self.holds_a_run:
             self.discard()
-        self._free()
+        self._own.leave()
 
     @property
     def holds_a_run(self) -> bool:
-        """Whether there is a checkpoint to go on from."""
-        return any((self.path / name).exists() for name in (_NEWEST, _PREVIOUS))
+        """Whether there is anything to go on from."""
+        return self._end[_BLOCKS] > 0
 
     @property
     def steps(self) -> int:
         """Steps of each ensemble that are on disk, of all stages."""
-        return sum(stage["step"] for stage in self._stages)
+        return sum(block.shape[0] for block in self._blocks.values())
 
     def begin(self, fingerprint: Mapping[str, str]) -> None:
         """Say what this is a run of: parts by name, each as a short text.
@@ -137,12 +163,10 @@ class UnfinishedRun:
         Raises
         ------
         CheckpointError
-            If the checkpoint is of something else: which parts.
+            If what is there is of something else: which parts.
         """
-        self._fingerprint = dict(fingerprint)
-        if self._known is None:
-            return
-        known: dict[str, str] = self._known["fingerprint"]
+        known = dict(fingerprint) if self._head is None else self._head.fingerprint
+        self._head = _Head(version=_VERSION, fingerprint=dict(fingerprint))
         names = [name for name in {**known, **fingerprint} if known.get(name) != fingerprint.get(name)]
         if names:
             other = "; ".join(
@@ -154,40 +178,41 @@ class UnfinishedRun:
                 f"{self.path}: found an unfinished run of something else: {other}; undo the change, or remove that "
                 "directory to begin anew"
             )
-        self.estimate = self._known["estimate"]
-        self._stages = self._known["stages"]
 
-    def keep_estimate(self, estimate: Any) -> None:  # noqa: ANN401 (anything that JSON holds)
+    def keep_estimate(self, estimate: dict[str, Any]) -> None:
         """Keep what was found before the first step; written at once where finding it took long."""
-        self.estimate = estimate
+        self.estimate, self._kept_estimate = estimate, False
         if self._due(now=False):
             with self._timed():
-                self._write()
+                self._write([], b"")
 
-    def stage(self, number: int) -> Stage | None:
-        """What was made of a stage, or None."""
-        if number >= len(self._stages):
+    def block(self, stage: int, number: int, shape: tuple[int, ...]) -> list[Block] | None:
+        """A block of all ensembles of a stage, if it is on disk and of this shape."""
+        kept = self._blocks.get((stage, number))
+        if kept is None or kept.shape != shape:
+            self._blocks.pop((stage, number), None)
             return None
-        kept = self._stages[number]
-        ensembles, walkers, dimension = kept["shape"]
-        content = self._content(number, kept)
-        values = np.frombuffer(content, dtype="<f8").reshape(-1, ensembles, walkers, dimension + 1)
-        row = [
+        values = np.frombuffer(self._content(_DRAWS, kept.offset, kept.size), dtype="<f8").reshape(kept.shape)
+        return [
             Block(
                 np.ascontiguousarray(values[:, e, :, :-1], dtype=float),
                 np.ascontiguousarray(values[:, e, :, -1], dtype=float),
-                {name: MoveCount(*count) for name, count in kept["moves"][e].items()},
-                kept["singular"] if e == 0 else 0,
+                {name: MoveCount(*count) for name, count in moves.items()},
+                kept.singular if e == 0 else 0,
             )
-            for e in range(ensembles)
+            for e, moves in enumerate(kept.moves)
         ]
-        self._draws[number] = _Draws(
-            1, kept["step"], len(content), hashlib.sha256(content), kept["moves"], kept["singular"]
-        )
-        return Stage([row], [_check(check) for check in kept["checks"]], kept["step"], kept["seconds"])
+
+    def ends_with(self, stage: int, rows: int) -> bool:
+        """Whether the last of so many blocks of a stage is on disk, and the next one is not."""
+        return (stage, rows - 1) in self._blocks and (stage, rows) not in self._blocks
+
+    def seconds(self, stage: int) -> float:
+        """Time that was spent on a stage before this process went on with it."""
+        return max((block.seconds for (of, _), block in self._blocks.items() if of == stage), default=0.0)
 
     def keep(self, number: int, stage: Stage, seconds: float, *, now: bool = False) -> None:
-        """Write a checkpoint if the last one is long enough ago, or now.
+        """Write the blocks that are not on disk if the last writing is long enough ago, or now.
 
         Parameters
         ----------
@@ -198,66 +223,50 @@ class UnfinishedRun:
         seconds : float
             Time spent on it.
         now : bool
-            Write it whenever there is something new.
+            Write whenever there is something new.
         """
-        draws = self._draws.setdefault(number, _Draws())
-        rows = stage.rows_from(draws.rows)
-        if not stage.blocks or not self._due(now=now) or draws.step + _steps(rows) != stage.step:
-            return
-        if not rows and number < len(self._stages) and len(self._stages[number]["checks"]) == len(stage.checks):
+        first = self.rows_on_disk(number)
+        new = [(n, row) for n, row in enumerate(stage.rows_from(first), first) if (number, n) not in self._blocks]
+        if not new or not self._due(now=now):
             return
         with self._timed():
-            self._append(number, draws, rows)
-            ensembles, (_, walkers, dimension) = len(stage.blocks[0]), stage.blocks[0][0].theta.shape
-            entry = {
-                "shape": (ensembles, walkers, dimension),
-                "step": draws.step,
-                "size": draws.size,
-                "sha256": draws.digest.hexdigest(),
-                "moves": draws.moves,
-                "singular": draws.singular,
-                "seconds": seconds,
-                "checks": [{**asdict(c), "tau": c.tau.tolist(), "r_hat": c.r_hat.tolist()} for c in stage.checks],
-            }
-            self._stages[number:] = [entry]
-            self._write()
+            blocks, content = list[_Block](), bytearray()
+            for n, row in new:
+                draws = _bytes(row)
+                blocks.append(
+                    _Block(
+                        stage=number,
+                        block=n,
+                        offset=self._end[_DRAWS] + len(content),
+                        shape=(len(row[0].theta), len(row), row[0].theta.shape[1], row[0].theta.shape[2] + 1),
+                        sha256=hashlib.sha256(draws).hexdigest(),
+                        moves=tuple({k: (int(c.accepted), int(c.proposed)) for k, c in b.moves.items()} for b in row),
+                        singular=sum(int(block.singular) for block in row),
+                        seconds=seconds,
+                    )
+                )
+                content += draws
+            self._write(blocks, bytes(content))
 
     def rows_on_disk(self, number: int) -> int:
-        """Rows of a stage's blocks that have been written."""
-        return self._draws[number].rows if number in self._draws else 0
+        """Blocks of a stage that have been written, from its first one to the first that has not."""
+        count = self._rows.get(number, 0)
+        while (number, count) in self._blocks:
+            count += 1
+        self._rows[number] = count
+        return count
 
     def discard(self) -> None:
-        """Remove the directory: the run is finished, or was never begun."""
-        for name in (_NEWEST, _PREVIOUS):  # what is left of it if this process is killed here is no run
-            (self.path / name).unlink(missing_ok=True)
-        shutil.rmtree(self.path, ignore_errors=True)
+        """Remove the directory: the run is finished, or was never begun. What is not ours in it stays."""
+        self._own.dissolve(*_FILES)
         self._discarded = True
-        sync_directory(self.path.parent)
-
-    def _claim(self) -> None:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._lock = claimed(self.path / _LOCK)
-        except FileNotFoundError:  # the process that had it has just removed it
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._lock = claimed(self.path / _LOCK)
-        if self._lock is None:
-            other = (self.path / _LOCK).read_text(encoding="utf-8", errors="replace").strip() or "unknown"
-            raise CheckpointError(
-                f"{self.path}: found another run at work on it ({other}); expected none; wait for it, or choose "
-                "another place"
-            )
-        os.truncate(self._lock, 0)
-        os.pwrite(self._lock, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
-
-    def _free(self) -> None:
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
     def _look(self) -> None:
-        """Read the newest whole checkpoint."""
-        if not self.holds_a_run:
+        """Read what is there, and leave out what is damaged."""
+        names = self._own.names()
+        text = self._content(_BLOCKS) if _BLOCKS in names else b""
+        self._end[_BLOCKS] = text.rfind(b"\n") + 1
+        if not text:
             if self._resume:
                 self._tell(f"{self.path}: found no unfinished run; beginning one")
             return
@@ -266,34 +275,43 @@ class UnfinishedRun:
                 f"{self.path}: found an unfinished run; expected none; to go on with it {self._remedy}, or remove that "
                 "directory to begin anew"
             )
-        for name in (_NEWEST, _PREVIOUS):
-            try:
-                known = _read(self.path / name)
-                for number, kept in enumerate(known["stages"]):
-                    self._content(number, kept)
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                if isinstance(error, FileNotFoundError) and name == _NEWEST:
-                    continue  # killed between two renames
-                self._tell(f"{self.path / name}: damaged ({type(error).__name__}); looking at the one before")
-                (self.path / name).unlink(missing_ok=True)  # it must not take the place of the other
-                continue
-            self._known = known
-            return
-        raise CheckpointError(
-            f"{self.path}: found both checkpoints damaged; expected one that is whole; remove that directory to begin "
-            "anew"
-        )
+        lines = [_parsed(line) for line in text[: self._end[_BLOCKS]].split(b"\n")[:-1]]
+        damaged = lines.count(None)
+        for line in lines:
+            if isinstance(line, _Head):
+                self._head, self._begun = line, True
+            elif isinstance(line, _Estimate):
+                self.estimate, self._kept_estimate = line.estimate, True
+            elif isinstance(line, _Block):
+                if _DRAWS in names and self._is_whole(line):
+                    self._blocks[line.stage, line.block] = line
+                    self._end[_DRAWS] = max(self._end[_DRAWS], line.offset + line.size)
+                else:
+                    damaged += 1
+        if self._head is None or self._head.version != _VERSION:
+            found = "a damaged checkpoint" if self._head is None else f"checkpoint version {self._head.version}"
+            raise CheckpointError(
+                f"{self.path}: found {found}; expected version {_VERSION}; remove that directory to begin anew"
+            )
+        if damaged:
+            self._tell(f"{self.path}: found {damaged} damaged blocks of steps; they are made again")
 
-    def _content(self, number: int, kept: Mapping[str, Any]) -> bytes:
-        """Draws of a stage, as they were written."""
-        with self._file(number).open("rb") as stream:
-            content = stream.read(kept["size"])
-        if hashlib.sha256(content).hexdigest() != kept["sha256"]:
-            raise ValueError(number)
-        return content
+    def _is_whole(self, block: _Block) -> bool:
+        """Whether the draws of a block are as they were written."""
+        if not block.size or len(block.moves) != block.shape[1] or block.shape[3] < 2:
+            return False
+        content = self._content(_DRAWS, block.offset, block.size)
+        if hashlib.sha256(content).hexdigest() != block.sha256:
+            return False
+        return bool(np.isfinite(np.frombuffer(content, dtype="<f8")).all())
 
-    def _file(self, number: int) -> Path:
-        return self.path / f"draws-{number}"
+    def _content(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
+        """What is in a file, or so many bytes of it; nothing if it has not as many."""
+        with os.fdopen(self._own.open(name, os.O_RDONLY), "rb") as stream:
+            if size is not None and offset + size > os.fstat(stream.fileno()).st_size:
+                return b""
+            stream.seek(offset)
+            return stream.read(-1 if size is None else size)
 
     def _due(self, *, now: bool) -> bool:
         return now or time.monotonic() - self._saved >= max(SECONDS_BETWEEN, _TIMES_THE_COST * self._cost)
@@ -311,34 +329,26 @@ class UnfinishedRun:
         self._saved = time.monotonic()
         self._cost = self._saved - begun
 
-    def _append(self, number: int, draws: _Draws, rows: list[list[Block]]) -> None:
-        content = b"".join(_bytes(row) for row in rows)
-        with open(os.open(self._file(number), os.O_WRONLY | os.O_CREAT, 0o666), "wb") as stream:
-            stream.truncate(draws.size)  # what came after it belongs to no checkpoint
-            stream.seek(draws.size)
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draws.take(rows, content)
-
-    def _write(self) -> None:
-        """Write a checkpoint beside, force it to the disk and rename; the one before stays."""
-        known = {
-            "version": _VERSION,
-            "fingerprint": self._fingerprint,
-            "estimate": self.estimate,
-            "stages": self._stages,
-        }
-        text = json.dumps(known).encode()
-        newest, new = self.path / _NEWEST, self.path / _NEW
-        with new.open("wb") as stream:
-            stream.write(text + b"\n" + hashlib.sha256(text).hexdigest().encode() + b"\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-        if newest.exists():
-            newest.replace(self.path / _PREVIOUS)
-        new.replace(newest)
-        sync_directory(self.path)
+    def _write(self, blocks: list[_Block], draws: bytes) -> None:
+        """Append draws, and then the lines that say what they are."""
+        assert self._head is not None
+        lines = [] if self._begun else [self._head.written()] * 2  # either will do
+        if self.estimate is not None and not self._kept_estimate:
+            lines.append(_Estimate(estimate=self.estimate).written())
+        lines += [block.written() for block in blocks]
+        text = b"".join(lines)
+        for name, content in ((_DRAWS, draws), (_BLOCKS, text)):
+            with os.fdopen(self._own.open(name, os.O_WRONLY | os.O_CREAT), "wb") as stream:
+                stream.truncate(self._end[name])
+                stream.seek(self._end[name])
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+        if not self._begun:
+            sync_directory(self.path)
+        self._end = {_DRAWS: self._end[_DRAWS] + len(draws), _BLOCKS: self._end[_BLOCKS] + len(text)}
+        self._begun, self._kept_estimate = True, self.estimate is not None
+        self._blocks |= {(block.stage, block.block): block for block in blocks}
 
 
 def require_same_density(log_density: LogDensity, states: list[EnsembleState]) -> None:
@@ -359,37 +369,18 @@ def require_same_density(log_density: LogDensity, states: list[EnsembleState]) -
             )
 
 
-def _steps(rows: list[list[Block]]) -> int:
-    return sum(len(row[0].theta) for row in rows)
-
-
 def _bytes(row: list[Block]) -> bytes:
     """A block of all ensembles as it is kept: θ and log-density, the steps slowest."""
     values = [np.concatenate([block.theta, block.log_density[..., None]], axis=-1) for block in row]
     return np.stack(values, axis=1).astype("<f8", copy=False).tobytes()
 
 
-def _read(path: Path) -> dict[str, Any]:
-    text, digest, _ = path.read_bytes().rsplit(b"\n", 2)
+def _parsed(written: bytes) -> _Head | _Estimate | _Block | None:
+    """What a line says; None where it is not what was written."""
+    digest, _, text = written.partition(b" ")
     if hashlib.sha256(text).hexdigest().encode() != digest:
-        raise ValueError(path)
-    known: dict[str, Any] = json.loads(text)
-    if known["version"] != _VERSION:
-        raise CheckpointError(
-            f"{path}: found checkpoint version {known['version']}; expected {_VERSION}; go on with the jointbayes that "
-            "wrote it"
-        )
-    return known
-
-
-def _check(kept: Mapping[str, Any]) -> Check:
-    error = kept["end_error"]
-    return Check(
-        step=kept["step"],
-        burn_in=kept["burn_in"],
-        tau=np.array(kept["tau"]),
-        r_hat=np.array(kept["r_hat"]),
-        end_error=EndError(**error) if error else None,
-        modes_tau=kept["modes_tau"],
-        modes_r_hat=kept["modes_r_hat"],
-    )
+        return None
+    try:
+        return _ANY_LINE.validate_json(text)
+    except ValueError:
+        return None

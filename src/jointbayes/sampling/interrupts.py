@@ -13,7 +13,7 @@ _Handler = Callable[[int, FrameType | None], object]
 
 @contextmanager
 def finished_first(*, wait: bool = True) -> Iterator[list[int]]:
-    """Let SIGINT and SIGTERM wait until the body has ended, where Python answers them; a second one does not wait.
+    """Let SIGINT, SIGTERM and SIGHUP wait for the end of the body, where Python answers them; a second one does not.
 
     Whatever the body raises after a signal gives way to what the signal's own handler raises: worker processes get the
     signals of a terminal or a batch system as well, and may be gone before the body is.
@@ -32,7 +32,7 @@ def finished_first(*, wait: bool = True) -> Iterator[list[int]]:
         yield []  # signals come to the main thread only
         return
     answered: dict[int, _Handler] = {}
-    for number in (int(signal.SIGINT), int(signal.SIGTERM)):
+    for number in (int(signal.SIGINT), int(signal.SIGTERM), int(getattr(signal, "SIGHUP", signal.SIGTERM))):
         handler = signal.getsignal(number)
         if callable(handler):
             answered[number] = handler

@@ -114,31 +114,29 @@ def run_stage(
     """
     import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
 
-    states = initial_states(log_density, start, settings)
-    stage = (keeper and keeper.stage(streams.stage)) or Stage()
-    if stage.blocks:
-        states = stage.states()
-        require_same_density(log_density, states)
-        stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
+    states, stage = initial_states(log_density, start, settings), Stage()
     verdict = stage.verdict(settings)
-    began = time.perf_counter() - stage.seconds
+    number = streams.stage
+    began = time.perf_counter() - (keeper.seconds(number) if keeper is not None else 0.0)
 
     def is_done() -> bool:
         return verdict.converged or stage.step >= settings.max_steps or bool(slow and stage.is_slow(slow))
 
     def keep(*, now: bool) -> None:
         if keeper is not None:
-            keeper.keep(streams.stage, stage, time.perf_counter() - began, now=now)
+            keeper.keep(number, stage, time.perf_counter() - began, now=now)
 
     try:
         with mover(log_density, mixture(coordinates, proposal), min(settings.processes, settings.ensembles)) as move_on:
             while not is_done():
                 with finished_first(wait=keeper is not None) as asked_to_stop:
-                    states = stage.extend(move_on, states, streams, settings)
+                    states = stage.extend(move_on, states, streams, settings, keeper)
+                    if keeper is not None and keeper.ends_with(number, stage.rows):
+                        require_same_density(log_density, states)
                     stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
                     verdict = stage.verdict(settings)
                     keep(now=bool(asked_to_stop) or is_done())
-                    stage.condense(stage.rows if keeper is None else keeper.rows_on_disk(streams.stage))
+                    stage.condense(stage.rows if keeper is None else keeper.rows_on_disk(number))
                 if progress is not None:
                     progress(stage.report(settings, verdict, time.perf_counter() - began))
     except KeyboardInterrupt:

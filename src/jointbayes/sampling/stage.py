@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import chain
+from typing import Protocol
 
 import numpy as np
 
@@ -28,6 +29,14 @@ from jointbayes.sampling.workers import MoveOn
 __all__ = ["Slow", "Stage"]
 
 
+class KeptBlocks(Protocol):
+    """Blocks of steps that were made before."""
+
+    def block(self, stage: int, number: int, shape: tuple[int, ...]) -> list[Block] | None:
+        """A block of all ensembles of a stage, if it was kept and has this shape."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Slow:
     """Between which steps, and above which τ, a run is ended because it mixes slowly."""
@@ -41,15 +50,13 @@ class Slow:
 class Stage:
     """A stage of a run in progress: the blocks of all ensembles so far, and what the checks found.
 
-    ``blocks`` has one row per block, or per several that were read from a checkpoint, and one column per ensemble.
-    ``seconds`` is the time that was spent before this process went on with it. Of a long stage ``held`` has the first
-    steps, of which not all are in memory any more, and ``blocks`` those that follow.
+    ``blocks`` has one row per block, and one column per ensemble. Of a long stage ``held`` has the first steps, of
+    which not all are in memory any more, and ``blocks`` those that follow.
     """
 
     blocks: list[list[Block]] = field(default_factory=list)
     checks: list[Check] = field(default_factory=list)
     step: int = 0
-    seconds: float = 0.0
     held: HeldSteps = field(default_factory=HeldSteps)
 
     def verdict(self, settings: SamplerSettings) -> Verdict:
@@ -65,13 +72,22 @@ class Stage:
         return self.checks[-1].tau_max > slow.tau
 
     def extend(
-        self, move_on: MoveOn, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
+        self,
+        move_on: MoveOn,
+        states: list[EnsembleState],
+        streams: Streams,
+        settings: SamplerSettings,
+        kept: KeptBlocks | None = None,
     ) -> list[EnsembleState]:
-        """Move every ensemble on by one block and return where they stand."""
+        """Move every ensemble on by one block, which may have been kept, and return where they stand."""
         size = min(settings.check_every, settings.max_steps - self.step)
         number = self.step // settings.check_every
-        seeds = [streams.block(ensemble, number) for ensemble in range(len(states))]
-        self.blocks.append(move_on(states, size, seeds))
+        walkers, dimension = states[0].theta.shape
+        block = kept and kept.block(streams.stage, number, (size, len(states), walkers, dimension + 1))
+        if not block:
+            seeds = [streams.block(ensemble, number) for ensemble in range(len(states))]
+            block = move_on(states, size, seeds)
+        self.blocks.append(block)
         self.step += size
         return self.states()
 

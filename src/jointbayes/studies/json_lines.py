@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jointbayes.errors import WriteError
+from jointbayes.own_directory import open_regular
 
 __all__ = ["append_line", "read_lines"]
 
@@ -28,7 +29,7 @@ def append_line(file: Path, value: object) -> None:
     """
     line = json.dumps(value, default=datetime.datetime.isoformat).encode() + b"\n"
     try:
-        with file.open("a+b") as stream:
+        with os.fdopen(open_regular(file, os.O_RDWR | os.O_CREAT | os.O_APPEND), "a+b") as stream:
             if stream.tell():
                 stream.seek(-1, os.SEEK_END)
                 line = line if stream.read(1) == b"\n" else b"\n" + line

@@ -5,7 +5,6 @@ import hashlib
 import logging
 import math
 import os
-import stat
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,6 +15,9 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numpy.typing import NDArray
+
+from jointbayes.errors import WriteError
+from jointbayes.own_directory import OwnDirectory
 
 __all__ = ["LANES", "aligned_zeros", "compiled", "in_order", "inner", "lane_blocks"]
 
@@ -112,15 +114,31 @@ def _cache(function: Callable[..., object]) -> _Cache:
     try:
         return _Cache(function)
     except RuntimeError:  # numba's "no locator available"
-        user = getattr(os, "getuid", int)()
-        path = Path(tempfile.gettempdir()) / f"jointbayes-{user}"
-        path.mkdir(mode=0o700, exist_ok=True)
-        found = path.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != user or found.st_mode & 0o077:
-            path = Path(tempfile.mkdtemp(prefix="jointbayes-"))  # code is loaded from there: nobody else may write it
+        path = _temporary_directory()
         numba.config.CACHE_DIR = str(path)
         _say("place", f"{path}: machine code is kept here, for want of another directory to write to; {_REMEDY}")
         return _Cache(function)
+
+
+def _temporary_directory() -> Path:
+    """A directory of ours in the temporary one: code is loaded from there, so nobody else may write to it.
+
+    Raises
+    ------
+    OSError
+        If none can be made, or other things have all the names that are tried.
+    """
+    user = getattr(os, "getuid", int)()
+    names = [f"jointbayes-{user}", *(f"jointbayes-{user}-{number}" for number in range(2, 10))]
+    for path in (Path(tempfile.gettempdir()) / name for name in names):
+        with suppress(OSError, WriteError):  # what is there is not ours
+            own = OwnDirectory(path, "compiled loops", private=True)
+            own.take()  # or another process is making it just now
+            own.leave()
+            status = path.lstat()
+            if status.st_uid == user and (os.name == "nt" or not status.st_mode & 0o077):
+                return path
+    raise OSError(f"{path} and those before it are not ours")
 
 
 def _say(kind: str, text: str) -> None:

@@ -5,7 +5,6 @@ import pickle
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.case.case import Case
@@ -13,11 +12,10 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.data_set import DENSITY, DataSet, Job, analyse_packed
-from jointbayes.studies.calibration.kept import KeptDataSets, fingerprint
+from jointbayes.studies.calibration.kept import KeptDataSets, calibration_directory, fingerprint
 from jointbayes.studies.calibration.result import Calibration
 from jointbayes.studies.calibration.simulation import require_simulable
 from jointbayes.studies.tasks import run_tasks
-from jointbayes.whole_file import alone_in
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -88,7 +86,7 @@ def calibrate(
     MeasurementError
         If the other case measures other things.
     WriteError
-        If another process is at work in the directory.
+        If the directory holds something else, or another process is at work in it.
 
     References
     ----------
@@ -103,11 +101,9 @@ def calibrate(
     if directory is None:
         done = _done(job, n, None, tell, engine)
     else:
-        target = Path(directory)
-        target.mkdir(parents=True, exist_ok=True)
         source = case if data_from is None else data_from
-        with alone_in(target):
-            kept = KeptDataSets(target, fingerprint(case, source, job.settings, job.seed), len(job.names))
+        with calibration_directory(directory) as own:
+            kept = KeptDataSets(own.path, fingerprint(case, source, job.settings, job.seed), len(job.names))
             done = _done(job, n, kept, tell, engine)
     other = "" if job.source is job.analysis else job.source.name
     return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)))

@@ -5,17 +5,15 @@ import os
 from pathlib import Path
 
 from jointbayes.case.case import Case
+from jointbayes.own_directory import real_directory
 from jointbayes.report import Figure, render_html, render_pdf
 from jointbayes.report.run_directory import json_text
-from jointbayes.studies.calibration.kept import KEPT
+from jointbayes.studies.calibration.kept import calibration_directory
 from jointbayes.studies.calibration.report import build_calibration_report, ranks_csv
 from jointbayes.studies.calibration.result import Calibration
 from jointbayes.whole_file import write_whole_file
 
-__all__ = ["CALIBRATION_MARK", "write_calibration"]
-
-#: File by which the directory of a calibration is known.
-CALIBRATION_MARK = KEPT
+__all__ = ["write_calibration"]
 
 
 def write_calibration(calibration: Calibration, directory: str | os.PathLike[str], case: Case | None = None) -> Path:
@@ -39,12 +37,11 @@ def write_calibration(calibration: Calibration, directory: str | os.PathLike[str
     Raises
     ------
     WriteError
-        If a file cannot be written.
+        If a file cannot be written, the directory holds something else, or another process is at work in it.
     """
     target = Path(directory)
     title = case.title if case is not None else calibration.name
     report = build_calibration_report(calibration, title, datetime.datetime.now(datetime.UTC).date())
-    (target / "figures").mkdir(parents=True, exist_ok=True)
     files = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
     files["ranks.csv"] = ranks_csv(calibration).encode()
     if case is not None:
@@ -53,6 +50,8 @@ def write_calibration(calibration: Calibration, directory: str | os.PathLike[str
         if isinstance(block, Figure):
             files[f"figures/{block.identifier}.svg"] = block.svg.encode()
     files["summary.json"] = json_text(calibration.summary()).encode()  # last: where it is, all the rest is
-    for name, content in files.items():
-        write_whole_file(target / name, content)
+    with calibration_directory(target):
+        real_directory(target / "figures")
+        for name, content in files.items():
+            write_whole_file(target / name, content)
     return target

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -10,16 +11,22 @@ from typing import Any
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, printable
 from jointbayes.inference import Problem
+from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.data_set import DRAWS, DataSet
 from jointbayes.studies.json_lines import append_line, read_lines
 
-__all__ = ["KEPT", "KeptDataSets", "fingerprint"]
+__all__ = ["KEPT", "KeptDataSets", "calibration_directory", "fingerprint"]
 
-#: Name of the file, by which the directory of a calibration is known.
+#: Name of the file.
 KEPT = "data_sets.jsonl"
 _SHOWN = 3  # differences in a message
+
+
+def calibration_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
+    """The directory of a calibration, new or of an earlier start; entered, it keeps other processes out."""
+    return OwnDirectory(directory, "a calibration")
 
 
 class KeptDataSets:

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointbayes.errors import CaseError, MeasurementError, WriteError
+from jointbayes.errors import MeasurementError
+from jointbayes.own_directory import MARK, OwnDirectory
 from jointbayes.studies.campaign.cases import DONE, INDEX
-from jointbayes.studies.campaign.index import LINES
-from jointbayes.whole_file import LOCK
 
 if TYPE_CHECKING:
     from jointbayes.posterior import Posterior
 
-__all__ = ["Campaign", "require_campaign_directory"]
+__all__ = ["Campaign", "campaign_directory"]
 
-_BEGUN = {LOCK, "cases", LINES}  # what a campaign that was cut off before its first index may have left
+_KIND = "a campaign"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,28 +71,7 @@ class Campaign:
         return load_posterior(self.directory / row["file"])
 
 
-def require_campaign_directory(directory: str | os.PathLike[str]) -> Path:
-    """Make the directory of a campaign, or find an earlier one there.
-
-    Raises
-    ------
-    CaseError
-        If something else is there.
-    WriteError
-        If it cannot be made or written to.
-    """
-    target = Path(directory)
-    remedy = "expected a new directory or that of an earlier campaign; choose another --out"
-    if target.is_dir():
-        inside = {entry.name for entry in target.iterdir()}
-        if not (target / INDEX).is_file() and not inside <= _BEGUN:
-            raise CaseError(f"{target}: found a directory that holds other files; {remedy}")
-    elif os.path.lexists(target):
-        raise CaseError(f"{target}: found a file; {remedy}")
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        if not os.access(target, os.W_OK | os.X_OK):
-            raise PermissionError(13, "Permission denied")
-    except OSError as error:
-        raise WriteError(f"{target}: found that it cannot be written ({error.strerror}); {remedy}") from error
-    return target
+def campaign_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
+    """The directory of a campaign, new or of an earlier start; entered, it keeps other processes out."""
+    remedy = f"choose another --out; of one that an older jointbayes made, write 'jointbayes: {_KIND}' into its {MARK}"
+    return OwnDirectory(directory, _KIND, remedy)

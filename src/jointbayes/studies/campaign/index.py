@@ -5,12 +5,14 @@ last. The index is written anew, whole, now and then.
 """
 
 import datetime
+import os
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from jointbayes.errors import MeasurementError
+from jointbayes.own_directory import open_regular
 from jointbayes.studies.campaign.cases import INDEX
 from jointbayes.studies.json_lines import append_line, read_lines
 from jointbayes.whole_file import whole_file
@@ -60,7 +62,9 @@ class Index:
         self._new.append(row)
         if time.monotonic() - self._written > max(_APART, _SHARE * self._took):
             self.write()
-            self._lines.write_bytes(b"")
+            lines = open_regular(self._lines, os.O_WRONLY)
+            os.truncate(lines, 0)
+            os.close(lines)
 
     def write(self) -> None:
         """Write the index, whole, in the order of the campaign's table."""

@@ -5,6 +5,7 @@ import os
 from importlib.metadata import version
 from pathlib import Path
 
+from jointbayes.own_directory import real_directory
 from jointbayes.report import Figure, Report, render_html, render_pdf
 from jointbayes.report.markup import foreign
 from jointbayes.report.run_directory import json_text
@@ -14,6 +15,8 @@ from jointbayes.studies.campaign.summary import campaign_summary, joints_csv
 from jointbayes.whole_file import write_whole_file
 
 __all__ = ["build_campaign_report", "write_campaign_report"]
+
+_OURS = ("population", "control-", "ranking-")  # figures of an earlier report have such names
 
 
 def build_campaign_report(name: str, findings: CampaignFindings, date: datetime.date) -> Report:
@@ -76,11 +79,10 @@ def write_campaign_report(directory: str | os.PathLike[str], seed: int = 1) -> P
         "report.pdf": render_pdf(report),
         "report.html": render_html(report).encode(),
     }
-    figures = target / "figures"
-    figures.mkdir(exist_ok=True)
+    figures = real_directory(target / "figures")
     for file, content in contents.items():
         write_whole_file(target / file, content)
     for old in figures.glob("*.svg"):
-        if old.name not in drawn:
+        if old.name not in drawn and old.name.startswith(_OURS):
             old.unlink()
     return target

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from jointbayes.code_version import code_version
 from jointbayes.errors import ModelError
+from jointbayes.own_directory import real_directory
 from jointbayes.studies.campaign.cases import DONE
-from jointbayes.studies.campaign.directory import Campaign, require_campaign_directory
+from jointbayes.studies.campaign.directory import Campaign, campaign_directory
 from jointbayes.studies.campaign.index import FAILED, KILLED, Index, Row, kept_rows
 from jointbayes.studies.campaign.table import CampaignCase, read_cases
 from jointbayes.studies.campaign.work import CaseWork, do_case
 from jointbayes.studies.tasks import Outcome, run_tasks
-from jointbayes.whole_file import alone_in, swept
+from jointbayes.whole_file import swept
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -123,18 +124,17 @@ def campaign(
     Raises
     ------
     CaseError
-        If the table or a case is wrong, before any work; or if the directory holds something else.
+        If the table or a case is wrong, before any work.
     WorkerError
         If no workers can be had.
     WriteError
-        If the index cannot be written, or another process is at work in the directory.
+        If the index cannot be written, the directory holds something else, or another process is at work in it.
     """
     sources = [cases] if isinstance(cases, str | Path) else list(cases)
     found = read_cases(sources, base, allow_outside)
-    target = require_campaign_directory(directory)
     if not draws > 0 or not 0 <= seed < 2**32:
         raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
-    with alone_in(target):
+    with campaign_directory(directory) as own:
         settings: dict[str, Any] = {
             "workers": workers,
             "executor": executor,
@@ -142,10 +142,10 @@ def campaign(
             "seconds": seconds,
         }
         run_cases(
-            found, target, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
+            found, own.path, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
             progress=progress, **settings,
         )  # fmt: skip
-    return Campaign(target)
+    return Campaign(own.path)
 
 
 def run_cases(
@@ -165,7 +165,7 @@ def run_cases(
 
     `do` is what a worker does for a case: a function at the top of a module.
     """
-    (directory / "cases").mkdir(exist_ok=True)
+    real_directory(directory / "cases")
     swept(directory / "cases")  # what workers that were killed as they wrote have left
     earlier = kept_rows(directory)
     kept: dict[str, Row] = {}

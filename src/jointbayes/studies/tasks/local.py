@@ -146,7 +146,7 @@ def _birth() -> Iterator[None]:
     masked = None
     if hasattr(signal, "pthread_sigmask"):  # not on Windows
         resource_tracker.ensure_running()  # else that would let Ctrl-C through again
-        masked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        masked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGHUP])
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
         yield
