@@ -368,7 +368,7 @@ def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(unc
     freed = uncertain.case.workshop_problem
     found = gather_knowledge(uncertain, freed)
     kept = json.loads(json.dumps(found.kept()))
-    assert set(kept) == {"profiles", "freed", "assumed"}
+    assert set(kept) == {"profiles", "freed", "assumed", "simpler"}
     for name in ("_profiles", "effect_of_uncertain_inputs"):
         monkeypatch.setattr(f"jointbayes.posterior.information.knowledge.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(replace(uncertain, kept_knowledge=kept), freed)

@@ -136,6 +136,8 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     for name in posterior.stiffness_names:
         exact = knowledge.exact.get(name) if knowledge else None
         say(verdict_line(posterior, name, *((exact.condition, exact.beside) if exact else ())))
+    if knowledge and knowledge.bounds_sentence:
+        say(knowledge.bounds_sentence)
     if posterior.solutions.sentence:
         say(posterior.solutions.sentence)
     freed = posterior.case.workshop_problem if posterior.case and knowledge is None else None

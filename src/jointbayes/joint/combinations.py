@@ -14,16 +14,26 @@ from jointbayes.joint.damped import Damped
 from jointbayes.joint.log import LogStiffness
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings
-from jointbayes.joint.quantities import prefixed
+from jointbayes.joint.quantities import is_rotation_unit, prefixed
 from jointbayes.joint.signed import SignedCoupling
 
-__all__ = ["Combination", "combinations_of", "parametrisation_of_draws", "powers_text", "single_values"]
+__all__ = [
+    "Combination",
+    "combinations_of",
+    "flexibilities_at_arms",
+    "parametrisation_of_draws",
+    "powers_text",
+    "single_values",
+]
 
 Array = NDArray[np.float64]
 
 _SUPERSCRIPT = {1: "", 2: "²"}
 #: Of more stiffnesses than these products are made of two at a time.
 _FEW = 4
+#: Lever arms in m at which a joint's flexibility is evaluated, either way.
+_OF_AN_ARM = 1.5  # penalty: the arm is fitted
+_ARMS = np.geomspace(1e-3, 10.0, 401)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +116,40 @@ def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[C
             for combination in combinations_of(one, block.name)
         ]
     return _products_of_powers(parametrisation, joint) + _condensed_stiffnesses(parametrisation, joint)
+
+
+def flexibilities_at_arms(parametrisation: Parametrisation, stiffness: Array, joint: str = "") -> list[Combination]:
+    """Flexibility of each joint of a translation and a rotation at the lever arm where draws, shape (n, q), agree best.
+
+    A force at a distance a of the joint, which it also bends with the moment aF, moves along by F times
+    (k22 − 2a k12 + a² k11)/(k11 k22 − k12²).
+    """
+    if isinstance(parametrisation, Blocks):
+        return [
+            combination.within(k)
+            for block, (one, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
+            for combination in flexibilities_at_arms(one, stiffness[:, k], block.name)
+        ]
+    quantities = parametrisation.quantities
+    coupled = [quantity.may_be_negative for quantity in quantities] == [False, True, False]
+    pair = coupled or [quantity.may_be_negative for quantity in quantities] == [False, False]
+    if not pair or [is_rotation_unit(quantities[i].unit) for i in (0, -1)] != [False, True]:
+        return []
+
+    def flexibility(k: Array, arm: float) -> Array:
+        coupling = k[:, 1] if coupled else 0.0
+        across = k[:, -1] - 2 * arm * coupling + arm**2 * k[:, 0]
+        return np.asarray(across / (k[:, 0] * k[:, -1] - coupling**2))
+
+    arms = np.concatenate([-_ARMS[::-1], _ARMS] if coupled else [_ARMS])
+    few = stiffness[:: max(1, len(stiffness) // 1000)]
+    values = [flexibility(few, arm) for arm in arms]
+    if not all((one > 0).all() for one in values):
+        return []  # no joint of positive energy
+    widths = [np.ptp(np.quantile(np.log(one), [0.025, 0.975])) for one in values]
+    best = float(f"{arms[int(np.argmin(widths))]:.2g}")
+    name = prefixed(joint, f"flexibility at a lever arm of {1000 * best:g} mm (m/N)".replace("-", "−"))
+    return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM)]
 
 
 def _products_of_powers(parametrisation: Parametrisation, joint: str) -> list[Combination]:

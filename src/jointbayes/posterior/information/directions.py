@@ -21,6 +21,7 @@ from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
     Combination,
     combinations_of,
+    flexibilities_at_arms,
     parametrisation_of_draws,
     powers_text,
     single_values,
@@ -207,6 +208,8 @@ class _Search:
         self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
         self.singles = single_values(self._parametrisation)
         self._others = combinations_of(self._parametrisation)
+        if not any(self.judged(quantity).verdict in CERTAINTY for quantity in self.singles):
+            self._others += flexibilities_at_arms(self._parametrisation, stiffness)
         self._linear = [axis.name for axis in self._parametrisation.axes if not axis.logarithmic]
 
     def run(self) -> tuple[NamedDirection, ...]:

@@ -12,7 +12,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
 from jointbayes.joint.quantities import Coordinate
 from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.information.exact_inputs import (
     ExactInputs,
@@ -20,6 +20,7 @@ from jointbayes.posterior.information.exact_inputs import (
     inputs_taken_as_exact,
     listed,
 )
+from jointbayes.posterior.information.excluded import SimplerJoint, exclusion_sentence, simpler_joints
 from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
 from jointbayes.posterior.information.uncertain_inputs import (
     UncertainInputsRow,
@@ -49,6 +50,8 @@ class Knowledge:
     assumed
         The uncertainties that were assumed for `freed` in words, one for each quantity; empty where they are the case's
         own.
+    simpler
+        Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
     """
 
     check: PredictiveCheck
@@ -56,17 +59,32 @@ class Knowledge:
     profiles: tuple[ProfileLikelihood, ...]
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
+    simpler: tuple[SimplerJoint, ...] = ()
 
     def kept(self) -> dict[str, Any]:
         """What took time to find, as `Posterior.save` keeps it: profiles, and the effect of uncertain inputs."""
         as_lists = {"value", "log_ratio", "theta"}
         profiles = [{k: v.tolist() if k in as_lists else v for k, v in asdict(p).items()} for p in self.profiles]
-        return {"profiles": profiles, "freed": [asdict(row) for row in self.freed], "assumed": list(self.assumed)}
+        return {
+            "profiles": profiles,
+            "freed": [asdict(row) for row in self.freed],
+            "assumed": list(self.assumed),
+            "simpler": [asdict(one) for one in self.simpler],
+        }
 
     @property
     def exact(self) -> dict[str, ExactInputs]:
         """The stiffnesses whose verdict holds only if what the run takes as exact is so, by name."""
         return inputs_taken_as_exact(self.freed)
+
+    @property
+    def bounds_sentence(self) -> str:
+        """What is known of joints of which each stiffness is known by bounds at most; empty where there are none."""
+        if not self.simpler:
+            return ""
+        best = next((d.sentence for d in self.directions if d.verdict in CERTAINTY), "")
+        said = f"{exclusion_sentence(self.simpler)}{f' Best known: {best}.' if best else ''}"
+        return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
 
     @property
     def directions_sentence(self) -> str:
@@ -102,6 +120,8 @@ class Knowledge:
                 }
                 for d in self.directions
             ],
+            "bounds_sentence": self.bounds_sentence,
+            "simpler_joints": [asdict(one) | {"excluded": one.excluded} for one in self.simpler],
             "profiles": {
                 p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
                 for p in self.profiles
@@ -149,6 +169,7 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
         tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
         tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
         tuple(kept["assumed"]) if kept else _assumed(problem, freed),
+        tuple(SimplerJoint(**one) for one in kept.get("simpler", ())) if kept else simpler_joints(posterior),
     )
 
 

@@ -24,6 +24,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
         *_banners(inputs),
         _verdict_table(inputs),
         Paragraph(verdict_sentences(summary)),
+        *([Paragraph(f"**{said}**")] if (said := inputs.knowledge.bounds_sentence) else []),
         *([] if summary.no_verdict else map(Paragraph, _coupling_sentences(inputs))),
         *_explained(summary),
     )

@@ -1,0 +1,142 @@
+"""What is known where each stiffness is known by bounds at most: joints that are excluded, a flexibility at an arm."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import jointbayes as jb
+from jointbayes.cli.common import print_summary
+from jointbayes.posterior import gather_knowledge
+from jointbayes.posterior.information.excluded import (
+    LEVEL,
+    SimplerJoint,
+    exclusion_sentence,
+    known_by_bounds,
+    simpler_joints,
+)
+from jointbayes.report import ReportInputs
+from jointbayes.report.model import Paragraph
+from jointbayes.report.sections.lead import lead
+from tests.conftest import TABLE_3, shipped_text
+
+RIGID = np.array([1e30, 0.0, 1e30])
+
+
+def two_lengths(frequencies: tuple[float, float], more: str = "") -> jb.Case:
+    """One clamp at two lengths of the beam, one natural frequency each."""
+    text = shipped_text("clamped_beam_frequencies")
+    text = re.sub(r"(?ms)^\[(compare|reference)\].*?(?=^\[|\Z)", "", text).replace("walkers = 48", "walkers = 16")
+    text = re.sub(r"(?m)^frequencies_hz = .*$", "", text).replace("elements = 10", "elements = 4")
+    for name, length, frequency in zip(("long", "short"), (383.0, 200.0), frequencies, strict=True):
+        text += f"\n[setups.{name}.structure]\nlength_mm = {length}\n"
+        text += f"[setups.{name}.data]\nfrequencies_hz = [{frequency}]\n"
+    return jb.case_from_text("two lengths", text + more)
+
+
+def exact(joint: np.ndarray) -> tuple[float, float]:
+    return tuple(
+        float(part.natural_frequencies_hz(joint, 1)[0, 0]) for part in two_lengths((120.0, 430.0)).problem.parts
+    )
+
+
+@pytest.fixture(scope="module")
+def bounded():
+    settings = jb.SamplerSettings(walkers=16, max_steps=3000, tau_factor=20, r_hat_max=1.05, end_tolerance=0.1)
+    posterior = jb.sample(two_lengths(exact(TABLE_3)), seed=1, settings=settings)
+    assert posterior.converged
+    return posterior
+
+
+def by_kind(joints) -> dict[str, SimplerJoint]:
+    return {one.kind: one for one in joints}
+
+
+def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(bounded):
+    assert {bounded.identifiability(k).verdict for k in ("k11", "k22")} == {"bounded below"}
+    assert known_by_bounds(bounded) == ("",)
+    joints = by_kind(simpler_joints(bounded))
+    # nothing else is uncertain: the likelihood of a rigid joint is one number
+    measured = np.array([part.measurement.frequency_hz[0] for part in bounded.problem.parts])
+    sd = np.array([part.measurement.sd_hz[0] for part in bounded.problem.parts])
+    expected = (((np.array(exact(RIGID)) - measured) / sd) ** 2).sum()
+    assert joints["rigid"].ratio == pytest.approx(expected, rel=0.02)
+    assert joints["rigid"].limit == pytest.approx(stats.chi2(3).isf(LEVEL))
+    assert joints["uncoupled"].limit == pytest.approx(stats.chi2(1).isf(LEVEL))
+    assert {kind: one.excluded for kind, one in joints.items()} == {"rigid": True, "absent": True, "uncoupled": False}
+    assert joints["uncoupled"].ratio < 1
+
+
+def test_a_joint_that_is_rigid_is_not_excluded(bounded):
+    rigid = two_lengths(exact(RIGID)).problem
+    posterior = replace(bounded, problem=rigid, estimate=replace(bounded.estimate, theta=bounded.theta[0]))
+    # draws far up, where the likelihood of the rigid joint is reached
+    posterior.__dict__["theta"] = bounded.theta + np.array([8.0, 8.0, 0.0])
+    joints = by_kind(simpler_joints(posterior))
+    assert joints["rigid"].ratio < 0.1
+    assert not joints["rigid"].excluded
+
+
+def test_what_else_is_uncertain_is_fitted_anew(bounded, monkeypatch):
+    fixed = by_kind(simpler_joints(bounded))["rigid"]
+    uncertain = two_lengths(exact(TABLE_3), "\n[uncertain.youngs_modulus]\nsd_percent = 10.0\n").problem
+    modulus = 0.05 * np.random.default_rng(1).normal(size=(len(bounded.theta), 1))
+    at = np.append(bounded.estimate.theta, 0.0)
+    posterior = replace(bounded, problem=uncertain, estimate=replace(bounded.estimate, theta=at), mode_theta=at)
+    posterior.__dict__["theta"] = np.hstack([bounded.theta, modulus])
+    monkeypatch.setattr("jointbayes.posterior.information.excluded.known_by_bounds", lambda _: ("",))
+    freed = by_kind(simpler_joints(posterior))["rigid"]
+    # a modulus that is lower takes up part of what a rigid joint misses, at the price of its own prior
+    parts, rigid = bounded.problem.parts, np.array(exact(RIGID))
+    measured, sd = (np.array([getattr(p.measurement, name)[0] for p in parts]) for name in ("frequency_hz", "sd_hz"))
+    least = min(
+        (((rigid * np.exp(x / 2) - measured) / sd) ** 2).sum() + (x / 0.1) ** 2 for x in np.linspace(-0.5, 0.1, 6001)
+    )
+    assert freed.ratio == pytest.approx(least, abs=0.3)
+    assert freed.ratio < 0.8 * fixed.ratio
+
+
+def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded(bounded):
+    knowledge = gather_knowledge(bounded)
+    first = knowledge.directions[0]
+    arm = float(re.fullmatch(r"flexibility at a lever arm of ([\d.]+) mm \(m/N\)", first.quantity)[1]) / 1000
+    k11, k12, k22 = bounded.stiffness.T
+    # displacement at the arm's end under a unit force there
+    draws = (k22 - 2 * arm * k12 + arm**2 * k11) / (k11 * k22 - k12**2)
+    assert first.interval95 == pytest.approx(tuple(np.quantile(draws, [0.025, 0.975])))
+    assert first.verdict == "weakly identified"
+    k = np.array([[TABLE_3[0], TABLE_3[1]], [TABLE_3[1], TABLE_3[2]]])
+    true = np.array([1, arm]) @ np.linalg.solve(k, np.array([1, arm]))
+    assert first.interval95[0] < true < first.interval95[1]
+    assert first.ratio < 3 < min(bounded.identifiability(n).ratio for n in ("k11", "k22"))
+
+
+def test_terminal_page_one_and_summary_say_what_is_excluded(bounded, capsys):
+    inputs = ReportInputs(bounded)
+    said, summary = inputs.knowledge.bounds_sentence, inputs.summary.to_json()["identifiability"]
+    assert said.startswith("The data exclude that the joint is rigid (")
+    assert "and do not exclude that the joint is uncoupled" in said
+    assert "Best known: flexibility at a lever arm of " in said
+    assert summary["bounds_sentence"] == said
+    assert [one["excluded"] for one in summary["simpler_joints"]] == [True, True, False]
+    assert f"**{said}**" in [block.text for block in lead(inputs) if isinstance(block, Paragraph)]
+    print_summary(bounded, inputs.knowledge)
+    assert said in capsys.readouterr().out.splitlines()
+    again = gather_knowledge(replace(bounded, kept_knowledge=inputs.knowledge.kept()), None)
+    assert again.simpler == inputs.knowledge.simpler
+
+
+def test_of_joints_that_are_known_nothing_is_said(cheap_posterior):
+    assert known_by_bounds(cheap_posterior) == ()
+    assert gather_knowledge(cheap_posterior).bounds_sentence == ""
+
+
+def test_the_sentence_names_each_joint():
+    joints = (SimplerJoint("a", "rigid", 30.0, 16.3), SimplerJoint("b", "rigid", 3.0, 16.3))
+    assert exclusion_sentence(joints) == (
+        "The data exclude that joint a is rigid (30). The data do not exclude that joint b is rigid (3). "
+        "In brackets 2 ln of the likelihood ratio."
+    )
+    assert exclusion_sentence(()) == ""
