@@ -74,6 +74,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.files
 	$(BIN)/python -m benchmarks.killed
 	$(BIN)/python -m benchmarks.campaign
+	$(BIN)/python -m tests.fuzz posterior --count 10000 --seed 2
 	$(BIN)/python -m tests.fuzz all --together 3600
 	JOINTBAYES_EXAMPLES=5000 $(BIN)/python -m pytest tests/test_public_domain.py
 

@@ -1,11 +1,12 @@
 """Runs killed with SIGKILL at random moments and resumed: `python -m benchmarks.killed`, a part of `make science`.
 
 Every run is of the same small case, with a checkpoint after each block of steps, and is killed once or more: some after
-a random time, some at a random one of the calls that force to the disk, rename, remove or cut a file, just before it or
-just after. Then it is resumed until it ends by itself. Its posterior must be that of an undisturbed run bit for bit,
-every file readable, and nothing left beside the result. Most runs are forks of one warm process, some the program
-itself; nothing that starts a thread may be done in the warm process, as a lock that it holds stays held in a fork. The
-table goes into docs/resume.md. Exit code 1 if anything is not as it must be.
+a random time, some at a random one of the calls that change anything on the disk, just before it or just after. Then it
+is resumed until it ends by itself. Its posterior must be that of an undisturbed run bit for bit, every file readable,
+and nothing left beside the result. Most runs are forks of one warm process, some the program itself; nothing that
+starts a thread may be done in the warm process, as a lock that it holds stays held in a fork. The table goes into
+docs/resume.md. What came out of each run is kept line by line (`--kept`): the same command goes on where it was cut
+off. Exit code 1 if anything is not as it must be.
 """
 
 import argparse
@@ -19,24 +20,24 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
 import jointbayes.workflow  # noqa: F401  (children are forked with all of it loaded)
+from benchmarks.disk_faults import each_change, killed_at
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
+from jointbayes.studies.json_lines import append_line, read_lines
 
 __all__ = ["main", "trials"]
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "resume.md"
 CASE = Path(__file__).resolve().parents[1] / "configs" / "clamped_beam_frequencies_360mm.toml"
 SMALLER = (("elements = 10", "elements = 4"), ("walkers = 48", "walkers = 8"), ("max_steps = 20000", "max_steps = 500"))
-#: What a process may be killed at.
-CALLS = ("fsync", "replace", "rename", "unlink", "rmdir", "truncate")
-_MOST_CALLS = {"sample": 90, "run": 180}  # of them in a run, about
+_MOST_CALLS = {"sample": 90, "run": 150}  # that change the disk, in a run, about
 _BEGUN = "import jointbayes.sampling.checkpoint as c; c.SECONDS_BETWEEN = 0.0; c._TIMES_THE_COST = 0\n"
 _PROGRAM = _BEGUN + "from jointbayes.cli.commands import main; main()"
 _TIMINGS = ("seconds", "ess_per_second")
@@ -51,36 +52,14 @@ def _child(arguments: list[str], at_call: int | None) -> None:
         os.dup2(nothing.fileno(), 1)
         os.dup2(nothing.fileno(), 2)
     exec(_BEGUN)
-    if at_call is not None:
-        _kill_at(at_call)
     from jointbayes.cli.commands import main as program
 
     try:
-        program(arguments)
+        with each_change(Path(arguments[3]).parent, killed_at(at_call)) if at_call is not None else nullcontext():
+            program(arguments)
     except SystemExit as ended:
         os._exit(int(ended.code or 0))
     os._exit(0)
-
-
-def _kill_at(number: int) -> None:
-    """Kill this process just before (even) or after (odd) a call that changes what is on the disk."""
-    count = 0
-
-    def counted(call: Callable[..., Any]) -> Callable[..., Any]:
-        def made(*arguments: Any, **options: Any) -> Any:
-            nonlocal count
-            count += 1
-            if 2 * count == number:
-                os.kill(os.getpid(), signal.SIGKILL)
-            result = call(*arguments, **options)
-            if 2 * count + 1 == number:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return result
-
-        return made
-
-    for name in CALLS:
-        setattr(os, name, counted(getattr(os, name)))
 
 
 def _attempt(kind: str, arguments: list[str], kill: Kill | None) -> int:
@@ -123,9 +102,9 @@ def _content(file: Path) -> dict[str, bytes]:
 
 
 def trials(
-    count: int, command: str, kind: str, seed: int, tell: Callable[[str], None] = lambda _: None
+    count: int, command: str, kind: str, seed: int, kept: Path, tell: Callable[[str], None] = lambda _: None
 ) -> Counter[str]:
-    """Kill and resume so many runs; count what came out.
+    """Kill and resume so many runs, but for those that are kept; count what came out.
 
     Parameters
     ----------
@@ -136,12 +115,17 @@ def trials(
     kind
         ``"fork"`` of this process, or the ``"program"`` itself.
     seed
-        Of the moments.
+        Of the moments: those of run i are a function of it and i alone.
+    kept
+        File of what came out of each run, one line each.
     tell
         Called with a line for each run that does not come out as it must.
     """
-    rng = np.random.default_rng([seed, count])
-    found: Counter[str] = Counter(runs=count)
+    done = {line[1]: line[2] for line in read_lines(kept) if line and line[0] == [command, kind, seed]}
+    missing = [number for number in range(count) if number not in done]
+    found = sum((Counter(done[number]) for number in range(count) if number in done), Counter[str]())
+    if not missing:
+        return found
     text = read_case_text(CASE).text
     for old, new in SMALLER:
         assert old in text
@@ -155,10 +139,13 @@ def trials(
             assert _attempt(kind, [command, str(case), "--out", str(whole)], None) in (0, 3)
             duration = time.perf_counter() - begun
         expected = _content(whole / "posterior.nc" if command == "run" else whole)
-        for number in range(count):
+        for number in missing:
             place = Path(folder) / f"place-{number}"
             place.mkdir()
-            found += _trial(kind, command, case, place, expected, duration, rng, tell)
+            rng = np.random.default_rng([seed, number])
+            one = Counter(runs=1) + _trial(kind, command, case, place, expected, duration, rng, tell)
+            append_line(kept, [[command, kind, seed], number, one])
+            found += one
     return found
 
 
@@ -207,13 +194,14 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=200, help="number of runs")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-page", action="store_true", help="print only")
+    parser.add_argument("--kept", type=Path, default=Path("killed.jsonl"), help="file of the runs that are done")
     options = parser.parse_args()
     parts = [("sample", "fork", 0.55), ("run", "fork", 0.35), ("sample", "program", 0.1)]
     counts = [round(options.count * share) for *_, share in parts[:-1]]
     counts.append(options.count - sum(counts))
     rows = []
     for (command, kind, _), count in zip(parts, counts, strict=True):
-        found = trials(count, command, kind, options.seed, lambda line: print(line, flush=True))
+        found = trials(count, command, kind, options.seed, options.kept, lambda line: print(line, flush=True))
         rows.append((f"`{command}`, {'a fork of a warm process' if kind == 'fork' else 'the program'}", found))
         print(rows[-1], flush=True)
     total: Counter[str] = Counter()

@@ -239,10 +239,11 @@ def test_too_little_room_is_found_before_any_work(config, tmp_path, monkeypatch)
 
 
 @pytest.mark.science
-def test_killed_runs_come_to_the_same_posterior_and_leave_nothing():
+def test_killed_runs_come_to_the_same_posterior_and_leave_nothing(tmp_path):
     # a process of its own: the runs are forks of it, and this one has threads
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.killed", "--count", "4", "--seed", "3", "--no-page"],
+        [sys.executable, "-m", "benchmarks.killed", "--count", "4", "--seed", "3", "--no-page",
+         "--kept", str(tmp_path / "kept")],
         cwd=CONFIGS.parent, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
