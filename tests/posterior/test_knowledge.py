@@ -200,6 +200,8 @@ def row_of_intervals(uncertain, **ends):
         ((105.1, 115.5), False),  # by 0.52
         ((95.8, 105.0), True),
         ((95.0, 104.6), False),
+        ((94.5, 108.5), False),  # one end further out by 0.59, 1.45 times as wide, the median inside
+        ((101.5, 115.9), False),  # the other by 0.55
         ((104.9, 105.0), True),  # narrower, inside
         ((109.9, 111.0), False),  # narrower, its median outside
         ((100.0, 130.0), False),  # identified no more
