@@ -1,6 +1,7 @@
 """Images of a mode: like joints exchanged, couplings reflected; climbs from them find the modes that starts miss."""
 
 from math import factorial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from benchmarks import several_modes as study
 
 import jointbayes as jb
 from jointbayes.identification import Images, ModeSearch
-from jointbayes.joint import Damped, LogStiffness, blocks_of, parametrisation_named
+from jointbayes.identification.images import _reflections
+from jointbayes.joint import Damped, Joint, LogStiffness, blocks_of, parametrisation_named
 
 SPRINGS = parametrisation_named("springs", ("x", "y", "rz"))
 FULL = '"full"\ndofs = ["foot{0}:x", "foot{0}:y", "foot{0}:rz"]'
@@ -75,6 +77,20 @@ def test_each_coupling_is_turned_alone_as_well():
     turned = (images.signs < 0).sum(axis=1)[(images.columns == np.arange(12)).all(axis=1)]
     assert (turned == 1).sum() == 6
     assert (turned == 4).sum() == 3  # all couplings with x, with y, or with rz
+
+
+def test_a_plane_of_symmetry_turns_the_motions_across_it_and_the_rotations_within():
+    """Across the plane at right angles to x: x, ry and rz, and so the couplings of these with each other motion."""
+    ways = ("x", "y", "z", "rx", "ry", "rz")
+    full = parametrisation_named("full", ways)
+    joint = Joint(tuple(f"a:{way}" for way in ways))
+    problem = SimpleNamespace(
+        parts=[SimpleNamespace(joints=joint)], parametrisation=full, quantities=full.quantities, names=full.names
+    )
+    motion = np.array([-1, 1, 1, 1, -1, -1])
+    expected = [1.0] * 6 + [float(motion[i] * motion[j]) for i in range(6) for j in range(i + 1, 6)]
+    assert expected in _reflections(problem).tolist()
+    assert len(np.unique(_reflections(problem), axis=0)) == 8
 
 
 def test_logarithms_are_never_turned():

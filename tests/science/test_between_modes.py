@@ -9,7 +9,7 @@ from jointbayes.sampling.coordinates import Identity
 from jointbayes.sampling.jump import JumpMove
 from jointbayes.sampling.moves import IndependenceMove
 from tests.science.known_densities import Target
-from tests.science.test_invariance import LEVEL, moved, smallest_level
+from tests.science.test_invariance import LEVEL, Warp, moved, smallest_level
 
 SHARE = 0.25
 PLACES = (np.array([0.0, 3.0]), np.array([5.0, -1.0]))
@@ -70,10 +70,10 @@ class AnyWayBack(JumpMove):
         return self._modes.carried(theta, here, 1 - here)
 
 
-def one_of_proposals(target):
+def one_of_proposals(target, coordinates=Identity()):  # noqa: B008  (it has no state)
     starts = starts_at(1.0, off=0.2, wider=1.5)
     flatter = lambda x: 0.8 * target.log_density(x)  # noqa: E731
-    proposal = fit_each_mode(flatter, [Identity()], starts, None, np.random.default_rng(1))
+    proposal = fit_each_mode(flatter, [coordinates], starts, None, np.random.default_rng(1))
     return IndependenceMove(proposal.coordinates, proposal.density)
 
 
@@ -81,6 +81,7 @@ CASES = {
     "jump": (1.0, lambda _target: JumpMove(rough_modes())),
     "jump where modes overlap": (0.3, lambda _target: JumpMove(rough_modes(0.3))),
     "independence of each mode": (1.0, one_of_proposals),
+    "independence of each mode in other coordinates": (1.0, lambda target: one_of_proposals(target, Warp())),
 }
 
 

@@ -128,7 +128,7 @@ class ModeSearch:
             Gives the images, shape (n, d), of a mode, shape (d,), see `jointbayes.identification.images`.
         """
         sd = self._posterior.prior.sd
-        while self._examined < len(self._refined):
+        while self._examined < len(self._refined) and len(self._imaged) < _MOST_MODES:
             mode = self._refined[self._examined]
             self._examined += 1
             pairs = ((end.theta, mode.theta, min(end.log_density, mode.log_density)) for end in self._imaged)
