@@ -81,8 +81,8 @@ def test_a_joint_that_is_rigid_is_not_excluded(bounded):
 
 def test_what_else_is_uncertain_is_fitted_anew(bounded, monkeypatch):
     fixed = by_kind(simpler_joints(bounded))["rigid"]
-    uncertain = two_lengths(exact(TABLE_3), "\n[uncertain.youngs_modulus]\nsd_percent = 10.0\n").problem
-    modulus = 0.05 * np.random.default_rng(1).normal(size=(len(bounded.theta), 1))
+    uncertain = two_lengths(exact(TABLE_3), "\n[uncertain.youngs_modulus]\nsd_percent = 1.0\n").problem
+    modulus = 0.01 * np.random.default_rng(1).normal(size=(len(bounded.theta), 1))
     at = np.append(bounded.estimate.theta, 0.0)
     posterior = replace(bounded, problem=uncertain, estimate=replace(bounded.estimate, theta=at), mode_theta=at)
     posterior.__dict__["theta"] = np.hstack([bounded.theta, modulus])
@@ -92,10 +92,10 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, monkeypatch):
     parts, rigid = bounded.problem.parts, np.array(exact(RIGID))
     measured, sd = (np.array([getattr(p.measurement, name)[0] for p in parts]) for name in ("frequency_hz", "sd_hz"))
     least = min(
-        (((rigid * np.exp(x / 2) - measured) / sd) ** 2).sum() + (x / 0.1) ** 2 for x in np.linspace(-0.5, 0.1, 6001)
+        (((rigid * np.exp(x / 2) - measured) / sd) ** 2).sum() + (x / 0.01) ** 2 for x in np.linspace(-0.5, 0.1, 6001)
     )
     assert freed.ratio == pytest.approx(least, abs=0.3)
-    assert freed.ratio < 0.8 * fixed.ratio
+    assert freed.ratio < fixed.ratio - 1
 
 
 def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded(bounded):
