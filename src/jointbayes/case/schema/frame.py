@@ -24,7 +24,6 @@ from jointbayes.case.schema.structure_parts import (
     absent_point,
     changed_by,
 )
-from jointbayes.structure.frame import line_length
 
 if TYPE_CHECKING:
     from jointbayes.case.schema.data import TruthSpec
@@ -131,6 +130,8 @@ class BodySpec(_Stuff):
     @property
     def length_mm(self) -> float | None:
         """Length of a straight body; None where members lie in several directions, or offsets or inertias stick out."""
+        from jointbayes.structure.frame import line_length  # NumPy waits until a case needs it
+
         offsets = (offset for member in self.members for offset in member.offsets_mm or ())
         sticking_out = (*offsets, *(number for mass in self.masses for number in (mass.inertia_kg_m2, mass.offset_mm)))
         return None if any(map(any, sticking_out)) else line_length(self.points.values())
