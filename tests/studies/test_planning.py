@@ -32,7 +32,8 @@ from jointbayes.studies.planning.first_look import (
     worth_simulating,
 )
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation, predictive_range
-from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, could_come_first, plan
+from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, plan
+from jointbayes.studies.planning.race import could_come_first
 from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
 from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth, stated_joint
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix, shipped_text
@@ -459,8 +460,9 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
     result = CliRunner().invoke(main, ["plan", str(file), "--out", str(out), "--seed", "2"])
     assert result.exit_code == 0, result.output
     assert re.search(r"^1:y \(recommended\) +0 mm .* identified +\d+ simulations$", result.stdout, re.MULTILINE)
-    names = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
-    assert names == {"report.html", "report.pdf", "plan.json", "case.toml", "figures/plan.svg"}
+    names = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file() and p.parent.name != "present"}
+    reported = {"report.html", "report.pdf", "plan.json", "case.toml", "figures/plan.svg"}
+    assert names == {*reported, "simulations.jsonl", ".jointbayes"}
     written = json.loads((out / "plan.json").read_text(encoding="utf-8"))
     assert written["sentence"] in result.stdout
     assert written["sentence"].startswith("Measure next: an accelerometer at the joint (1:y, 0 mm). ")
@@ -475,6 +477,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
 def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp_path, monkeypatch):
     found = planned(converged=False, a=simulated(0.1, 0.1))
     monkeypatch.setattr("jointbayes.studies.planning.plan.plan", lambda *arguments, **options: found)
+    monkeypatch.chdir(tmp_path)
     file = tmp_path / "cheap.toml"
     file.write_text(planned_text(), encoding="utf-8")
     result = CliRunner().invoke(main, ["plan", str(file)])

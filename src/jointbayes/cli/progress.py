@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from jointbayes.sampling import Progress
     from jointbayes.studies.calibration.calibrate import CalibrationProgress
 
-__all__ = ["show_calibration", "show_phase", "show_progress"]
+__all__ = ["show_calibration", "show_phase", "show_progress", "show_steps"]
 
 _BEGIN = time.monotonic()
 
@@ -83,5 +83,22 @@ def show_calibration() -> Callable[["CalibrationProgress"], None]:
         last = now
         left = f", about {(now - began) / fresh * (progress.count - progress.done):.0f} s left" if fresh else ""
         say(f"{progress.done} of {progress.count} data sets{left}", err=True)
+
+    return report
+
+
+def show_steps() -> Callable[[str], None]:
+    """Give the callback for lines of text: printed at once where they begin anew, else from time to time.
+
+    Lines that are alike up to their colon are of the same step.
+    """
+    last, step = 0.0, ""
+
+    def report(line: str) -> None:
+        nonlocal last, step
+        now, name = time.monotonic(), line.partition(":")[0]
+        if name != step or now - last >= _LINES_AT_LEAST_APART:
+            last, step = now, name
+            say(line, err=True)
 
     return report

@@ -16,7 +16,7 @@ from jointbayes.cli.common import (
     seed_option,
 )
 from jointbayes.cli.output import say
-from jointbayes.cli.progress import show_calibration
+from jointbayes.cli.progress import show_calibration, show_steps
 from jointbayes.errors import CaseError, printable
 
 
@@ -66,7 +66,7 @@ def _stated(text: str) -> tuple[str, float]:
 @click.command()
 @config_argument
 @outside_option
-@click.option("--out", type=click.Path(path_type=Path), help="Directory for report and numbers; by default none.")
+@click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/NAME-plan.")
 @click.option("--json", "as_json", is_flag=True, help="Print plan.json instead of a table.")
 @click.option(
     "--assume", multiple=True, metavar="NAME=VALUE",
@@ -74,21 +74,24 @@ def _stated(text: str) -> tuple[str, float]:
 )  # fmt: skip
 @seed_option
 def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...], seed: int | None) -> None:
-    """Recommend what to measure next, from simulated further measurements."""
+    """Recommend what to measure next, from simulated further measurements.
+
+    Simulations that are done are kept in the directory: the same command goes on where it was cut off.
+    """
     case = load(config)
     stated = dict(_stated(text) for text in assume)
     import json
 
-    from jointbayes.report.run_directory import require_writable
-    from jointbayes.studies.planning.directory import PLAN_MARK, write_plan
+    from jointbayes.report.run_directory import require_room
+    from jointbayes.studies.planning.directory import write_plan
     from jointbayes.studies.planning.plan import plan as ranked
     from jointbayes.studies.planning.report import plan_lines
 
-    if out is not None:
-        require_writable(out, PLAN_MARK)
-    result = ranked(case, seed=seed, assume=stated or None, progress=lambda line: say(line, err=True))
-    if out is not None:
-        write_plan(result, case, out)
+    directory = out or Path("reports") / f"{directory_name(case.name, config)}-plan"
+    require_room(directory)
+    click.get_current_context().meta[UNFINISHED] = f"what is done is kept in {directory}; the same command goes on"
+    result = ranked(case, seed=seed, assume=stated or None, directory=directory, progress=show_steps())
+    write_plan(result, case, directory)
     if as_json:
         text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False)
         if printable(text, keep="\n") != text:  # an escape of JSON's own stays JSON
@@ -98,8 +101,7 @@ def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...],
     else:
         for line in plan_lines(result):
             say(line)
-        if out is not None:
-            say(f"Report: {out / 'report.html'} and {out / 'report.pdf'}")
+        say(f"Report: {directory / 'report.html'} and {directory / 'report.pdf'}")
     if not result.converged:
         sys.exit(NOT_CONVERGED)
 

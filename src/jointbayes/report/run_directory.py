@@ -10,17 +10,19 @@ from typing import Any
 
 from jointbayes.errors import CaseError, WriteError
 from jointbayes.inference import Problem
+from jointbayes.own_directory import real_directory
 from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.sampling import SamplerSettings
-from jointbayes.whole_file import exchanged, scratch_directory, swept
+from jointbayes.whole_file import exchanged, scratch_directory, swept, write_whole_file
 
 __all__ = [
     "json_text",
     "require_room",
     "require_writable",
     "room_of_run",
+    "write_into",
     "write_report",
     "write_run",
     "write_whole",
@@ -138,6 +140,15 @@ def write_whole(
         if target.is_dir():
             _require_ours(target)  # once more: hours may have passed
         exchanged(new, target, scratch)
+
+
+def write_into(target: Path, report: Report, files: Mapping[str, str]) -> None:
+    """Write report, figures and other files, in this order, into a directory of a study; each is whole or absent."""
+    real_directory(target / "figures")
+    figures = {f"figures/{one.identifier}.svg": one.svg for one in report.blocks() if isinstance(one, Figure)}
+    rendered = {"report.html": render_html(report).encode(), "report.pdf": render_pdf(report)}
+    for name, content in (rendered | {name: text.encode() for name, text in {**figures, **files}.items()}).items():
+        write_whole_file(target / name, content)
 
 
 def _write_synced(path: Path, content: bytes) -> None:

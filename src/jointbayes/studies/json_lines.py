@@ -3,13 +3,16 @@
 import datetime
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jointbayes.errors import WriteError
+from jointbayes.errors import CaseError, WriteError, printable
 from jointbayes.own_directory import open_regular
 
-__all__ = ["append_line", "read_lines"]
+__all__ = ["append_line", "kept_lines", "read_lines"]
+
+_SHOWN = 3  # differences in a message
 
 
 def append_line(file: Path, value: object) -> None:
@@ -46,6 +49,44 @@ def append_line(file: Path, value: object) -> None:
 def read_lines(file: Path) -> list[Any]:
     """What each line holds, in order, and None of one that was cut off; nothing where there is no file."""
     return [_parsed(line) for line in file.read_bytes().split(b"\n")] if file.exists() else []
+
+
+def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> list[Any]:
+    """What is done of a study that goes on: all lines but the first, which says what they depend on.
+
+    Parameters
+    ----------
+    file
+        The file; begun where there is none, or not even its first line whole.
+    head
+        What its lines must depend on, part by part.
+    kind, study
+        What a line is, in the plural, and what it is a part of, for the message.
+
+    Raises
+    ------
+    CaseError
+        If they depend on something else: on what.
+    WriteError
+        If the file cannot be begun.
+    """
+    found, *rest = read_lines(file) or [None]
+    if found is None:
+        file.unlink(missing_ok=True)
+        append_line(file, dict(head))
+    elif found != head:
+        raise CaseError(
+            f"{file}: found {kind} of another {_difference(found, head)}; expected those of this {study}; choose "
+            "another --out, or delete the directory"
+        )
+    return rest
+
+
+def _difference(found: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (whatever JSON the file holds)
+    if not isinstance(found, dict):
+        return "kind"
+    names = sorted(name for name in {*head, *found} if found.get(name) != head.get(name))
+    return " and ".join(printable(name) for name in names[:_SHOWN]) + (" and more" if len(names) > _SHOWN else "")
 
 
 def _parsed(line: bytes) -> Any:  # noqa: ANN401 (any JSON)

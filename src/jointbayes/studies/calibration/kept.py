@@ -9,19 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from jointbayes.case.case import Case
-from jointbayes.errors import CaseError, printable
 from jointbayes.inference import Problem
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.data_set import DRAWS, DataSet
-from jointbayes.studies.json_lines import append_line, read_lines
+from jointbayes.studies.json_lines import append_line, kept_lines
 
 __all__ = ["KEPT", "KeptDataSets", "calibration_directory", "fingerprint"]
 
 #: Name of the file.
 KEPT = "data_sets.jsonl"
-_SHOWN = 3  # differences in a message
 
 
 def calibration_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
@@ -52,17 +50,7 @@ class KeptDataSets:
 
     def __init__(self, directory: Path, head: Mapping[str, str], quantities: int) -> None:
         self._file, self.done = directory / KEPT, dict[int, DataSet]()
-        found, *rest = read_lines(self._file) or [None]
-        if found is None:  # nothing there, or not even its first line whole
-            self._file.unlink(missing_ok=True)
-            append_line(self._file, dict(head))
-            return
-        if found != head:
-            raise CaseError(
-                f"{self._file}: found data sets of another {_difference(found, head)}; expected those of this "
-                "calibration; choose another --out, or delete the directory"
-            )
-        for line in rest:
+        for line in kept_lines(self._file, head, "data sets", "calibration"):
             one = _data_set(line, quantities)
             if one is not None:
                 self.done[one.index] = one
@@ -88,13 +76,6 @@ def _parts(case: Case | Problem, settings: SamplerSettings, seed: int) -> dict[s
     if isinstance(case, Problem):
         return run_fingerprint(case, None, seed, settings)
     return run_fingerprint(case.problem, case, seed, settings)
-
-
-def _difference(found: Any, head: Mapping[str, Any]) -> str:  # noqa: ANN401 (whatever JSON the file holds)
-    if not isinstance(found, dict):
-        return "kind"
-    names = sorted(name for name in {*head, *found} if found.get(name) != head.get(name))
-    return " and ".join(printable(name) for name in names[:_SHOWN]) + (" and more" if len(names) > _SHOWN else "")
 
 
 def _data_set(found: Any, quantities: int) -> DataSet | None:  # noqa: ANN401 (any JSON)

@@ -1,22 +1,20 @@
-"""The directory of a plan: report, numbers, case and figure, whole or absent."""
+"""The directory of a plan: simulations that are done, and what they say."""
 
 import datetime
 import os
 from pathlib import Path
 
 from jointbayes.case.case import Case
-from jointbayes.report.run_directory import json_text, require_writable, write_whole
+from jointbayes.report.run_directory import json_text, write_into
 from jointbayes.studies.planning.plan import Plan
+from jointbayes.studies.planning.race import plan_directory
 from jointbayes.studies.planning.report import build_plan_report
 
-__all__ = ["PLAN_MARK", "write_plan"]
-
-#: File by which the directory of a plan is known.
-PLAN_MARK = "plan.json"
+__all__ = ["write_plan"]
 
 
 def write_plan(plan: Plan, case: Case, directory: str | os.PathLike[str]) -> Path:
-    """Write the directory of a plan.
+    """Write a plan into its directory, beside the simulations that are kept there.
 
     Parameters
     ----------
@@ -25,8 +23,7 @@ def write_plan(plan: Plan, case: Case, directory: str | os.PathLike[str]) -> Pat
     case
         Its case, whose text is kept.
     directory
-        Where to write. It is written beside and renamed, so that it is whole or absent; the directory of an older plan
-        is replaced, any other is refused.
+        The one that `plan` was given, or any other. Each file is whole or absent.
 
     Returns
     -------
@@ -35,12 +32,13 @@ def write_plan(plan: Plan, case: Case, directory: str | os.PathLike[str]) -> Pat
 
     Raises
     ------
-    CaseError
-        If the directory exists and is not that of a plan.
+    WriteError
+        If a file cannot be written, the directory holds something else, or another process is at work in it.
     """
     target = Path(directory)
-    require_writable(target, PLAN_MARK)
     summary = plan.summary()
     report = build_plan_report(summary, datetime.datetime.now(datetime.UTC).date())
-    write_whole(target, report, {PLAN_MARK: json_text(summary), "case.toml": case.text})
+    # plan.json last: where it is, all the rest is
+    with plan_directory(target):
+        write_into(target, report, {"case.toml": case.text, "plan.json": json_text(summary)})
     return target

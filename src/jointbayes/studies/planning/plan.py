@@ -1,8 +1,11 @@
 """What to measure next: the plan of a case, ranked by simulated measurements."""
 
 import math
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +17,12 @@ from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.information.directions import spread_in_words
+from jointbayes.sampling import Progress
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import FirstLook, Linearised, sets_of, worth_simulating
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
+from jointbayes.studies.planning.race import KEPT, KeptSimulations, Race, plan_directory, plan_fingerprint
 from jointbayes.studies.planning.simulation import Simulator, assumed_truth, stated_joint
 from jointbayes.workflow import sample
 
@@ -28,8 +33,6 @@ Names = tuple[str, ...]
 
 #: Simulated truths of each candidate, and of those few that could still come first after that.
 FIRST, ALL = 9, 19
-#: So many of those that could still come first are simulated further.
-MOST_AGAIN = 3
 #: So many candidates are simulated whatever the first look says of them; of sets of several, so many at most.
 MOST_SINGLES, MOST_SETS = 12, 8
 #: A measurement helps if it leaves at most this share of the present standard deviation, in the median.
@@ -252,6 +255,7 @@ def plan(
     *,
     assume: Mapping[str, float] | None = None,
     simulations: int = ALL,
+    directory: str | os.PathLike[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Plan:
     """Rank the further measurements that a case could be given.
@@ -270,8 +274,11 @@ def plan(
     simulations
         Measurements to simulate of each candidate that could come first; 9 at most of the others. 0 leaves the
         linearised first look, which recommends nothing.
+    directory
+        Where the draws of the present posterior and each simulation are kept as they are made: a plan that was cut off
+        goes on where it was, and is the same bit for bit. By default nowhere.
     progress
-        Called with a line of text at each step.
+        Called with a line of text at each step, of simulations with about how long the others will take.
 
     Returns
     -------
@@ -282,9 +289,12 @@ def plan(
     ------
     CaseError
         If the data are natural frequencies, the posterior is of another case, there is nothing to choose from, or
-        `assume` does not name every quantity of the joint.
+        `assume` does not name every quantity of the joint; if the directory holds simulations of another plan: which
+        part of it differs.
     ModelError
         If the prior thinks the assumed joint impossible.
+    WriteError
+        If the directory holds something else, or another process is at work in it.
     """
     tell = progress or (lambda line: None)
     bodies = [(part.setup, body.name) for part in case.problem.parts for body in part.measured_bodies]
@@ -300,19 +310,27 @@ def plan(
     seed, parameter = case.spec.sampling.seed if seed is None else seed, case.plan_parameter
     problem, settings = case.problem, case.spec.plan
     joint = None if assume is None else stated_joint(case.name, problem, assume)
-    if posterior is None:
-        tell("sampling the present posterior")
-        posterior = sample(case, seed)
-    truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
-    simulator = Simulator(
-        problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
-        truths=max(simulations, FIRST), assumed=truth,
-    )  # fmt: skip
-    tell(f"first look at {len(candidates)} candidates")
-    look = FirstLook(problem, candidates, parameter, simulator.truths[:FIRST])
-    chosen, others, left_out = _chosen(candidates, look, settings.max_measurements, _stated_sets(case, candidates))
-    # truths from draws that have not converged would be simulated for nothing
-    simulated = _Race(simulator, candidates, tell).run(chosen, simulations if posterior.converged else 0)
+    stated = _stated_sets(case, candidates)
+    truths, target = max(simulations, FIRST), None if directory is None else Path(directory)
+    with nullcontext() if target is None else plan_directory(target):
+        kept = KeptSimulations(target and target / KEPT, plan_fingerprint(case, seed, assume, truths))
+        if posterior is None:
+            posterior = _present(case, seed, target and target / "present", tell)
+        truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
+        simulator = Simulator(
+            problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
+            truths=truths, assumed=truth,
+        )  # fmt: skip
+        kept.take(simulator.digest)
+        if kept.done:
+            tell(f"going on with {len(kept.done)} simulations that are kept")
+        tell(f"first look at {len(candidates)} candidates")
+        look = FirstLook(problem, candidates, parameter, simulator.truths[:FIRST])
+        chosen, others, left_out = _chosen(candidates, look, settings.max_measurements, stated)
+        # truths from draws that have not converged would be simulated for nothing
+        count = simulations if posterior.converged else 0
+        entrants = [one.names for one in chosen]
+        simulated = Race(simulator, candidates, kept, tell).run(entrants, min(FIRST, count), count)
     planned = [
         PlannedMeasurement(tuple(candidates[name] for name in one.names), one, simulated.get(one.names))
         for one in (*chosen, *others)
@@ -322,6 +340,18 @@ def plan(
         case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
         posterior.reason, truth is not None, left_out,
     )  # fmt: skip
+
+
+def _present(case: Case, seed: int, checkpoint: Path | None, tell: Callable[[str], None]) -> Posterior:
+    """Draws of the present posterior, kept in a directory of their own while they are made."""
+    tell("sampling the present posterior")
+
+    def report(progress: Progress) -> None:
+        left = max(0.0, progress.elapsed_seconds * (progress.expected_steps / progress.steps - 1))
+        tell(f"sampling the present posterior: step {progress.steps} of about {progress.expected_steps}, about "
+             f"{left:.0f} s left before candidates are simulated")  # fmt: skip
+
+    return sample(case, seed, progress=report, checkpoint=checkpoint, resume=True)
 
 
 def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:
@@ -356,40 +386,3 @@ def _chosen(
     ]
     worth = worth_simulating(sets, MOST_SETS)
     return (*chosen, *worth[:MOST_SETS]), others, len(worth[MOST_SETS:])
-
-
-class _Race:
-    """Simulates all entrants for a few truths, then the first of those that could still come first for all truths."""
-
-    def __init__(self, simulator: Simulator, candidates: Mapping[str, Candidate], tell: Callable[[str], None]) -> None:
-        self._simulator, self._candidates, self._tell = simulator, candidates, tell
-
-    def run(self, entrants: tuple[Linearised, ...], simulations: int) -> dict[Names, Simulation]:
-        """Simulations by names of a set."""
-        first = min(FIRST, simulations)
-        if first < 1:
-            return {}
-        outcome = self._round([one.names for one in entrants], range(first), {})
-        if simulations > first:
-            outcome |= self._round(could_come_first(outcome), range(first, simulations), outcome)
-        return outcome
-
-    def _round(self, names: list[Names], truths: range, before: Mapping[Names, Simulation]) -> dict[Names, Simulation]:
-        outcome = {}
-        for number, one in enumerate(names, start=1):
-            self._tell(f"simulating candidate {number} of {len(names)}: {' + '.join(one)}, measurements "
-                       f"{truths.start + 1} to {truths.stop}")  # fmt: skip
-            measured = [self._candidates[name] for name in one]
-            posteriors = tuple(self._simulator.after(measured, truth) for truth in truths)
-            outcome[one] = replace(before[one], posteriors=before[one].posteriors + posteriors) if one in before \
-                else Simulation(posteriors)  # fmt: skip
-        return outcome
-
-
-def could_come_first(outcome: Mapping[Names, Simulation]) -> list[Names]:
-    """The three of least median whose range begins below the end of that of the first, in this order."""
-    ranked = sorted((one.median, names) for names, one in outcome.items() if one.valid)
-    if not ranked:
-        return []
-    limit = outcome[ranked[0][1]].range80[1]
-    return [names for _, names in ranked[:MOST_AGAIN] if outcome[names].range80[0] <= limit]

@@ -11,6 +11,7 @@ Ryan, E. G. et al. (2016). A review of modern computational algorithms for Bayes
 Statistical Review 84(1), 128-154. DOI 10.1111/insr.12107
 """
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -135,6 +136,12 @@ class Simulator:
         self._seed = int(rng.integers(2**32))
         #: What is known now.
         self.now = self._posterior(WeightedDraws(draws.copy(), np.zeros(len(draws))), rng, "reweighting")
+
+    @property
+    def digest(self) -> str:
+        """Of truths, draws and seed: where it is the same, so is what is simulated of a candidate."""
+        arrays = self.truths, self._draws, np.array(self._seed)
+        return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()[:16]
 
     def after(self, candidates: Sequence[Candidate], truth: int) -> SimulatedPosterior | None:
         """Posterior after a set of further measurements of truth number `truth`; None where it is not found.

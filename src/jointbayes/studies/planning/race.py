@@ -1,0 +1,160 @@
+"""Simulations of all candidates, then of those that could still come first; each is kept once it is made."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, get_args
+
+from jointbayes.case.case import Case
+from jointbayes.own_directory import OwnDirectory
+from jointbayes.posterior.fingerprint import run_fingerprint
+from jointbayes.posterior.identifiability import Verdict
+from jointbayes.studies.json_lines import append_line, kept_lines
+from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.forecast import Method, SimulatedPosterior, Simulation
+from jointbayes.studies.planning.simulation import Simulator
+
+__all__ = ["KEPT", "KeptSimulations", "Race", "could_come_first", "plan_directory", "plan_fingerprint"]
+
+Names = tuple[str, ...]
+
+#: Name of the file of simulations that are done.
+KEPT = "simulations.jsonl"
+#: So many of those that could still come first are simulated further.
+MOST_AGAIN = 3
+
+
+class KeptSimulations:
+    """Simulations that are done, one line of a file each.
+
+    Its first line says what all depend on. Each further line is one simulated measurement, on the disk before the next
+    one is begun; a line that was cut off is passed over, and its simulation is made again.
+
+    Parameters
+    ----------
+    file
+        The file; None keeps them in memory alone.
+    head
+        What all simulations depend on, as `plan_fingerprint` has it.
+
+    Raises
+    ------
+    CaseError
+        If the file holds simulations that depend on something else: on what.
+    WriteError
+        If it cannot be written.
+    """
+
+    def __init__(self, file: Path | None, head: Mapping[str, str]) -> None:
+        self._file, self._draws = file, ""
+        self._lines = [] if file is None else kept_lines(file, head, "simulations", "plan")
+        #: By names of the candidates and number of the truth; None of a posterior that was not found.
+        self.done: dict[tuple[Names, int], SimulatedPosterior | None] = {}
+
+    def take(self, draws: str) -> None:
+        """Take those of this digest of draws; those of other draws stay in the file, and are passed over."""
+        self._draws = draws
+        for line in self._lines:
+            if isinstance(line, dict) and line.get("draws") == draws:
+                self.done |= _simulated(line)
+
+    def add(self, names: Names, truth: int, posterior: SimulatedPosterior | None) -> None:
+        """Keep one more."""
+        if self._file is not None:
+            values = None if posterior is None else asdict(posterior)
+            append_line(self._file, {"draws": self._draws, "names": names, "truth": truth, "posterior": values})
+        self.done[names, truth] = posterior
+
+
+def plan_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
+    """The directory of a plan, new or of an earlier start; entered, it keeps other processes out."""
+    return OwnDirectory(directory, "a plan")
+
+
+def plan_fingerprint(case: Case, seed: int, assume: Mapping[str, float] | None, truths: int) -> dict[str, str]:
+    """What simulations of a plan depend on, part by part, in words of a message."""
+    parts = run_fingerprint(case.problem, case, seed, case.sampler)
+    for name, spec in {"": case.spec, **{one.name: one.spec for one in case.setups}}.items():
+        for key, value in spec.plan.model_dump(mode="json").items():
+            parts[f"setups.{name}.plan.{key}" if name else f"plan.{key}"] = json.dumps(value, sort_keys=True)
+    return parts | {"assumed joint": str(sorted((assume or {}).items())), "number of truths": str(truths)}
+
+
+class Race:
+    """Simulates all entrants for a few truths, then the first of those that could still come first for all truths.
+
+    Parameters
+    ----------
+    simulator
+        What simulates.
+    candidates
+        By name.
+    kept
+        What is done already, and where each simulation is kept.
+    tell
+        Called with a line after each simulation: which it was, and how long the others will take.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        candidates: Mapping[str, Candidate],
+        kept: KeptSimulations,
+        tell: Callable[[str], None],
+    ) -> None:
+        self._simulator, self._candidates, self._kept, self._tell = simulator, candidates, kept, tell
+        self._began, self._made = time.monotonic(), 0
+
+    def run(self, entrants: Sequence[Names], first: int, simulations: int) -> dict[Names, Simulation]:
+        """Simulations by names of a set: of `first` truths, and of so many of those that could come first."""
+        if first < 1:
+            return {}
+        further = simulations - first
+        outcome = self._round(entrants, range(first), min(MOST_AGAIN, len(entrants)) * further)
+        if further:
+            for names, more in self._round(could_come_first(outcome), range(first, simulations)).items():
+                outcome[names] = Simulation(outcome[names].posteriors + more.posteriors)
+        return outcome
+
+    def _round(self, entrants: Sequence[Names], truths: range, later: int = 0) -> dict[Names, Simulation]:
+        """Simulations of these truths; `later` is how many may follow, for the time that is left."""
+        done, outcome = self._kept.done, {}
+        left = later + sum((names, truth) not in done for names in entrants for truth in truths)
+        for number, names in enumerate(entrants, start=1):
+            measured = [self._candidates[name] for name in names]
+            for truth in truths:
+                if (names, truth) in done:
+                    continue
+                self._kept.add(names, truth, self._simulator.after(measured, truth))
+                left, self._made = left - 1, self._made + 1
+                seconds = (time.monotonic() - self._began) / self._made * left
+                self._tell(f"simulating candidate {number} of {len(entrants)}: {' + '.join(names)}, measurement "
+                           f"{truth + 1} of {truths.stop}, about {seconds:.0f} s left")  # fmt: skip
+            outcome[names] = Simulation(tuple(done[names, truth] for truth in truths))
+        return outcome
+
+
+def could_come_first(outcome: Mapping[Names, Simulation]) -> list[Names]:
+    """The three of least median whose range begins below the end of that of the first, in this order."""
+    ranked = sorted((one.median, names) for names, one in outcome.items() if one.valid)
+    if not ranked:
+        return []
+    limit = outcome[ranked[0][1]].range80[1]
+    return [names for _, names in ranked[:MOST_AGAIN] if outcome[names].range80[0] <= limit]
+
+
+def _simulated(line: Mapping[str, Any]) -> dict[tuple[Names, int], SimulatedPosterior | None]:
+    """The simulation of a line; nothing where it holds none."""
+    try:
+        key, values = (tuple(map(str, line["names"])), int(line["truth"])), line["posterior"]
+        if values is None:
+            return {key: None}
+        sd, effective, verdict, method = (values[name] for name in ("sd", "effective", "verdict", "method"))
+        if verdict not in get_args(Verdict) or method not in get_args(Method):
+            return {}
+        return {key: SimulatedPosterior(float(sd), verdict, float(effective), method)}
+    except (KeyError, TypeError, ValueError):
+        return {}

@@ -1,0 +1,180 @@
+"""What a plan keeps while it is made: interrupted it goes on, and says how long it will take."""
+
+import json
+import re
+from dataclasses import asdict, replace
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+import jointbayes as jb
+from jointbayes.cli import progress
+from jointbayes.cli.commands import main
+from jointbayes.studies.planning import race
+from jointbayes.studies.planning.forecast import SimulatedPosterior
+from jointbayes.studies.planning.race import KEPT, KeptSimulations, Race
+from jointbayes.studies.planning.simulation import Simulator
+from tests.studies.test_planning import planned_text
+
+WANTED = SimulatedPosterior(0.3, "weakly identified", 812.5, "reweighting")
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Names and truth of each simulation that is made."""
+    after, made = Simulator.after, []
+
+    def counted(self, candidates, truth):
+        posterior = after(self, candidates, truth)
+        made.append((tuple(one.name for one in candidates), truth))
+        return posterior
+
+    monkeypatch.setattr(Simulator, "after", counted)
+    return made
+
+
+def interrupting(made, count):
+    """A callback that interrupts once so many simulations are made."""
+
+    def tell(line):
+        if len(made) == count and line.startswith("simulating"):
+            raise KeyboardInterrupt
+
+    return tell
+
+
+def few(posterior, directory=None, *, text=None, **options):
+    """A plan of three candidates: of two truths, and of three where they could come first."""
+    case = jb.case_from_text("cheap", text or planned_text())
+    return jb.plan(case, posterior, **{"seed": 3, "simulations": 3, **options}, directory=directory)
+
+
+def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, made, tmp_path, monkeypatch):
+    monkeypatch.setattr("jointbayes.studies.planning.plan.FIRST", 2)
+    whole, all_made = few(cheap_posterior).summary(), made.copy()
+    assert len(all_made) > 7  # so that some of the second round are among them
+    made.clear()
+    for count in (4, 7):
+        with pytest.raises(KeyboardInterrupt):
+            few(cheap_posterior, tmp_path, progress=interrupting(made, count))
+    assert made == all_made[:7]
+    assert not (tmp_path / "lock").exists()
+    file = tmp_path / KEPT
+    file.write_bytes(file.read_bytes()[:-9])  # as of a process killed while it wrote: that one is made again
+    lines = []
+    assert few(cheap_posterior, tmp_path, progress=lines.append).summary() == whole
+    assert made == all_made[:7] + all_made[6:]
+    assert lines[0] == "going on with 6 simulations that are kept"
+    assert few(cheap_posterior, tmp_path).summary() == whole
+    assert len(made) == len(all_made) + 1
+
+
+@pytest.mark.parametrize(
+    ("options", "part"),
+    [
+        ({"seed": 4}, "seed"),
+        ({"text": planned_text(("length_mm = 383.0", "length_mm = 384.0"))}, "structure.length_mm"),
+        ({"text": planned_text(('"5:rz"]\n', '"5:rz"]\nadded_mass_g = 3.0\n'))}, "plan.added_mass_g"),
+        ({"assume": {"k11": 1e9, "k12": 1e7, "k22": 1e6}}, "assumed joint"),
+        ({"simulations": 10}, "number of truths"),
+        ({}, "version of"),
+    ],
+)
+def test_simulations_of_another_plan_are_refused_before_any_work(options, part, tmp_path, monkeypatch, cheap_posterior):
+    few(cheap_posterior, tmp_path, simulations=0)
+    before = (tmp_path / KEPT).read_bytes()
+    monkeypatch.setattr("jointbayes.studies.planning.plan.sample", lambda *_, **__: pytest.fail("sampled"))
+    if not options:
+        monkeypatch.setattr("jointbayes.posterior.fingerprint.version", lambda _: "0.0")
+    with pytest.raises(jb.CaseError, match=f"simulations of another .*{part}.*; expected those of this plan; choose"):
+        few(None, tmp_path, **{"simulations": 0, **options})
+    assert (tmp_path / KEPT).read_bytes() == before
+
+
+def test_simulations_of_other_draws_are_passed_over(tmp_path):
+    kept = KeptSimulations(tmp_path / KEPT, {"seed": "1"})
+    kept.take("these")
+    kept.add(("3:y", "5:rz"), 4, WANTED)
+    kept.add(("3:y",), 0, None)
+    again, other = (KeptSimulations(tmp_path / KEPT, {"seed": "1"}) for _ in range(2))
+    again.take("these")
+    other.take("others")
+    assert again.done == {(("3:y", "5:rz"), 4): WANTED, (("3:y",), 0): None}
+    assert other.done == {}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"posterior": {"sd": 0.1}}, {"posterior": 3}, {"posterior": {**asdict(WANTED), "verdict": "\x1b[2J"}},
+        {"posterior": {**asdict(WANTED), "sd": "x"}}, {"truth": None}, {"names": 7},
+    ],
+)  # fmt: skip
+def test_a_line_that_holds_no_simulation_is_passed_over(values, tmp_path):
+    file = tmp_path / KEPT
+    line = {"draws": "these", "names": ["3:y"], "truth": 0, "posterior": None, **values}
+    file.write_text(f'{{"seed": "1"}}\n{json.dumps(line)}\n[1]\n', encoding="utf-8")
+    kept = KeptSimulations(file, {"seed": "1"})
+    kept.take("these")
+    assert kept.done == {}
+
+
+def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
+    clock, lines = [0.0], []
+
+    def after(_candidates, truth):
+        clock[0] += 10.0
+        return replace(WANTED, sd=0.3 + 0.01 * truth)
+
+    monkeypatch.setattr(race, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    names = [("a",), ("b",), ("c",), ("d",)]
+    kept = KeptSimulations(None, {})
+    kept.add(("a",), 0, WANTED)  # of an earlier start: it took no time of this one
+    run = Race(SimpleNamespace(after=after), dict.fromkeys("abcd"), kept, lines.append)
+    outcome = run.run(names, 2, 5)
+    # 7 of the first two truths and 9 that may follow, 10 s each
+    assert lines[0] == "simulating candidate 1 of 4: a, measurement 2 of 2, about 150 s left"
+    assert lines[6] == "simulating candidate 4 of 4: d, measurement 2 of 2, about 90 s left"
+    assert lines[-1].startswith("simulating candidate 3 of 3: ")
+    assert lines[-1].endswith(", measurement 5 of 5, about 0 s left")
+    assert sorted(len(one.posteriors) for one in outcome.values()) == [2, 5, 5, 5]
+
+
+def test_lines_of_one_step_are_thinned(monkeypatch, capsys):
+    clock = iter([0.0, 0.1, 0.2, 6.0, 6.1])
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    tell = progress.show_steps()
+    for line in ("candidate 1: 1", "candidate 1: 2", "candidate 2: 1", "candidate 2: 2", "candidate 2: 3"):
+        tell(line)
+    assert capsys.readouterr().err.split("\n")[:-1] == ["candidate 1: 1", "candidate 2: 1", "candidate 2: 2"]
+
+
+def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tmp_path, monkeypatch):
+    monkeypatch.setattr("jointbayes.studies.planning.plan.FIRST", 3)
+    monkeypatch.chdir(tmp_path)
+    text = planned_text(('"3:y", "5:rz"', '"1:y"'))
+    (tmp_path / "cheap.toml").write_text(text, encoding="utf-8")
+    command, steps = ["plan", "cheap.toml", "--seed", "2"], progress.show_steps
+    with monkeypatch.context() as patch:
+        patch.setattr("jointbayes.cli.studies.show_steps", lambda: interrupting(made, 4))
+        stopped = CliRunner().invoke(main, command)
+    directory = tmp_path / "reports" / "cheap-plan"
+    assert stopped.exit_code == 130
+    kept = "jointbayes: interrupted; what is done is kept in reports/cheap-plan; the same command goes on\n"
+    assert stopped.stderr == kept
+    assert {path.name for path in directory.iterdir()} == {".jointbayes", KEPT, "present"}
+
+    monkeypatch.setattr("jointbayes.cli.studies.show_steps", steps)
+    monkeypatch.setattr("jointbayes.workflow.find_map", lambda *_, **__: pytest.fail("the mode was sought again"))
+    ended = CliRunner().invoke(main, command)
+    monkeypatch.undo()
+    assert ended.exit_code == 0, ended.output
+    assert len(made) == len(set(made))
+    assert "going on with 4 simulations that are kept" in ended.stderr
+    assert re.search(r"^simulating candidate 2 of 2: .*, about \d+ s left$", ended.stderr, re.MULTILINE)
+    assert "Report: reports/cheap-plan/report.html and " in ended.stdout
+    case, written = jb.load_case(tmp_path / "cheap.toml"), (directory / "plan.json").read_text(encoding="utf-8")
+    with monkeypatch.context() as patch:
+        patch.setattr("jointbayes.studies.planning.plan.FIRST", 3)
+        assert json.loads(written) == jb.plan(case, seed=2).summary()
