@@ -130,7 +130,9 @@ def _stiffness(name: str, entry: dict[str, Any], reference: float | None, printe
     """One stiffness; the Monte Carlo errors and the one-sided limit where the summary has them."""
     low, high = entry["interval95"]
     errors = dict(zip(("low_error", "high_error"), entry.get("interval95_error", ()), strict=False))
-    optional = {"median_error": entry.get("median_error"), **errors, "limit": entry.get("limit95")}
+    limits = [end for end in entry.get("printed95", ()) if end is not None] or [entry.get("limit95")]
+    limit = None if entry.get("limit95") is None else limits[0]
+    optional = {"median_error": entry.get("median_error"), **errors, "limit": limit}
     return {
         "unit": entry["unit"],
         "reference": reference,

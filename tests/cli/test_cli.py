@@ -158,9 +158,17 @@ def test_a_run_states_the_numbers_of_its_summary(finished):
     for line, (name, p) in zip(lines[1:4], summary["parameters"].items(), strict=True):
         median, ends = rounded(p["median"], p["median_error"]), zip(p["interval95"], p["interval95_error"], strict=True)
         low, high = (rounded(end, error) for end, error in ends)
-        said = f"{name}: median {median} {p['unit']}, 95 % credible interval {low} to {high}: {p['verdict']}"
+        ends = f"95 % credible interval {low} to {high}"
         exact = " only if Young's modulus, density, length and damping ratio are exact" if p["only_if_exact"] else ""
-        assert line.startswith(f"{said}{exact} ({p['verdict_reason']}")
+        if any(p["printed_by_likelihood"]):
+            sources = zip(p["printed95"], p["printed_by_likelihood"], (low, high), strict=True)
+            printed = " to ".join(rounded(end) if moved else drawn for end, moved, drawn in sources)
+            assert line.startswith(f"{name}: median {median} {p['unit']}, 95 % interval {printed} (")
+            ends = f" by likelihood ratio; {ends})"
+        else:
+            assert line.startswith(f"{name}: median {median} {p['unit']}, {ends}: ")
+        assert f"{ends}: {p['verdict']}{exact} ({p['verdict_reason']}" in line
+        assert p["prior_volume"] in line
         assert ("with them uncertain" in line) == bool(exact)
     assert lines[4] == summary["check"]["sentence"]
     assert str(place / "out" / "report.html") in lines[5]

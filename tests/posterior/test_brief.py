@@ -26,6 +26,7 @@ def test_a_brief_row_has_the_numbers_of_the_summary(request, which):
         for column in ("unit", "map", "median", "sd_log", "contraction"):
             assert row[f"{name}.{column}"] == stated[column]
         assert row[f"{name}.verdict"] == stated.get("verdict")
+        assert [row.get(f"{name}.printed_{end}95") for end in ("low", "high")] == stated.get("printed95", [None] * 2)
     for column in ("seed", "converged", "reason"):
         assert row[column] == numbers[column]
     assert row["explains"] == numbers["check"]["explains"]

@@ -389,7 +389,8 @@ def test_arviz_summarises_the_draws(cheap_posterior):
 PARAMETER_KEYS = {
     "unit", "map", "mode", "median", "median_error", "mean", "sd_log", "interval95", "interval95_error",
     "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "limit95", "limit95_error",
-    "r_hat", "ess_bulk", "ess_tail",
+    "r_hat", "ess_bulk", "ess_tail", "likelihood95", "printed95", "printed_by_likelihood",
+    "prior_volume", "only_if_exact",
 }  # fmt: skip
 KEYS = {
     "schema_version", "case", "seed", "converged", "reason", "no_verdict", "parameters", "map",

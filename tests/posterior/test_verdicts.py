@@ -282,10 +282,9 @@ def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
     assert known.limit95 == np.quantile(values, 0.05)
     assert known.verdict_reason.startswith("the prior's upper bound 1e8 N·m/rad limits it")
     line = verdict_line(widened_by(cheap_posterior, theta), "k22")
-    limit = rounded(known.limit95, known.limit95_error)
-    assert line.startswith(
-        f"k22: above {limit} N·m/rad with 95 % probability: bounded below (the prior's upper bound 1e8"
-    )
+    drawn, limit = rounded(known.limit95, known.limit95_error), rounded(known.printed95[0])
+    words = f"k22: above {limit} N·m/rad by likelihood ratio ({drawn} by the draws): bounded below"
+    assert line.startswith(f"{words} (the prior's upper bound 1e8")
 
 
 def test_mass_beyond_the_lower_bound_bounds_above_and_beyond_both_identifies_nothing(cheap_posterior):

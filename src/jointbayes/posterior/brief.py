@@ -28,7 +28,7 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
     dict
         ``seed``, ``converged``, ``reason``, ``explains``, ``misfit_p_value``; and for each stiffness and each other
         uncertain quantity q ``q.unit``, ``q.map``, ``q.median``, ``q.low95``, ``q.high95``, ``q.sd_log``,
-        ``q.contraction`` and ``q.verdict``, the last of a stiffness only.
+        ``q.contraction``, and of a stiffness ``q.printed_low95``, ``q.printed_high95`` and ``q.verdict``.
     """
     record, check, prior = posterior.record, posterior.check, posterior.problem.prior
     row: dict[str, Cell] = {
@@ -48,6 +48,8 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
                 "median": known.median,
                 "low95": known.interval95[0],
                 "high95": known.interval95[1],
+                "printed_low95": known.printed95[0],
+                "printed_high95": known.printed95[1],
                 "sd_log": known.sd_log,
                 "contraction": known.contraction,
                 "verdict": known.verdict,

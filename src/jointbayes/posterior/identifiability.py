@@ -7,13 +7,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.posterior.rounding import factor, in_unit, rounded
+from jointbayes.posterior.rounding import factor, in_unit, rounded, rounded_interval
 
 __all__ = [
     "CERTAINTY",
     "IDENTIFIED_RATIO",
     "LEAST_CONTRACTION",
     "RULE",
+    "VOLUME_SHARE",
     "WEAK_RATIO",
     "Identifiability",
     "Verdict",
@@ -29,6 +30,9 @@ IDENTIFIED_RATIO = 1.25
 WEAK_RATIO = 3.0
 #: Least contraction 1 − var(posterior)/var(prior) of ln k: below it the prior speaks, not the data.
 LEAST_CONTRACTION = 0.5
+#: Share of the credible interval by which likelihood-ratio limits differ from its ends where the prior's volume speaks.
+VOLUME_SHARE = 0.1
+_NO_ENDS = (math.nan, math.nan)
 
 #: The rule in words, as reports print it.
 RULE = (
@@ -70,9 +74,15 @@ class Identifiability:
     limit95_error
         Monte Carlo standard error of the limit.
     unit
-        Unit of the limit.
+        Unit of the limits.
     if_model_right
         Whether the verdict holds only if the model were right: the model does not explain the data.
+    likelihood95
+        Likelihood-ratio limits at 95 %, one-sided of a stiffness that is bounded; NaN at an end that the likelihood
+        leaves open within the prior, and where none were sought.
+    printed95
+        What is printed, see `jointbayes.posterior.verdicts`: at each end the more cautious of draws and likelihood;
+        NaN at the open end of a stiffness that is bounded, and where the draws alone are printed.
     """
 
     interval95: tuple[float, float]
@@ -88,14 +98,63 @@ class Identifiability:
     limit95_error: float = math.nan
     unit: str = ""
     if_model_right: bool = False
+    likelihood95: tuple[float, float] = _NO_ENDS
+    printed95: tuple[float, float] = _NO_ENDS
+
+    @property
+    def drawn95(self) -> tuple[float, float]:
+        """Ends of the draws' interval; of a stiffness that is bounded twice its limit."""
+        return (self.limit95, self.limit95) if math.isfinite(self.limit95) else self.interval95
+
+    @property
+    def by_likelihood(self) -> tuple[bool, bool]:
+        """Whether each printed end is a likelihood-ratio limit."""
+        pairs = zip(self.printed95, self.drawn95, strict=True)
+        low, high = (math.isfinite(printed) and printed != drawn for printed, drawn in pairs)
+        return low, high
+
+    def interval(self, between: str = " … ") -> str:
+        """The 95 % interval as it is printed, each end with the digits that it has."""
+        rows = zip(self.by_likelihood, self.printed95, self.interval95, self.interval95_error, strict=True)
+        return between.join(rounded(end) if moved else rounded(drawn, error) for moved, end, drawn, error in rows)
 
     @property
     def limit(self) -> str:
         """The one-sided limit of a stiffness that is bounded: ``"above 3.2e6 N·m/rad"``; empty where it has none."""
         if not math.isfinite(self.limit95):
             return ""
-        side = "above" if self.verdict == "bounded below" else "below"
-        return f"{side} {in_unit(rounded(self.limit95, self.limit95_error), self.unit)}"
+        side, end = ("above", 0) if self.verdict == "bounded below" else ("below", 1)
+        drawn = rounded(self.limit95, self.limit95_error)
+        return f"{side} {in_unit(rounded(self.printed95[end]) if self.by_likelihood[end] else drawn, self.unit)}"
+
+    @property
+    def limit_in_words(self) -> str:
+        """The one-sided limit with what it rests on; empty where it has none."""
+        return f"{self.limit} {self.source or 'with 95 % probability'}" if self.limit else ""
+
+    @property
+    def source(self) -> str:
+        """What the printed ends rest on where it is not the draws alone, and what these say; empty where it is."""
+        if not any(self.by_likelihood):
+            return ""
+        if self.limit:
+            return f"by likelihood ratio ({rounded(self.limit95, self.limit95_error)} by the draws)"
+        ends = {(True, True): "both ends", (True, False): "lower end", (False, True): "upper end"}[self.by_likelihood]
+        drawn = rounded_interval(self.interval95, self.interval95_error, " to ")
+        return f"({ends} by likelihood ratio; 95 % credible interval {drawn})"
+
+    @property
+    def prior_volume(self) -> str:
+        """Which ends draws and likelihood put apart by more than `VOLUME_SHARE` of the interval; empty where none."""
+        measure = float if any(end <= 0 for end in (*self.interval95, *self.likelihood95)) else math.log
+        low, high = map(measure, self.interval95)
+        said = []
+        ends = zip(("lower", "upper"), self.printed95, self.drawn95, self.likelihood95, strict=True)
+        for side, printed, drawn, limit in ends:  # where the likelihood leaves an end open its limit is NaN
+            if math.isfinite(printed) and not abs(measure(limit) - measure(drawn)) <= VOLUME_SHARE * (high - low):
+                alone = "none" if math.isnan(limit) else rounded(limit)
+                said.append(f"{side} end {rounded(drawn)} by the draws, {alone} by the likelihood alone")
+        return f"the prior's volume speaks: {', '.join(said)}" if said else ""
 
 
 def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:

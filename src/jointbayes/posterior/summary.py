@@ -17,7 +17,7 @@ from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.mesh import MeshCheck
 from jointbayes.posterior.monte_carlo import effective_sizes
 from jointbayes.posterior.noise_of_bodies import NoiseOfBodies
-from jointbayes.posterior.rounding import in_columns, number, rounded, rounded_interval
+from jointbayes.posterior.rounding import in_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
@@ -169,7 +169,7 @@ class Summary:
                 f"{name}:",
                 rounded(p.known.median, p.known.median_error),
                 p.unit,
-                f"({rounded_interval(p.known.interval95, p.known.interval95_error)})",
+                f"({p.known.limit or p.known.interval()})",
                 p.verdict,
             )
             for name, p in self.parameters.items()
@@ -182,7 +182,7 @@ class Summary:
         lines = [
             f"[[Posterior of {record.case_name!r}]]",
             f"    {record.reason}; seed {record.seed}",
-            "[[Joint: median (95 % credible interval), verdict]]",
+            "[[Joint: median (95 % interval), verdict]]",
             *(f"    {line}" for line in in_columns(rows)),
             *(["[[Other quantities: median (95 % credible interval)]]"] if others else []),
             *(f"    {line}" for line in in_columns(others)),
@@ -353,6 +353,10 @@ def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
         "only_if_exact": None if p.exact is None else p.exact.as_json(),
         "limit95": known.limit95,
         "limit95_error": known.limit95_error,
+        "likelihood95": known.likelihood95,
+        "printed95": known.printed95,
+        "printed_by_likelihood": known.by_likelihood,
+        "prior_volume": known.prior_volume,
         "r_hat": p.r_hat,
         "ess_bulk": p.ess_bulk,
         "ess_tail": p.ess_tail,

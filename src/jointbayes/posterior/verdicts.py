@@ -4,6 +4,10 @@ In order: the draws are judged by `jointbayes.posterior.identifiability`; a stif
 different values is not identified, see `jointbayes.posterior.solutions`; the same posterior with every prior of the
 joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
 otherwise; a model that does not explain the data makes the verdict conditional; a run that failed has none.
+
+What is printed beside every verdict but "identified" is, at each end, the more cautious of what the draws say and of
+the likelihood-ratio limit, which no volume of the prior moves. The level of the latter is 97.5 %: the data that set a
+limit have chosen the verdict as well, so that among joints with one verdict more than 5 % lie beyond a limit at 95 %.
 """
 
 import math
@@ -12,11 +16,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
-from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
+from jointbayes.posterior.information.limits import LikelihoodRegion
+from jointbayes.posterior.rounding import in_unit, number, rounded
 from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
@@ -43,6 +49,13 @@ LEAST_EXCLUDED = 0.1
 #: What is added to a verdict where the model does not explain the data.
 IF_MODEL_RIGHT = "if the model were right"
 
+#: Fall of ln L, half a quantile of χ² with one degree of freedom, to limits at 95 % of two sides and of one side, and
+#: to those that are printed.
+FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED = (float(chdtri(1, p)) / 2 for p in (0.05, 0.10, 0.025))
+#: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
+MOST_UNKNOWNS = 10
+
+_REGION_DRAWS = 4000
 _LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
 _WIDER = "every prior of the joint a decade wider on each side"
@@ -64,6 +77,12 @@ class JudgedPosterior(PosteriorDraws):
     def widened(self) -> WidenedPosterior | None:
         """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
         return widen_posterior(self)
+
+    @cached_property
+    def likelihood_region(self) -> LikelihoodRegion:
+        """Joints that fit nearly as well as the best, for likelihood-ratio limits, which it keeps once found."""
+        modes = [self.estimate.theta, self.mode_theta, *(mode.theta for mode in self.estimate.modes)]
+        return LikelihoodRegion(self.problem.log_posterior, np.vstack([*modes, self.thinned(_REGION_DRAWS)]))
 
     def identifiability(self, name: str) -> Identifiability:
         """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.
@@ -124,9 +143,12 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
         reasons += tuple(f"its draws reach {bound}" for bound in at_bound)
         return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
     if solutions := posterior.solutions.reason(name):
-        return replace(known, verdict="not identified", verdict_reason=solutions)
-    if name in posterior.stiffness_names and posterior.widened is not None:
-        known = _with_wider_priors(posterior, posterior.widened, name, known)
+        known = replace(known, verdict="not identified", verdict_reason=solutions)
+        return _with_likelihood(posterior, name, known) if name in posterior.stiffness_names else known
+    if name in posterior.stiffness_names:
+        if posterior.widened is not None:
+            known = _with_wider_priors(posterior, posterior.widened, name, known)
+        known = _with_likelihood(posterior, name, known)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow:
         known = replace(known, verdict_reason=f"{known.verdict_reason}; {narrow}")
@@ -166,14 +188,15 @@ def verdict_line(posterior: JudgedPosterior, name: str, condition: str = "", bes
     """
     known = posterior.identifiability(name)
     words = verdict_text(known.verdict, if_model_right=known.if_model_right, condition=condition)
-    reason = "; ".join(filter(None, [known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "), beside]))
+    reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
+    reason = "; ".join(filter(None, [reason, known.prior_volume, beside]))
     if known.limit:
-        return f"{name}: {known.limit} with 95 % probability: {words} ({reason})"
-    interval = rounded_interval(known.interval95, known.interval95_error, " to ")
-    median = rounded(known.median, known.median_error)
-    return (
-        f"{name}: median {in_unit(median, posterior.unit(name))}, 95 % credible interval {interval}: {words} ({reason})"
-    )
+        return f"{name}: {known.limit_in_words}: {words} ({reason})"
+    median = in_unit(rounded(known.median, known.median_error), posterior.unit(name))
+    interval = f"95 % interval {known.interval(' to ')} {known.source}"
+    if not known.source:
+        interval = f"95 % credible interval {known.interval(' to ')}"
+    return f"{name}: median {median}, {interval}: {words} ({reason})"
 
 
 def mode_sentence(posterior: JudgedPosterior) -> str:
@@ -265,6 +288,25 @@ def with_limit(known: Identifiability, values: Array, prior: Array, side: Side, 
         return replace(known, verdict="not identified", verdict_reason=reason)
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
     return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit)
+
+
+def _with_likelihood(posterior: JudgedPosterior, name: str, known: Identifiability) -> Identifiability:
+    """With what is printed: at each end the more cautious of what the draws and what the likelihood say."""
+    if known.verdict == "identified" or len(posterior.problem.names) > MOST_UNKNOWNS:
+        return known
+    bounded, index = math.isfinite(known.limit95), posterior.stiffness_names.index(name)
+    fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
+    at95, (low, high) = posterior.likelihood_region.limits(index, fall, FALL_PRINTED)
+    low, high = min(known.drawn95[0], low), max(known.drawn95[1], high)
+    if bounded:
+        low, high = (low, math.nan) if known.verdict == "bounded below" else (math.nan, high)
+        prior = posterior.prior_values(name)
+        excluded = float(((prior < low) | (prior > high)).mean())
+        if excluded < LEAST_EXCLUDED:
+            reason = f"{known.verdict_reason}, and by likelihood the data exclude {100 * excluded:.0f} % of the prior"
+            known = replace(known, verdict="not identified", verdict_reason=reason, limit95=math.nan)
+            return _with_likelihood(posterior, name, known)
+    return replace(known, unit=posterior.unit(name), likelihood95=at95, printed95=(low, high))
 
 
 def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:

@@ -332,7 +332,7 @@ def _named(quantity: str, known: Identifiability, moving: str = "") -> NamedDire
     """A quantity in words: its spread or limit, and the reason where the verdict does not follow from the spread."""
     low, high = known.interval95
     if known.limit:
-        spread = f"it is {known.limit} with 95 % probability"
+        spread = f"it is {known.limit_in_words}"
     elif low <= 0 <= high:
         spread = f"its 95 % credible interval, {low:.3g} to {high:.3g}, contains zero"
     elif math.isinf(known.ratio):

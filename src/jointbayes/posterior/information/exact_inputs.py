@@ -141,7 +141,7 @@ def _interval(known: Identifiability) -> str:
 def _spread(found: Identifiability) -> str:
     low, high = found.interval95
     if found.limit:
-        return f"{found.limit} with 95 % probability"
+        return found.limit_in_words
     return "its sign is unknown" if low <= 0 <= high else factor_in_words(max(high / low, low / high))
 
 

@@ -231,7 +231,7 @@ def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:
 
 
 def _row_from(kept: Mapping[str, Any]) -> UncertainInputsRow:
-    pairs = ("interval95", "interval95_error")
+    pairs = ("interval95", "interval95_error", "likelihood95", "printed95")
     known = {
         name: Identifiability(**{**one, **{pair: tuple(one[pair]) for pair in pairs}})
         for name, one in kept["known"].items()

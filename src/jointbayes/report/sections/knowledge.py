@@ -29,7 +29,7 @@ def knowledge_section(inputs: ReportInputs) -> Section:
             ("Combination", "95 % credible interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
             rows,
             note="Computed from the draws, best known first, with the verdicts of single stiffnesses. "
-            f"{ratio}A dash: draws of both signs, or a one-sided limit of 95 % probability.",
+            f"{ratio}A dash: draws of both signs, or a one-sided limit at 95 %.",
             row_kinds=tuple(map(kind_of, verdicts)),
         )
     )

@@ -3,7 +3,7 @@
 from jointbayes.joint import Quantity
 from jointbayes.posterior.identifiability import RULE, Identifiability
 from jointbayes.posterior.summary import Summary
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
+from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS
 from jointbayes.report.format import factor, number, rounded, rounded_interval
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of
@@ -102,13 +102,15 @@ def _bold_head(sentence: str) -> str:
 def _verdict_table(inputs: ReportInputs) -> Table:
     reference, parameters = inputs.reference, inputs.summary.parameters
     damped = inputs.posterior.problem.parametrisation.damped
-    head = ["Quantity" if damped else "Stiffness", "Median", "95 % credible interval", "Unit", "Verdict"]
+    head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "95 % credible interval"]
+    head += ["Unit", "Verdict"]
     rows = []
     for i, (name, p) in enumerate(parameters.items()):
         known = p.known
         row = [
             name,
             rounded(known.median, known.median_error),
+            known.limit.removesuffix(f" {known.unit}") or known.interval(),
             _interval(known),
             "–" if p.unit == "1" else p.unit,
             p.verdict,
@@ -118,7 +120,11 @@ def _verdict_table(inputs: ReportInputs) -> Table:
         rows.append(tuple(row))
     if reference is not None:
         head.insert(1, "Published")
-    note = f"Equal-tailed interval; the digits shown are those that the Monte Carlo errors support. {RULE}."
+    note = (
+        "Of a stiffness that is not identified each end of the 95 % interval is the more cautious of the draws' and, "
+        f"with up to {MOST_UNKNOWNS} unknowns, the likelihood's. Credible: equal-tailed, with the digits that the "
+        f"Monte Carlo errors support. {RULE}."
+    )
     if reference is not None:
         note += f" Published: {inputs.reference_source}."
     return Table(
@@ -138,12 +144,12 @@ def verdict_sentences(summary: Summary) -> str:
     """Each stiffness's verdict with its reason, a sentence each."""
     sentences = []
     for name, p in summary.parameters.items():
-        known, limit = p.known, ""
+        known = p.known
         reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
         reason += f"; {p.exact.beside}" if p.exact else ""
-        if known.limit:
-            limit = f" {known.limit} with 95 % probability,"
-        sentences.append(f"**{name}**:{limit} {p.verdict} ({reason}).")
+        limit = f" {known.limit_in_words}," if known.limit else ""
+        volume = f" {known.prior_volume.capitalize()}." if known.prior_volume else ""
+        sentences.append(f"**{name}**:{limit} {p.verdict} ({reason}).{volume}")
     return " ".join(sentences)
 
 

@@ -1,0 +1,155 @@
+"""How far a quantity of the joint reaches while the data are fitted nearly as well as by the best joint.
+
+A credible interval weighs joints by how many of them the prior has; along a ridge that the data leave open that volume
+moves its ends. The likelihood ratio asks only whether there is one joint, with all else adjusted, that fits well
+enough: no volume counts. Its limits are the ends of the values in {θ: ln L(θ) ≥ ln L_max − fall}, each a maximum under
+one constraint.
+
+References
+----------
+Neale, M. C., Miller, M. B. (1997). The use of likelihood-based confidence intervals in genetic models. Behavior
+Genetics 27(2), 113-120. DOI 10.1023/A:1025681223921
+"""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from jointbayes.inference import LogPosterior
+
+__all__ = ["LikelihoodRegion"]
+
+Array = NDArray[np.float64]
+Ends = tuple[float, float]
+
+#: Step of differences, in standard deviations of the draws.
+_STEP = 1e-3
+#: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
+_SLACK = 0.01
+_HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
+_EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
+_FARTHEST = 40.0  # prior standard deviations from its mean
+_WORST = -1e9  # in place of a log likelihood that is not finite
+
+
+class LikelihoodRegion:
+    """Joints that fit nearly as well as the best.
+
+    The likelihood has the priors of all that is uncertain besides the joint, and those of the joint that are more than
+    bounds, such as a normal one: they stand for knowledge from elsewhere. A prior between two bounds counts by these.
+
+    Parameters
+    ----------
+    log_posterior
+        Density of the problem.
+    theta
+        Modes and draws of θ, shape (n, d); the region is followed from the best of them.
+    """
+
+    def __init__(self, log_posterior: LogPosterior, theta: Array) -> None:
+        prior = log_posterior.prior
+        self._log_likelihood, self._prior = log_posterior.log_likelihood, prior
+        names, count = prior.parametrisation.names, len(prior.marginals)
+        self._weighed = [i for i in range(theta.shape[1]) if i >= count or prior.bounds_of(names[i]) is None]
+        far, (low, high) = _FARTHEST * prior.sd, prior.support
+        low, high = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
+        self._low, self._high = low + _EDGE * (high - low), high - _EDGE * (high - low)
+        covariance = np.atleast_2d(np.cov(theta.T))
+        self._root = np.linalg.cholesky(covariance + 1e-10 * np.diag(np.diag(covariance)))
+        self._draws = np.clip(theta, self._low, self._high)
+        self._heights = self._height(self._draws)
+        best = self._draws[np.argmax(self._heights)]
+        climbed = self._climbed(best)
+        higher = bool(prior.feasible(climbed)) and self._height(climbed[None])[0] > self._height(best[None])[0]
+        self._top = climbed if higher else best
+        self._limits: dict[tuple[int, float, float], tuple[Ends, Ends]] = {}
+
+    def _height(self, theta: Array) -> Array:
+        """ln L with the priors that count, shape (n,), of θ, shape (n, d)."""
+        with np.errstate(all="ignore"):
+            value = self._log_likelihood(theta)
+            for i in self._weighed:
+                value = value + self._prior.all_marginals[i].log_density(theta[:, i])
+        return np.where(np.isfinite(value), value, _WORST)
+
+    def limits(self, index: int, fall: float, fall_printed: float) -> tuple[Ends, Ends]:
+        """Least and greatest value of a quantity where ln L has fallen from its maximum by no more than so much.
+
+        Parameters
+        ----------
+        index
+            Place of the quantity among those of the joint.
+        fall, fall_printed
+            The lesser and the greater.
+
+        Returns
+        -------
+        (low, high), (low, high)
+            One pair for each fall, in the quantity's unit. Where the prior's support ends before ln L has fallen so
+            far, the first has NaN, and the second the farthest that the support allows.
+        """
+        key = index, fall, fall_printed
+        if key not in self._limits:
+            near = self._extremes(index, fall, (self._top, self._top))
+            far = self._extremes(index, fall_printed, near)
+            is_open = self._height(np.array(near)) > self._height(self._top[None]) - fall + _SLACK
+            low, high = np.where(is_open, math.nan, self._prior.stiffness(near)[:, index]).tolist()
+            low_printed, high_printed = self._prior.stiffness(far)[:, index].tolist()
+            self._limits[key] = (low, high), (low_printed, high_printed)
+        return self._limits[key]
+
+    def _extremes(self, index: int, fall: float, near: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Points θ with the least and the greatest value of a quantity, from one near each and the farthest draws."""
+        level = float(self._height(self._top[None])[0]) - fall
+        inside = self._draws[self._heights >= level]
+        ends = []
+        for sign, first in zip((-1.0, 1.0), near, strict=True):
+            starts = np.array([first, *inside[np.argsort(sign * self._prior.stiffness(inside)[:, index])[-1:]]])
+            reached = np.array([*starts, *(self._climbed(start, index, level, sign) for start in starts)])
+            allowed = reached[(self._height(reached) >= level - _SLACK) & self._prior.feasible(reached)]
+            ends.append(allowed[np.argmax(sign * self._prior.stiffness(allowed)[:, index])])
+        return ends[0], ends[1]
+
+    def _climbed(self, start: Array, index: int | None = None, level: float = 0.0, sign: float = 1.0) -> Array:
+        """θ, shape (d,), of the greatest value of a quantity where ln L is at least `level`; without one of ln L."""
+        size, root, margin = start.size, self._root, 2 * _STEP * self._prior.sd
+        steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
+        drawn = np.ones(2) if index is None else self._prior.stiffness(self._draws)[:, index]
+        measure = np.log if (drawn > 0).all() else np.asarray  # what of a quantity is sought: its logarithm, or itself
+        spread = float(measure(drawn).std()) or 1.0
+
+        @lru_cache(maxsize=4)
+        def both(key: bytes) -> tuple[Array, Array]:
+            """ln L and what is sought, shape (2,), and their slopes, shape (2, d)."""
+            theta = start + (np.frombuffer(key) + steps) @ root.T
+            theta = np.clip(theta, self._low - margin, self._high + margin)  # a step may lead to where no model is
+            sought = heights = self._height(theta)
+            if index is not None:
+                sought = sign * measure(self._prior.stiffness(theta)[:, index]) / spread + _HIGHER * heights
+            pair = np.stack([heights, sought])
+            return pair[:, 0], (pair[:, 1 : size + 1] - pair[:, size + 1 :]) / (2 * _STEP)
+
+        normals = np.array([cone.normal(size) for cone in self._prior.parametrisation.cones]).reshape(-1, size)
+        least = np.append(self._low - start, np.full(len(normals), -np.inf))
+        most = np.append(self._high - start, -_EDGE - normals @ start)
+        constraints: list[optimize.LinearConstraint | optimize.NonlinearConstraint]
+        constraints = [optimize.LinearConstraint(np.concatenate([np.eye(size), normals]) @ root, least, most)]
+        if index is not None:
+            height = optimize.NonlinearConstraint(
+                lambda u: both(u.tobytes())[0][0], level, np.inf, lambda u: both(u.tobytes())[1][:1]
+            )
+            constraints.append(height)
+
+        def loss(u: Array) -> float:
+            return -float(both(u.tobytes())[0][1])
+
+        def slope(u: Array) -> Array:
+            return -both(u.tobytes())[1][1]
+
+        found = optimize.minimize(
+            loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": 1e-8}
+        )
+        return np.clip(start + root @ found.x, self._low, self._high)

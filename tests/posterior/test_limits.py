@@ -1,0 +1,313 @@
+"""Likelihood-ratio limits: known in closed form, equal to profiles, and what is printed of them."""
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
+from jointbayes.joint.parametrisation import parametrisation_named
+from jointbayes.posterior import Posterior, verdicts
+from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.information.limits import LikelihoodRegion
+from jointbayes.posterior.information.profile import profile_likelihood
+from jointbayes.posterior.rounding import rounded, rounded_interval
+from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_line
+from jointbayes.report.sections.lead import verdict_sentences
+from tests.conftest import PAIR
+from tests.posterior.test_verdicts import widened_by, with_cached
+
+SPRINGS = parametrisation_named("springs", ("x", "y"))
+Z95 = 1.959963984540054
+
+
+@dataclass
+class Stated:
+    """A density with a likelihood that is written down, and its draws on a grid of the support."""
+
+    prior: JointPrior
+    log_of: object
+
+    def log_likelihood(self, theta):
+        return self.log_of(np.atleast_2d(theta))
+
+    def draws(self, count=4000):
+        """Draws of the posterior by weight from the prior."""
+        rng = np.random.default_rng(7)
+        theta = self.prior.sample(rng, 200_000)
+        weight = np.exp(self.log_likelihood(theta) - self.log_likelihood(theta).max())
+        return theta[rng.choice(len(theta), count, p=weight / weight.sum())]
+
+    def limits(self, index, fall=FALL_TWO_SIDED, printed=FALL_PRINTED):
+        return LikelihoodRegion(self, self.draws()).limits(index, fall, printed)
+
+
+def springs(log_of, *marginals, nuisances=()):
+    marginals = marginals or (Uniform(math.log(1e5), math.log(1e9)),) * 2
+    return Stated(JointPrior(SPRINGS, marginals, nuisances), log_of)
+
+
+def test_the_falls_are_quantiles_of_chi_square():
+    assert pytest.approx((Z95**2 / 2, 1.3527717, 2.5119431)) == (FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED)
+
+
+def test_limits_of_a_correlated_gaussian_are_those_of_its_marginals():
+    precision = np.array([[40.0, -38.0], [-38.0, 41.0]])
+    centre = np.log([2e7, 5e6])
+
+    def log_of(theta):
+        return -0.5 * np.einsum("ni,ij,nj->n", theta - centre, precision, theta - centre)
+
+    sd = np.sqrt(np.diag(np.linalg.inv(precision)))
+    for index in (0, 1):
+        found = springs(log_of).limits(index)
+        for ends, fall in ((found[0], FALL_TWO_SIDED), (found[1], FALL_PRINTED)):
+            reach = math.sqrt(2 * fall) * sd[index]
+            assert np.log(ends) == pytest.approx([centre[index] - reach, centre[index] + reach], abs=2e-3)
+
+
+def test_limits_on_an_open_ridge_are_those_of_the_flexibility_that_was_measured():
+    """Two springs in series of which the sum of the flexibilities is known: each is open above, whatever is there."""
+    known, sd, high = 1e-6, 1e-7, 1e9
+
+    def log_of(theta):
+        return -0.5 * ((np.exp(-theta).sum(axis=1) - known) / sd) ** 2
+
+    found = springs(log_of).limits(0)
+    assert found[0][0] == pytest.approx(1 / (known + Z95 * sd - 1 / high), rel=1e-3)
+    assert math.isnan(found[0][1])
+    assert found[1][0] == pytest.approx(1 / (known + math.sqrt(2 * FALL_PRINTED) * sd - 1 / high), rel=1e-3)
+    assert found[1][1] == pytest.approx(high, rel=1e-6)
+
+
+def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
+    """A coupling that is felt only above a certain size: below it, at the prior's edge too, the data are fitted."""
+    felt, known = math.log(1e7), math.log(1e7)
+
+    def log_of(theta):
+        return -0.5 * ((theta[:, 1] + np.exp(theta[:, 0] - felt) - known) / 0.3) ** 2
+
+    problem = springs(log_of)
+    draws = problem.draws()
+    near = draws[draws[:, 0] > felt + 0.5]  # those at the edge would show it by themselves
+    (low, high), (farthest, _) = LikelihoodRegion(problem, near).limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    assert math.isnan(low)
+    assert farthest == pytest.approx(1e5, rel=1e-6)
+    assert high == pytest.approx(1e7 * (known - math.log(1e5) + 0.3 * Z95), rel=1e-3)
+
+
+def test_limits_reach_every_mode_that_has_draws():
+    places = np.log([[1e6, 3e7], [3e7, 1e6]])
+
+    def log_of(theta):
+        each = [-0.5 * (((theta - place) / 0.05) ** 2).sum(axis=1) for place in places]
+        return np.logaddexp(each[0], each[1] - 0.5)
+
+    low, high = springs(log_of).limits(0)[0]
+    assert low == pytest.approx(1e6 * math.exp(-0.05 * Z95), rel=2e-3)
+    assert high == pytest.approx(3e7 * math.exp(0.05 * math.sqrt(2 * (FALL_TWO_SIDED - 0.5))), rel=2e-3)
+
+
+def test_a_normal_prior_counts_as_a_measurement_and_a_uniform_one_by_its_bounds_alone():
+    centre, sd = math.log(1e7), 0.4
+
+    def log_of(theta):
+        return -0.5 * ((theta[:, 0] - centre) / sd) ** 2
+
+    wide, high = Uniform(math.log(1e5), math.log(1e9)), math.log(1e7) + 0.3
+    alone = springs(log_of, wide, wide).limits(0)[0]
+    assert np.log(alone) == pytest.approx([centre - Z95 * sd, centre + Z95 * sd], abs=1e-3)
+    both = springs(log_of, Normal(centre, sd), wide).limits(0)[0]
+    assert np.log(both) == pytest.approx([centre - Z95 * sd / math.sqrt(2), centre + Z95 * sd / math.sqrt(2)], abs=1e-3)
+    # uniform in k itself: a volume, and no more
+    of_k = springs(log_of, OfStiffness(Uniform(1e5, 1e9)), wide).limits(0)[0]
+    assert of_k == pytest.approx(alone, rel=1e-3)
+    cut = springs(log_of, Uniform(math.log(1e5), high), wide).limits(0)
+    assert cut[0][0] == pytest.approx(alone[0], rel=1e-3)
+    assert math.isnan(cut[0][1])
+    assert cut[1][1] == pytest.approx(math.exp(high), rel=1e-6)
+
+
+def test_the_prior_of_what_else_is_uncertain_is_part_of_the_likelihood():
+    centre = math.log(1e7)
+
+    def log_of(theta):  # only the product of spring and modulus is seen
+        return -0.5 * ((theta[:, 0] + theta[:, 2] - centre) / 0.03) ** 2
+
+    modulus = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.04))
+    found = springs(log_of, nuisances=(modulus,)).limits(0)[0]
+    assert np.log(found) == pytest.approx([centre - Z95 * 0.05, centre + Z95 * 0.05], abs=1e-3)
+
+
+def test_limits_of_a_coupling_that_is_no_coordinate_equal_a_search_over_a_grid():
+    signed = parametrisation_named("signed")
+    prior = JointPrior(signed, (Uniform(15.0, 17.0), Uniform(9.0, 11.0), Uniform(-1.0, 1.0)))
+    place, sd = np.array([16.0, 10.0, 0.05]), np.array([0.2, 0.3, 0.1])
+
+    def log_of(theta):
+        return -0.5 * (((theta - place) / sd) ** 2).sum(axis=1)
+
+    low, high = Stated(prior, log_of).limits(1)[0]
+    axes = np.meshgrid(np.linspace(15.2, 16.9, 120), np.linspace(9.0, 11.0, 120), np.linspace(-0.2, 0.3, 201))
+    grid = np.stack([axis.ravel() for axis in axes], axis=1)
+    k12 = signed.stiffness(grid[log_of(grid) >= -FALL_TWO_SIDED])[:, 1]
+    assert low < 0 < high
+    assert (low, high) == pytest.approx((k12.min(), k12.max()), rel=0.01)
+    assert low <= k12.min()
+    assert high >= k12.max()
+
+
+def test_limits_equal_the_ends_of_profiles(cheap_posterior):
+    for name in PAIR.stiffness_names:
+        profile = profile_likelihood(cheap_posterior.problem, cheap_posterior.estimate.theta, name)
+        limits = cheap_posterior.likelihood_region.limits(
+            PAIR.stiffness_names.index(name), FALL_TWO_SIDED, FALL_PRINTED
+        )
+        assert np.log(limits[0]) == pytest.approx(profile.interval, abs=1e-3 * np.ptp(profile.interval))
+
+
+# ---- what is printed
+
+
+def with_limits(posterior: Posterior, at95: tuple[float, float], printed: tuple[float, float]) -> Posterior:
+    """A copy of a posterior whose likelihood has other limits."""
+    falls: list[float] = []
+
+    def limits(_index, fall, _printed):
+        falls.append(fall)
+        return at95, printed
+
+    return with_cached(posterior, likelihood_region=SimpleNamespace(limits=limits, falls=falls))
+
+
+def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
+    for index, name in enumerate(("k11", "k12")):
+        known = cheap_posterior.identifiability(name)
+        at95, printed = cheap_posterior.likelihood_region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
+        assert known.verdict != "identified"
+        assert known.likelihood95 == at95
+        assert known.interval95 == cheap_posterior.interval(name)
+        assert known.printed95 == (min(known.interval95[0], printed[0]), max(known.interval95[1], printed[1]))
+        assert known.by_likelihood == tuple(np.not_equal(known.printed95, known.interval95))
+    identified = cheap_posterior.identifiability("k22")
+    assert identified.verdict == "identified"
+    assert np.isnan([identified.likelihood95, identified.printed95]).all()
+    assert identified.interval() == rounded_interval(identified.interval95, identified.interval95_error)
+
+
+def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):
+    monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
+    lost = with_cached(cheap_posterior, likelihood_region=None)
+    assert np.isnan(lost.identifiability("k11").printed95).all()
+    monkeypatch.undo()
+    failed = dataclasses.replace(lost, record=dataclasses.replace(lost.record, converged=False))
+    assert np.isnan(failed.identifiability("k11").printed95).all()
+
+
+def test_each_end_says_where_it_comes_from(cheap_posterior):
+    low, high = cheap_posterior.interval("k12")
+    inside = (low * 1.0001, high / 1.0001)
+    for printed, words in (
+        (inside, ""),
+        ((low / 2, inside[1]), "lower end by likelihood ratio"),
+        ((inside[0], high * 2), "upper end by likelihood ratio"),
+        ((low / 2, high * 2), "both ends by likelihood ratio"),
+    ):
+        changed = with_limits(cheap_posterior, (low, high), printed)
+        known, line = changed.identifiability("k12"), verdict_line(changed, "k12")
+        assert known.prior_volume == ""
+        drawn = rounded_interval(known.interval95, known.interval95_error, " to ")
+        if words:
+            assert f"95 % interval {known.interval(' to ')} ({words}; 95 % credible interval {drawn}): " in line
+        else:
+            assert f", 95 % credible interval {drawn}: " in line
+        ends = known.interval(" to ").split(" to ")
+        assert (ends[0] == rounded(low / 2)) == ("lower" in words or "both" in words)
+        assert (ends[1] == rounded(high * 2)) == ("upper" in words or "both" in words)
+
+
+@pytest.mark.parametrize(("share", "speaks"), [(0.09, False), (0.11, True)])
+def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share, speaks):
+    low, high = cheap_posterior.interval("k12")
+    for sign in (-1, 1):
+        moved = low * (high / low) ** (sign * share)
+        changed = with_limits(cheap_posterior, (moved, high), (low, high))
+        said = changed.identifiability("k12").prior_volume
+        assert bool(said) == speaks
+        assert said in verdict_line(changed, "k12")
+        if speaks:
+            assert said == (
+                f"the prior's volume speaks: lower end {rounded(low)} by the draws, {rounded(moved)} by the likelihood "
+                "alone"
+            )
+            assert f"The {said.removeprefix('the ')}." in verdict_sentences(changed.summary())
+    none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).identifiability("k12")
+    assert none.prior_volume.endswith(f"upper end {rounded(high)} by the draws, none by the likelihood alone")
+
+
+def test_a_sign_that_the_likelihood_leaves_open_is_compared_on_the_plain_scale():
+    known = replace(assess(np.linspace(0.1, 2.1, 1000), np.linspace(0.1, 9.0, 1000)), printed95=(-0.5, 2.1))
+    low, high = known.interval95
+    assert replace(known, likelihood95=(-0.5, high)).prior_volume.startswith("the prior's volume speaks: lower end ")
+    assert low - 0.09 * (high - low) < 0
+    assert not replace(known, likelihood95=(low - 0.09 * (high - low), high)).prior_volume
+
+
+def bounded(posterior: Posterior, side: str, at95: tuple[float, float], printed: tuple[float, float]) -> Posterior:
+    """A posterior whose k22 a bound of its prior holds: under wider priors there is mass beyond that bound."""
+    theta = posterior.theta[:4000].copy()
+    marginal = posterior.problem.prior.marginals[2]
+    theta[:400, 2] = marginal.high + 0.1 if side == "below" else marginal.low - 0.1
+    limited = with_limits(posterior, at95, printed)
+    limited.__dict__["widened"] = widened_by(posterior, theta).widened
+    return limited
+
+
+def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
+    for side, probability, pick in (("below", 0.05, min), ("above", 0.95, max)):
+        drawn = float(np.quantile(cheap_posterior.values("k22"), probability))
+        for factor in (0.5, 2.0):
+            found = bounded(cheap_posterior, side, (drawn * factor,) * 2, (drawn * factor,) * 2)
+            known = found.identifiability("k22")
+            assert known.verdict == f"bounded {side}"
+            assert found.likelihood_region.falls == [FALL_ONE_SIDED]
+            assert known.limit95 == drawn
+            ends = [known.printed95[side == "above"], known.printed95[side == "below"]]
+            assert ends[0] == pick(drawn, drawn * factor)
+            assert math.isnan(ends[1])
+            drawn_text, limit = rounded(drawn, known.limit95_error), rounded(drawn * factor)
+            moved = ends[0] != drawn
+            words = f"{limit} N·m/rad by likelihood ratio ({drawn_text} by the draws)"
+            words = words if moved else f"{drawn_text} N·m/rad with 95 % probability"
+            beyond = "above" if side == "below" else "below"
+            assert verdict_line(found, "k22").startswith(f"k22: {beyond} {words}: bounded {side} (")
+            assert known.prior_volume.count("end") == 1
+
+
+def test_a_limit_that_the_likelihood_does_not_set_is_none(cheap_posterior):
+    prior = cheap_posterior.prior_values("k22")
+    for share, verdict in ((0.5, "not identified"), (1.5, "bounded below")):
+        limit = float(np.quantile(prior, share * LEAST_EXCLUDED))
+        known = bounded(cheap_posterior, "below", (limit, math.nan), (limit, 1e8)).identifiability("k22")
+        assert known.verdict == verdict
+        assert bool(known.limit) == (verdict == "bounded below")
+        assert ("by likelihood the data exclude 5 % of the prior" in known.verdict_reason) == (share < 1)
+        assert known.printed95[0] == limit
+        assert (known.printed95[1] == 1e8) == (share < 1)
+
+
+def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
+    for name, entry in json.loads(json.dumps(cheap_posterior.summary().to_json()))["parameters"].items():
+        known = cheap_posterior.identifiability(name)
+        assert tuple(entry["interval95"]) == known.interval95
+        for key in ("likelihood95", "printed95"):
+            ends = getattr(known, key)
+            assert entry[key] == [end if math.isfinite(end) else None for end in ends]
+        assert entry["printed_by_likelihood"] == list(known.by_likelihood)
+        assert entry["prior_volume"] == known.prior_volume
+    table = str(cheap_posterior.summary())
+    assert f"({cheap_posterior.identifiability('k11').interval()})" in table
