@@ -58,6 +58,7 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.many_joints six
 	$(BIN)/python -m benchmarks.many_joints calibrate
 	$(BIN)/python -m benchmarks.exact_study
+	$(BIN)/python -m benchmarks.interval_ends
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.limits_hold
 	$(BIN)/python -m benchmarks.wrong_model

@@ -43,6 +43,7 @@ from jointbayes.sampling import (
     run_adapted,
     starting_walkers,
 )
+from jointbayes.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from jointbayes.posterior.stored_file import StoredFile
@@ -121,6 +122,7 @@ def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:
     return given.problem, given
 
 
+@one_blas_thread()
 def find_map(
     case: Analysed,
     initial: ArrayLike | None = None,
@@ -192,6 +194,7 @@ def _seed(case: Case | None, seed: int | None) -> int:
     return 1 if case is None else case.spec.sampling.seed
 
 
+@one_blas_thread()
 def sample(
     case: Analysed,
     seed: int | None = None,
@@ -348,6 +351,7 @@ def _refined(log_posterior: LogPosterior, best: Array) -> tuple[Array, float]:
         return best.copy(), float(log_posterior(best)[0])
 
 
+@one_blas_thread()
 def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None) -> Posterior:
     """Read a posterior written by `Posterior.save`; its problem is rebuilt from what is stored with it.
 

@@ -217,9 +217,24 @@ class TestStopRule:
     settings = SamplerSettings(max_steps=10_000, check_every=100)
 
     @staticmethod
-    def check(step=6000, burn_in=500, tau=100.0, r_hat=1.002, share=0.0199):
-        end_error = None if share is None else EndError("k11", "upper", share)
+    def check(step=6000, burn_in=500, tau=100.0, r_hat=1.002, share=0.0199, tau_end=None):
+        end_error = None if share is None else EndError("k11", "upper", share, tau if tau_end is None else tau_end)
         return Check(step, burn_in, np.array([1.0, tau]), np.array([r_hat, 1.0]), end_error)
+
+    def test_walkers_that_wait_in_a_tail_keep_the_rule_from_being_met(self):
+        slow = self.check(tau_end=111.0)
+        verdict = judge(self.settings, [self.check(), slow])
+        assert not verdict.converged
+        assert "τ = 111.0 steps of an end of a 95 % interval exceeds 1/50 of the 5500 after burn-in" in verdict.reason
+        assert expected_steps(self.settings, slow) >= 50 * 111
+
+    def test_the_slowest_end_counts_whichever_is_the_least_certain(self):
+        rng = np.random.default_rng(1)
+        free, stuck = rng.normal(size=(4, 400, 16)), rng.normal(size=(4, 400, 16))
+        stuck[:, :, 0] = np.linspace(2.0, 5.0, 400)  # a walker of each ensemble that stays in the tail
+        found = worst_end_error(np.stack([free, stuck], axis=-1))
+        assert found.tau > 50 > worst_end_error(free[..., None]).tau
+        assert worst_end_error(np.stack([free, stuck], axis=-1), every=4).tau == 4 * found.tau
 
     def test_is_met_when_all_conditions_hold(self):
         verdict = judge(self.settings, [self.check(tau=101.9), self.check()])

@@ -41,6 +41,7 @@ from jointbayes.joint import AnyJoint, Joint, Joints, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["Case", "case_around", "case_from_text", "load_case"]
 
@@ -251,6 +252,7 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     return Case(problem.name, source, parse_case(source), problem, problem if stated else None)
 
 
+@one_blas_thread()
 def _build(name: str, source: CaseText, directory: Path, measurement: Measurement | None, allow_outside: bool) -> Case:
     texts = setup_texts(source)
     setups = [

@@ -25,6 +25,7 @@ from jointbayes.measurement.signals.spectra import ShakerSettings, frfs_of_shake
 from jointbayes.measurement.virtual.synthetic import channel_label, noisy_frf
 from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from jointbayes.structure import Structure, StructureFamily
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["Truth", "describe", "simulate"]
 
@@ -104,6 +105,7 @@ class Truth:
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
 
 
+@one_blas_thread()
 def simulate(case: Case, settings: VirtualTestSpec | None, rng: np.random.Generator, setup: str = "") -> list[Record]:
     """Measure the truth of a case in a virtual test.
 

@@ -107,9 +107,9 @@ def main() -> None:
     Exit status: 0 done, 1 the check does not match or the analysis is not calibrated, 2 bad input, 3 the sampler has
     not converged, 130 interrupted, 141 nobody read the output, 143 terminated; of a campaign 1: cases failed.
     """
-    # Small linear algebra takes up to ten times as long on several threads. Read when NumPy is loaded, so not yet.
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    # Small linear algebra takes up to ten times as long on several threads, and has another last bit: not the user's
+    # to choose. Read when NumPy is loaded, so not yet.
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     # Else a tenth of a run, and half a second at its end, goes into looking through modules, which stay, for garbage.
     gc.set_threshold(100_000)
     atexit.register(gc.freeze)

@@ -14,6 +14,7 @@ from jointbayes.inference import LogPosterior
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.quadrature import MOST_DIMENSIONS, integrate
 from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, fit_proposal, importance_efficiency
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]
 
@@ -204,6 +205,7 @@ def nested_evidence(
     )
 
 
+@one_blas_thread()
 def evidence(
     log_posterior: LogPosterior,
     systems: Sequence[Coordinates | None],

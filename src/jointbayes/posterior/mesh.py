@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["LARGEST_ERROR_OF_PEAK", "LARGEST_ERROR_SD", "LARGEST_SHIFT_SD", "MeshCheck", "check_mesh"]
 
@@ -96,6 +97,7 @@ class MeshCheck:
         }
 
 
+@one_blas_thread()
 def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, seed: int) -> MeshCheck | None:
     """Compare a model's predictions with those of much richer elements.
 

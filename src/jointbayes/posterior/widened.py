@@ -15,6 +15,7 @@ from jointbayes.posterior.coordinates import coordinate_systems, judged_quantiti
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["DECADE", "REACH", "Side", "WidenedPosterior", "bounds_within_reach", "widen_posterior", "widened_prior"]
 
@@ -128,6 +129,7 @@ def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Sid
     return tuple(within_reach)
 
 
+@one_blas_thread()
 def widen_posterior(posterior: PosteriorDraws) -> WidenedPosterior | None:
     """Draws under wider priors: reweighted where the draws at hand suffice, drawn anew where they do not.
 

@@ -15,6 +15,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.sampling import SamplerSettings
+from jointbayes.threads import one_blas_thread
 from jointbayes.whole_file import exchanged, scratch_directory, swept, write_whole_file
 
 __all__ = [
@@ -37,6 +38,7 @@ _REMEDY = "expected a new directory or an earlier run directory; choose another 
 _STEPS = 1000  # of each ensemble; the shipped cases take 100 to 950
 
 
+@one_blas_thread()
 def write_report(posterior: Posterior, directory: str | os.PathLike[str]) -> Path:
     """Write a run directory.
 

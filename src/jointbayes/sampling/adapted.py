@@ -13,7 +13,9 @@ from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.each_mode import AboutModes, joined
 from jointbayes.sampling.proposal.fit import Proposal
 from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.proposal.mixture_search import GOOD_MIXTURE
 from jointbayes.sampling.proposal.student import StudentMixture
+from jointbayes.sampling.proposal.student_fit import good_efficiency
 from jointbayes.sampling.run import run_stage
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stage import Slow
@@ -28,6 +30,8 @@ Array = NDArray[np.float64]
 #: proposal fitted to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.
 _STAGES = (500, 1000, 2000, 4000)
 _SLOW_TAU = 20.0
+#: Before these, where the first proposal is not good: each reaches a little further out from what the last one found.
+_EXPLORING = (200, 200, 200, 200)
 _FITTED = 6000  # draws to which a mixture is fitted
 _HELD_OUT = 2000  # others than these, by which the coordinates are chosen
 _NOWHERE = -1000.0  # ln of the density at a draw that has no place in other coordinates
@@ -37,6 +41,9 @@ _MISSED = 1.5  # ln of an importance weight: draws above it are hardly ever prop
 _FEWEST = 5  # such draws for each parameter, for components to be added for them
 _MORE, _MOST = 3.0, 0.3  # times their share of all draws is the weight of what is added, but no more than this
 _ADDED, _ROUNDS = 4, 8  # components in each round
+_HALF = 0.3  # efficiency that stands for half independence moves, half local ones
+_STATED = 0.5  # of a proposal's efficiency: if draws of the posterior find less, a part of it was missed
+_FAR = 100.0  # ln of an importance weight that is as good as infinite
 
 
 def run_adapted(
@@ -56,8 +63,15 @@ def run_adapted(
     A proposal that was fitted without knowing the posterior may miss a part of it. A walker there is hardly ever
     moved by the independence move, and τ is hundreds of steps. Where τ is above 20 after 500 steps a proposal is
     fitted to the draws, which do reach that part; after 1000 more again, and so on. Each time the steps made so far
-    become burn-in: moves never change while steps are made that count, so that the posterior stays invariant. A run
-    of shorter τ is the same, bit for bit, as that of :func:`run_ensembles`.
+    become burn-in: moves never change while steps are made that count, so that the posterior stays invariant.
+
+    A long thin tail may be missed altogether, by the proposal, by its own draws, from which its efficiency is known,
+    and by a short run of steps that are proposed from it: all look good, and the ends of intervals are wrong. So a
+    proposal that would serve for most steps although its fit never became good first serves in four stages of 200
+    steps, for half of them. The others are local moves, which reach a little beyond what it covers, and the proposal
+    is fitted to these draws each time. And a run that has converged is looked at once more: where its draws find the
+    proposal less than half as efficient as it is stated to be, there is another stage, with a proposal fitted to them.
+    A run with a good proposal and of shorter τ is the same, bit for bit, as that of :func:`run_ensembles`.
 
     Parameters
     ----------
@@ -82,9 +96,13 @@ def run_adapted(
     """
     discarded, evaluations, seconds = 0, 0, 0.0
     streams = Streams.of(rng)
-    for number, stage in enumerate((*_STAGES, None)):
+    explores = _HALF < proposal.efficiency < GOOD_MIXTURE * good_efficiency(proposal.dimension)
+    for number, stage in enumerate((*(_EXPLORING if explores else ()), *_STAGES, None)):
         streams = streams.of_stage(number)
         left = settings.max_steps - discarded
+        # what is left must be enough for a stage of its own
+        last = left - max(2 * settings.check_every, (stage or 0) // 2)
+        slow = Slow(stage, last, 0.0 if explores else _SLOW_TAU) if stage else None
         chains = run_stage(
             log_density,
             start,
@@ -92,16 +110,17 @@ def run_adapted(
             replace(settings, max_steps=left),
             progress and _with_earlier(progress, discarded, settings.max_steps, seconds),
             coordinates=proposal.likeliest.coordinates,
-            proposal=proposal,
+            proposal=replace(proposal, efficiency=_HALF) if explores else proposal,
             quantities=quantities,
-            # what is left must be enough for a stage of its own
-            slow=Slow(stage, left - max(2 * settings.check_every, stage // 2), _SLOW_TAU) if stage else None,
+            slow=slow,
             keeper=keeper,
         )
         evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
-        if chains.converged or chains.steps == left:
+        again = chains.converged and stage is not None and chains.steps <= last and _misses_mass(proposal, chains)
+        if chains.steps == left or (chains.converged and not again):
             break
         discarded += chains.steps
+        explores = explores and number + 1 < len(_EXPLORING)
         proposal = _refitted(log_density, systems, proposal, _draws(chains), streams.refit())
         start = chains.theta[:, -1]
     reason = chains.reason
@@ -186,6 +205,20 @@ def _reaching(
             np.concatenate([share * added.weights[:-1] / added.weights[:-1].sum(), (1 - share) * mixture.weights]),
         )
     return mixture
+
+
+def _misses_mass(proposal: Proposal, chains: Chains) -> bool:
+    """Whether draws of the run say that the proposal reaches less of the density than its own draws say.
+
+    With w = p/q the efficiency is 1/∫ p²/q: one over the mean of w over draws from p, which lie where q has missed.
+    """
+    theta = chains.theta[:, chains.held_burn_in :].reshape(-1, chains.theta.shape[-1])
+    log_weight = chains.log_density[:, chains.held_burn_in :].ravel() - proposal.log_density(theta)
+    middle = np.median(log_weight)
+    log_weight = np.clip(log_weight, middle - _FAR, middle + _FAR)
+    n = np.log(log_weight.size)
+    efficiency = np.exp(2 * n - np.logaddexp.reduce(log_weight) - np.logaddexp.reduce(-log_weight))
+    return bool(efficiency < _STATED * proposal.efficiency)
 
 
 def _draws(chains: Chains) -> Array:

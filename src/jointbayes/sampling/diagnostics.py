@@ -11,6 +11,7 @@ __all__ = [
     "normal_scores",
     "quantile_error",
     "quantile_spread",
+    "quantile_tau",
     "split_r_hat",
 ]
 
@@ -173,9 +174,17 @@ def quantile_error(draws: NDArray[np.float64], probability: float) -> float:
     >>> bool(abs(quantile_error(white, 0.5) / (1.2533 / np.sqrt(white.size)) - 1) < 0.2)
     True
     """
-    _require_draws(draws[..., None])
-    tau = _tau((draws <= np.quantile(draws, probability)).astype(np.float64))
+    tau = quantile_tau(draws, probability)
     return quantile_spread(draws, probability, draws.size / tau) if np.isfinite(tau) else float("inf")
+
+
+def quantile_tau(draws: NDArray[np.float64], probability: float) -> float:
+    """Autocorrelation time of "draw ≤ quantile", in steps of the draws; infinite if all are equal.
+
+    Parameters and errors are those of :func:`quantile_error`.
+    """
+    _require_draws(draws[..., None])
+    return _tau((draws <= np.quantile(draws, probability)).astype(np.float64))
 
 
 def quantile_spread(draws: NDArray[np.float64], probability: float, effective: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_error, split_r_hat
+from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_spread, quantile_tau, split_r_hat
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.several_modes import SeveralModes
 
@@ -57,11 +57,16 @@ class Quantities:
 
 @dataclass(frozen=True, slots=True)
 class EndError:
-    """Monte Carlo standard error of one end of a 95 % interval, as a share of the interval's width."""
+    """Monte Carlo standard error of one end of a 95 % interval, as a share of the interval's width.
+
+    ``tau`` is the autocorrelation time of "the draw lies below the end" in steps, of the slowest of all ends: walkers
+    may wait far longer in a tail than τ of the whole quantity tells.
+    """
 
     name: str
     end: str
     share: float
+    tau: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +183,7 @@ def diagnose(
     )
 
 
-def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = None) -> EndError:
+def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = None, every: int = 1) -> EndError:
     """Find the end of a 95 % interval that is least certain relative to the interval's width.
 
     Parameters
@@ -187,6 +192,8 @@ def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = N
         Draws of θ after burn-in.
     quantities : Quantities, optional
         What has the intervals; by default the coordinates θ themselves.
+    every : int
+        Distance of these draws in steps.
 
     Returns
     -------
@@ -200,9 +207,12 @@ def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = N
         draws = values[..., k]
         low, high = np.quantile(draws, INTERVAL)
         for end, probability in zip(("lower", "upper"), INTERVAL, strict=True):
-            share = quantile_error(draws, probability) / (high - low) if high > low else math.inf
-            errors.append(EndError(name, end, share))
-    return max(errors, key=lambda error: error.share)
+            tau, share = quantile_tau(draws, probability), math.inf
+            if high > low and math.isfinite(tau):
+                share = quantile_spread(draws, probability, draws.size / tau) / (high - low)
+            errors.append(EndError(name, end, share, tau * every))
+    worst = max(errors, key=lambda error: error.share)
+    return replace(worst, tau=max(error.tau for error in errors))
 
 
 def with_end_error(
@@ -232,7 +242,7 @@ def with_end_error(
     last = checks[-1]
     if _unmet(settings, checks):
         return last
-    return replace(last, end_error=worst_end_error(theta[:, last.burn_in // every :], quantities))
+    return replace(last, end_error=worst_end_error(theta[:, last.burn_in // every :], quantities, every))
 
 
 def thinning(tau: NDArray[np.float64]) -> int:
@@ -285,8 +295,8 @@ def next_check(step: int, settings: SamplerSettings) -> int:
 def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     """Apply the stop rule to the last check.
 
-    The rule is met if the kept steps exceed ``tau_factor`` τ, if τ has changed by less than
-    ``tau_tolerance`` since the check before (τ that of the slowest parameter), if R̂ of every parameter
+    The rule is met if the kept steps exceed ``tau_factor`` τ, also that of each interval end, if τ has changed by less
+    than ``tau_tolerance`` since the check before (τ that of the slowest parameter), if R̂ of every parameter
     is below ``r_hat_max``, and if the Monte Carlo standard error of each end of each 95 % interval is below
     ``end_tolerance`` of the interval's width. A NaN meets none of them.
 
@@ -307,6 +317,11 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     error = last.end_error
     if not unmet and not (error is not None and error.share < settings.end_tolerance):
         unmet.append(_end_sentence(error, settings))
+    if not unmet and error is not None and not last.kept > settings.tau_factor * error.tau:
+        unmet.append(
+            f"τ = {error.tau:.1f} steps of an end of a 95 % interval exceeds 1/{settings.tau_factor:g} of the "
+            f"{last.kept} after burn-in"
+        )
     if unmet:
         return Verdict(False, f"not converged {where}: {'; '.join(unmet)}")
     assert error is not None
@@ -336,7 +351,8 @@ def expected_steps(settings: SamplerSettings, last: Check) -> int:
     """
     kept = settings.tau_factor * last.tau_max
     if last.end_error is not None:
-        kept = max(kept, last.kept * (last.end_error.share / settings.end_tolerance) ** 2)
+        needed = last.kept * (last.end_error.share / settings.end_tolerance) ** 2
+        kept = max(kept, needed, settings.tau_factor * last.end_error.tau)
     needed = kept + _BURN_IN_FACTOR * last.tau_max
     if not needed < settings.max_steps:
         return settings.max_steps

@@ -8,6 +8,7 @@ from jointbayes.case.case import Case
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["CheckLine", "CheckResult", "check_posterior", "require_reference"]
 
@@ -64,6 +65,7 @@ def require_reference(case: Case) -> np.ndarray:
     return case.reference
 
 
+@one_blas_thread()
 def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
     """Compare the posterior mode with the case's reference.
 

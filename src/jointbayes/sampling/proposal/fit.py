@@ -100,6 +100,11 @@ class Proposal:
         dead = np.full(n - log_weight.size, -np.inf)
         return importance_efficiency(np.concatenate([truncated(log_weight, n), dead]))
 
+    def log_density(self, theta: Array) -> Array:
+        """Log of its normalised density over θ, shape (n,), at θ, shape (n, d); −inf outside its coordinates."""
+        value = self.density.log_density(self.coordinates.forward(theta)) - self.coordinates.log_volume(theta)
+        return np.where(np.isfinite(value), value, -np.inf)
+
     def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.
 

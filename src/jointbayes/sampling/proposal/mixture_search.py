@@ -12,7 +12,7 @@ from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.student_fit import good_efficiency
 from jointbayes.sampling.proposal.weights import Pool, resampled, tempered
 
-__all__ = ["Fit", "search"]
+__all__ = ["GOOD_MIXTURE", "Fit", "search"]
 
 _DRAWS = 2000
 _CONFIRMING = 4000
@@ -20,7 +20,7 @@ _LOOKED_AT_AGAIN = 2
 _TRIALS = 3  # rounds in each system, before the best is refined
 _ROUNDS = 7
 _GAIN = 0.02  # in efficiency, below which components are split
-_GOOD = 0.9  # of the efficiency at which a single Student-t is good enough: a mixture never gets quite there
+GOOD_MIXTURE = 0.9  # of the efficiency at which a single Student-t is good enough: a mixture never gets quite there
 _FITTED = 6000  # draws to which a mixture is fitted, so that a round costs the same however many there are
 _ENOUGH = 10  # effective draws for each parameter of a component
 
@@ -60,7 +60,7 @@ def search(
     list of Fit
         Those to choose from; none if the pool holds too few draws where the density is above zero.
     """
-    good = _GOOD * good_efficiency(pool.theta.shape[1]) if enough is None else enough
+    good = GOOD_MIXTURE * good_efficiency(pool.theta.shape[1]) if enough is None else enough
     fits: list[Fit] = []
     latest: dict[int, Fit] = {}
     for trial, index in product(range(_TRIALS), range(len(systems))):

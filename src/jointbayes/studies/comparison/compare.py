@@ -17,6 +17,7 @@ from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_out
 from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
+from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import find_map
 
 __all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "hypothesis_problem"]
@@ -77,6 +78,7 @@ def _places(parametrisation: Parametrisation) -> dict[str, str]:
     return {quantity.name: f"{quantity.role} {quantity.places}" for quantity in parametrisation.quantities}
 
 
+@one_blas_thread()
 def compare(
     cases: Sequence[Case], seed: int | None = None, progress: Callable[[str], None] | None = None
 ) -> Comparison:

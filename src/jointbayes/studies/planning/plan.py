@@ -24,6 +24,7 @@ from jointbayes.studies.planning.first_look import FirstLook, Linearised, sets_o
 from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
 from jointbayes.studies.planning.race import KEPT, KeptSimulations, Race, plan_directory, plan_fingerprint
 from jointbayes.studies.planning.simulation import Simulator, assumed_truth, stated_joint
+from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import sample
 
 __all__ = ["Plan", "PlannedMeasurement", "plan"]
@@ -248,6 +249,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+@one_blas_thread()
 def plan(
     case: Case,
     posterior: Posterior | None = None,

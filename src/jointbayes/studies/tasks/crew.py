@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 from jointbayes.code_version import code_version
 from jointbayes.errors import JointBayesError, WorkerError
+from jointbayes.threads import one_blas_thread
 
 __all__ = ["Call", "Crew", "Event", "Reply", "attempt", "other_version", "packed"]
 
@@ -92,6 +93,7 @@ def other_version(found: str, where: str = "workers") -> str:
     )
 
 
+@one_blas_thread()
 def attempt(call: Call) -> Reply:
     """Run a call, in a worker. Whatever it raises becomes one error in words."""
     try:

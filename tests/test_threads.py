@@ -1,0 +1,124 @@
+"""The same draws whatever the number of BLAS threads, and the user's number back afterwards."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import scipy.linalg  # noqa: F401  (comes with a BLAS of its own)
+from threadpoolctl import ThreadpoolController, threadpool_limits
+
+import jointbayes as jb
+from jointbayes.studies.tasks.crew import attempt, packed
+from jointbayes.threads import one_blas_thread
+from tests.conftest import CONFIGS
+
+_HEAD = """
+import hashlib, sys
+import numpy as np
+import jointbayes as jb
+case = jb.load_case(sys.argv[1])
+"""
+_DENSITY = """
+theta = case.problem.prior.sample(np.random.default_rng(1), 20)
+short = jb.sample(jb.load_case(sys.argv[1].replace("clamped_beam_uncertain", "two_storeys_shape")))
+numbers = case.problem.measurement.frf.values, case.problem.log_posterior(theta), short.theta
+"""
+_DRAWS = """
+numbers = jb.sample(case).theta,
+"""
+_TAIL = """
+print([hashlib.sha256(np.ascontiguousarray(one).tobytes()).hexdigest() for one in numbers])
+"""
+
+
+def digests(case, what):
+    """SHA-256 of what fresh processes compute that were given one, two and four threads."""
+    outputs = set()
+    for threads in ("1", "2", "4"):
+        run = subprocess.run(
+            [sys.executable, "-c", _HEAD + what + _TAIL, str(CONFIGS / f"{case}.toml")],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        outputs.add(run.stdout)
+    return outputs
+
+
+def of_blas():
+    return [one["num_threads"] for one in ThreadpoolController().info() if one["user_api"] == "blas"]
+
+
+def test_data_density_and_draws_are_those_of_one_thread_with_any_number():
+    assert len(digests("clamped_beam_uncertain", _DENSITY)) == 1
+
+
+@pytest.mark.science
+def test_draws_of_a_long_curved_posterior_are_those_of_one_thread_with_any_number():
+    assert len(digests("clamped_beam_uncertain", _DRAWS)) == 1
+
+
+def test_is_one_inside_and_what_it_was_afterwards_also_after_an_error():
+    with threadpool_limits(2, user_api="blas"):
+        before = of_blas()
+        with one_blas_thread():
+            assert set(of_blas()) == {1}
+            with one_blas_thread():
+                assert set(of_blas()) == {1}
+            assert set(of_blas()) == {1}
+        with pytest.raises(ZeroDivisionError), one_blas_thread():
+            1 / 0  # noqa: B018
+        assert of_blas() == before
+
+
+def test_threads_that_overlap_leave_the_number_as_it_was():
+    @one_blas_thread()
+    def multiply(size):
+        np.ones((size, size)) @ np.ones((size, size))
+        return set(of_blas())
+
+    with threadpool_limits(2, user_api="blas"):
+        before = of_blas()
+        with ThreadPoolExecutor(4) as executor:
+            assert all(found == {1} for found in executor.map(multiply, range(50, 90)))
+        assert of_blas() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [
+        ("find_map", "jointbayes.workflow._problem_and_case"),
+        ("sample", "jointbayes.workflow._problem_and_case"),
+        ("load_posterior", "jointbayes.posterior.stored_file.read_stored"),
+    ],
+)
+def test_every_step_runs_on_one_thread(name, first, monkeypatch):
+    def look(*_arguments, **_named):
+        raise InterruptedError(str(set(of_blas())))
+
+    step = getattr(jb, name)
+    monkeypatch.setattr(first, look)
+    with threadpool_limits(2, user_api="blas"), pytest.raises(InterruptedError, match=r"^\{1\}$"):
+        step("any")
+
+
+def test_tasks_of_studies_run_on_one_thread():
+    with threadpool_limits(2, user_api="blas"):
+        assert set(attempt(packed(of_blas, ())).value) == {1}
+
+
+def test_the_command_line_has_one_thread_whatever_the_environment_says():
+    code = "import sys; from jointbayes.cli.commands import main; sys.argv[1:] = ['check', '--help']; main()"
+    probe = "import atexit, os; atexit.register(lambda: print(os.environ['OPENBLAS_NUM_THREADS'])); "
+    run = subprocess.run(
+        [sys.executable, "-c", probe + code],
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "4"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.splitlines()[-1] == "1"
