@@ -130,7 +130,7 @@ def array_of(given: object, kind: type, what: str, error: type[JointBayesError])
     import numpy as np
 
     try:
-        found = np.array(given)
+        found = np.array(given, order="C")  # sums over the same numbers laid out otherwise differ in the last digit
         if found.dtype.kind not in ("biuf" if kind is float else "biufc") and found.dtype != object:
             raise TypeError
         with np.errstate(over="ignore"):
