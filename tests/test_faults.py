@@ -21,14 +21,12 @@ from tests.conftest import cheap_frequencies_text, edited
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
 
 SMALL = (("max_steps = 20000", "max_steps = 200"),)
-#: Commands on `clamp.toml`, and what of their result must be whole where they end well.
+#: Commands on `clamp.toml`; `plan` and `compare` write their directories as `run` does.
 COMMANDS = {
     "sample": ("sample", "clamp.toml", "--out", "out"),
     "run": ("run", "clamp.toml", "--out", "out"),
     "calibrate": ("calibrate", "clamp.toml", "--n", "2", "--workers", "1", "--out", "out"),
     "campaign": ("campaign", "clamp.toml", "--workers", "1", "--out", "out"),
-    "plan": ("plan", "clamp.toml", "--out", "out"),
-    "compare": ("compare", "clamp.toml", "--out", "out"),
 }
 LONG = [pytest.param(name, marks=pytest.mark.science) for name in COMMANDS if name != "sample"]
 
@@ -67,7 +65,7 @@ def names_written(place, arguments):
 
     with each_change(place, look):
         result = cli(*arguments)
-    assert result.exit_code in (0, 1, 3), result.output
+    assert result.exit_code in (0, 3), result.output
     return sorted(p for p in seen if not any(part.startswith(".") and part != MARK for part in p.parts))
 
 
