@@ -43,6 +43,7 @@ bench: $(VENV)/.stamp-bench  ## time the likelihood and the samplers against oth
 	$(BIN)/python -m benchmarks.samplers
 	$(BIN)/python -m benchmarks.uncertain
 	$(BIN)/python -m benchmarks.noise
+	$(BIN)/python -m benchmarks.small_data --portal
 
 numbers: $(VENV)/.stamp-test  ## run every shipped case and write what README and docs quote of them (minutes)
 	$(BIN)/python -m benchmarks.numbers
@@ -61,6 +62,9 @@ science: $(VENV)/.stamp-test  ## the tests marked science, then the long studies
 	$(BIN)/python -m benchmarks.interval_ends
 	$(BIN)/python -m benchmarks.calibration
 	$(BIN)/python -m benchmarks.limits_hold
+	$(BIN)/python -m benchmarks.several_modes
+	$(BIN)/python -m benchmarks.false_alarms --sets 34
+	$(BIN)/python -m benchmarks.wrong_verdicts --sets 5
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.planning
 	$(BIN)/python -m benchmarks.setups
