@@ -17,7 +17,6 @@ from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchM
 from jointbayes.sampling.proposal.student import StudentT
 from tests.science.known_densities import TARGETS
 
-
 ENSEMBLES, WALKERS, STEPS = 32, 32, 50
 # About 700 figures are compared in this file: at 1e-6 each a sound program fails once in a thousand choices of seed.
 LEVEL = 1e-6
