@@ -109,16 +109,3 @@ def test_every_step_runs_on_one_thread(name, first, monkeypatch):
 def test_tasks_of_studies_run_on_one_thread():
     with threadpool_limits(2, user_api="blas"):
         assert set(attempt(packed(of_blas, ())).value) == {1}
-
-
-def test_the_command_line_has_one_thread_whatever_the_environment_says():
-    code = "import sys; from jointbayes.cli.commands import main; sys.argv[1:] = ['check', '--help']; main()"
-    probe = "import atexit, os; atexit.register(lambda: print(os.environ['OPENBLAS_NUM_THREADS'])); "
-    run = subprocess.run(
-        [sys.executable, "-c", probe + code],
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "4"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert run.stdout.splitlines()[-1] == "1"
