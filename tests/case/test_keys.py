@@ -171,7 +171,7 @@ class Bench:
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
         monkeypatch.setattr(plan, "_chosen", self._planned)
         for name in ("FirstLook", "Simulator", "coordinate_systems"):
-            monkeypatch.setattr(plan, name, lambda *_, **__: SimpleNamespace(truths=[]))
+            monkeypatch.setattr(plan, name, lambda *_, **__: SimpleNamespace(truths=[], digest=""))
         monkeypatch.setattr(simulation.Truth, "frf", lambda *_: None)
         for name in ("noisy_frf", "hammer_records", "shaker_records", "frfs_of_hits", "frfs_of_shaker"):
             monkeypatch.setattr(simulation, name, self._noted(name))

@@ -7,6 +7,7 @@ import sys
 import tomllib
 
 import numpy as np
+import pandas
 import pytest
 from click.testing import CliRunner
 from pyarrow import parquet
@@ -358,7 +359,7 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
     whole = jb.case_from_text("b", case.read()[0])
     alone = jb.sample(whole, seed=case_seed(1, "b"), settings=whole.sampler.for_one_of_many())
     brief, row = alone.brief(), campaign.index.loc["b"]
-    assert {name: row[name] for name in brief} == brief
+    assert {name: None if pandas.isna(row[name]) else row[name] for name in brief} == brief
     kept = campaign.posterior("b")
     assert np.array_equal(kept.theta, alone.with_fewer_draws(4000).theta)
     assert kept.record.case_name == "b"
