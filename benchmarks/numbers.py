@@ -181,7 +181,7 @@ def run_compare() -> dict[str, Any]:
 
 def run_iteration(name: str, changes: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     """What `identify` prints, and how far the paper's iteration ends from the truth, %."""
-    text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
+    text = read_case_text(CONFIGS / f"{name}.toml").text  # with that of the case it builds on
     truth = tomllib.loads(text)["data"]["truth"]
     for old, new in changes:
         if old not in text:
