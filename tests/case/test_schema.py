@@ -79,6 +79,10 @@ JARGON = re.compile(r"input should|valid (number|integer|string)|literal|pydanti
 # The fault must be reported on the line of the change, or, if a change holds an @, on the line of the @.
 BROKEN = r"""
 diameter_mm = 25.0=>radius_mm = 12.5 ;; structure.section.radius_mm ;; write diameter_mm = 25, a diameter is twice the radius
+diameter_mm = 25.0=>radius_m = 0.0125 ;; structure.section.radius_m ;; write diameter_mm = 25, a diameter is twice the radius
+diameter_mm = 25.0=>radius = 12.5 ;; structure.section.radius ;; rename it and give twice its value in mm
+density_kg_m3 = 7800.0=>density_g_cm3 = 7.8 ;; structure.density_g_cm3 ;; write density_kg_m3 = 7800, the value in kg/m³
+density_kg_m3 = 7800.0=>rho = 7800.0 ;; structure.rho ;; rename it and give its value in kg/m³
 length_mm = 383.0=>length_m = 0.383 ;; structure.length_m ;; write length_mm = 383, the value in mm
 youngs_modulus_gpa = 210.0=>youngs_modulus_mpa = 210000 ;; structure.youngs_modulus_mpa ;; write youngs_modulus_gpa = 210,
 dofs = =>dof =  ;; joint.dof ;; did you mean "dofs"? rename it
@@ -208,11 +212,13 @@ parametrisation = "signed"=># && [prior.rho]=>@[prior.rho] ;; prior.rho ;; repla
 [120.0, 762.0, 2101.0]=>[120.0,\n762.0,\n@762.0] ;; data.frequencies_hz ;; after 762.0
 s = 10=>s = 1 && supports = []=>supports = ["2:y", "2:rz"] && frequencies_hz =>@frequencies_hz  ;; data.frequencies_hz ;; for 2 free DOFs
 sd_hz = 0.5=>sd_hz = 0 && sd_relative = 0.005=>@sd_relative = 0 ;; data.sd_relative ;; both 0
+sd_hz = 0.5=>sd_khz = 0.0005 ;; data.sd_khz ;; write sd_hz = 0.5, the value in Hz
 sd_hz = 0.5=>sd_hz = -0.5 ;; data.sd_hz ;; in Hz
 """  # noqa: E501
 BROKEN_FULL = r"""
 [uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@sd ;; uncertain.youngs_modulus.sd ;; did you mean "sd_percent"? rename it and give its value in percent
 [uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@sd_gpa ;; uncertain.youngs_modulus.sd_gpa ;; give its value in percent
+[uncertain.youngs_modulus]\nsd_percent=>[uncertain.youngs_modulus]\n@low ;; uncertain.youngs_modulus.low ;; did you mean "low_factor"? rename it and give its value as a factor
 [uncertain.youngs_modulus]=>[uncertain.E] ;; uncertain.E ;; did you mean "youngs_modulus"?
 _mass_g = 2.0=>_mass_g = -1.0 ;; structure.accelerometer_mass_g ;; the mass in g added at each measured translation, a number of at least 0
 _mass_g = 2.0=>_mas_g = 2.0 ;; structure.accelerometer_mas_g ;; did you mean "accelerometer_mass_g"?

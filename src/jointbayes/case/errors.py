@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from jointbayes.case.case_text import CaseText
+from jointbayes.case.key_units import UNITS, same_stem, stem_of, unit_of
 from jointbayes.case.toml_text import KeyPath, similar
 
 __all__ = ["Finding", "fault_lines", "fault_paths", "raise_findings", "show_key"]
@@ -35,22 +36,6 @@ _SYMBOLS = {
     "eta": "loss_factor",
     "kappa": "shear_coefficient",
 }
-#: Units at the end of a key, each with what it measures and its size in SI.
-_IN_SI = {
-    "m": ("length", 1.0),
-    "cm": ("length", 1e-2),
-    "mm": ("length", 1e-3),
-    "um": ("length", 1e-6),
-    "in": ("length", 0.0254),
-    "pa": ("pressure", 1.0),
-    "mpa": ("pressure", 1e6),
-    "gpa": ("pressure", 1e9),
-    "hz": ("frequency", 1.0),
-    "khz": ("frequency", 1e3),
-    "kg": ("mass", 1.0),
-    "g": ("mass", 1e-3),
-}
-_UNITS = {*_IN_SI, "percent", "relative", "factor", "ratio", "m3", "kgm3", "log", "psi", "ksi"}
 
 
 @dataclass(frozen=True)
@@ -215,16 +200,16 @@ def _pair_renamed(faults: list[_Fault]) -> list[_Fault]:
         below = [str(p[-2]) for p in missing if len(p) > 1 and p[:-2] == table and p[-1] in inside]
         alone = sum(f.place.path[:-1] == table for f in unknown) == 1
         known = [k for m in fault.place.owner for k in m.model_fields]
-        # The surest sign first: a missing key, then a table whose missing keys are inside, then likeness.
+        # The surest sign first: a missing key, then a table whose missing keys are inside, a symbol, a unit, likeness.
         fault.meant = (
             fault.meant
             or similar(key, here)
             or (here[0] if alone and len(here) == 1 else None)
             or (below[0] if below else None)
+            or next((k for k in known if _SYMBOLS.get(key) in (k, stem_of(k))), None)
+            or same_stem(key, known)
             or similar(key, [k for k in known if k not in fault.place.siblings])
             or similar(key, known)
-            or next((k for k in known if _stem(k) == _stem(key)), None)
-            or (_SYMBOLS.get(key) if _SYMBOLS.get(key) in known else None)
         )
         meant = (*table, fault.meant)
         missing = [p for p in missing if p != meant and not (p[:-1] == meant and p[-1] in inside)]
@@ -245,7 +230,7 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
     place, meant = fault.place, fault.meant
     known = {k: f for m in place.owner for k, f in m.model_fields.items()}
     key = str(place.path[-1])
-    surely = meant is not None and (meant.startswith(key) or _stem(meant) == _stem(key))
+    surely = meant is not None and (meant.startswith(key) or stem_of(meant) == stem_of(key))
     homes = [] if surely else list(dict.fromkeys(_homes(root, key)))[:3]
     hints = [f"it belongs in {' or '.join(homes)}"] if homes else []
     expected = f"one of {', '.join(known)}"
@@ -261,27 +246,19 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
     return found, f"expected {expected}", ", or ".join(hints) or "remove it"
 
 
-def _stem(key: str) -> str:
-    """A key without its unit."""
-    stem, _, unit = key.rpartition("_")
-    return stem if unit in _UNITS else key
-
-
 def _converted(place: _Place, meant: str) -> str:
     """What to do with the value of a key that is named otherwise: nothing, unless it is in another unit or a radius."""
     key, value = str(place.path[-1]), place.value
-    if "radius" in key and "diameter" in meant:
-        factor, why = 2.0, "a diameter is twice the radius"
-    else:
-        ours, theirs = meant.rpartition("_")[2], key.rpartition("_")[2]
-        if ours == theirs or ours not in _UNITS:
-            return "rename it"
-        if theirs not in _IN_SI or ours not in _IN_SI or _IN_SI[theirs][0] != _IN_SI[ours][0]:
-            return f"rename it and give its value in {ours}"
-        factor, why = _IN_SI[theirs][1] / _IN_SI[ours][1], f"the value in {ours}"
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return f"write {meant} = {factor * value:.6g}, {why}"
-    return f"rename it, and give {why}" if "radius" not in key else f"rename it; {why}"
+    ours, theirs = unit_of(meant), unit_of(key)
+    twice = "radius" in key.lower() and "diameter" in meant
+    if not ours or (ours == theirs and not twice):
+        return "rename it"
+    kind, size, words = UNITS[ours]
+    known, given, _ = UNITS.get(theirs, ("", 1.0, ""))
+    if known != kind or not isinstance(value, int | float) or isinstance(value, bool):
+        return f"rename it and give {'twice ' if twice else ''}its value {words}"
+    why = "a diameter is twice the radius" if twice else f"the value {words}"
+    return f"write {meant} = {(2 if twice else 1) * given / size * value:.6g}, {why}"
 
 
 def _missing_wording(fault: _Fault) -> tuple[str, str, str]:

@@ -1,0 +1,64 @@
+"""Units at the end of keys: what a key in another unit was meant to be, and what makes its value right."""
+
+from collections.abc import Iterable
+
+__all__ = ["UNITS", "same_stem", "stem_of", "unit_of"]
+
+#: Units at the end of a key: what each measures, its size in SI, and how it reads.
+UNITS = {
+    "m": ("length", 1.0, "in m"),
+    "cm": ("length", 1e-2, "in cm"),
+    "mm": ("length", 1e-3, "in mm"),
+    "um": ("length", 1e-6, "in µm"),
+    "in": ("length", 0.0254, "in inches"),
+    "pa": ("pressure", 1.0, "in Pa"),
+    "mpa": ("pressure", 1e6, "in MPa"),
+    "gpa": ("pressure", 1e9, "in GPa"),
+    "psi": ("pressure", 6894.757, "in psi"),
+    "ksi": ("pressure", 6.894757e6, "in ksi"),
+    "hz": ("frequency", 1.0, "in Hz"),
+    "khz": ("frequency", 1e3, "in kHz"),
+    "kg": ("mass", 1.0, "in kg"),
+    "g": ("mass", 1e-3, "in g"),
+    "s": ("time", 1.0, "in s"),
+    "ms": ("time", 1e-3, "in ms"),
+    "n": ("force", 1.0, "in N"),
+    "kn": ("force", 1e3, "in kN"),
+    "n_per_m": ("stiffness", 1.0, "in N/m"),
+    "kn_per_m": ("stiffness", 1e3, "in kN/m"),
+    "n_per_mm": ("stiffness", 1e3, "in N/mm"),
+    "kn_per_mm": ("stiffness", 1e6, "in kN/mm"),
+    "n_per_um": ("stiffness", 1e6, "in N/µm"),
+    "n_s_per_m": ("viscous damping", 1.0, "in N·s/m"),
+    "n_s_per_mm": ("viscous damping", 1e3, "in N·s/mm"),
+    "kg_m2": ("inertia", 1.0, "in kg·m²"),
+    "kg_cm2": ("inertia", 1e-4, "in kg·cm²"),
+    "kg_mm2": ("inertia", 1e-6, "in kg·mm²"),
+    "kg_m3": ("density", 1.0, "in kg/m³"),
+    "g_cm3": ("density", 1e3, "in g/cm³"),
+    "percent": ("fraction", 1e-2, "in percent"),
+    "relative": ("fraction", 1.0, "as a fraction"),
+    "ratio": ("fraction", 1.0, "as a fraction"),
+    "factor": ("factor", 1.0, "as a factor"),
+    "log": ("logarithm", 1.0, "as a logarithm"),
+}
+
+
+def unit_of(key: str) -> str:
+    """The unit at the end of a key, as `UNITS` has it, the longest; a fraction may be the whole key."""
+    words = key.lower().split("_")
+    ends = ["_".join(words[i:]) for i in range(1, len(words))]
+    whole = key if key in UNITS and UNITS[key][0] == "fraction" else ""
+    return next((end for end in ends if end in UNITS), whole)
+
+
+def stem_of(key: str) -> str:
+    """A key without its unit."""
+    return key[: len(key) - len(unit_of(key))].rstrip("_") or key
+
+
+def same_stem(key: str, known: Iterable[str]) -> str | None:
+    """The known key that differs in its unit alone, one whose unit measures the same first; None where none does."""
+    alike = [name for name in known if stem_of(name) == stem_of(key)]
+    kind = UNITS.get(unit_of(key), ("",))[0]
+    return min(alike, key=lambda name: UNITS.get(unit_of(name), ("",))[0] != kind, default=None)
