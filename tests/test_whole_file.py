@@ -215,3 +215,15 @@ def test_a_writer_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="no"), whole_file(tmp_path / "one"):
         raise ValueError("no")
     assert names(tmp_path) == []
+
+
+def test_files_are_opened_as_bytes_where_the_system_would_translate_lines():
+    # the flag of Windows stands for one that can be asked for here
+    program = """
+import fcntl, os, sys
+os.O_BINARY = os.O_APPEND
+from jointbayes.own_directory import open_regular
+print(bool(fcntl.fcntl(open_regular(sys.argv[1], os.O_RDWR), fcntl.F_GETFL) & os.O_APPEND))
+"""
+    done = subprocess.run([sys.executable, "-c", program, __file__], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"

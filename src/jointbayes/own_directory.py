@@ -35,6 +35,7 @@ MARK = ".jointbayes"
 LOCK = "lock"
 
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
+_AS_IT_IS = getattr(os, "O_BINARY", 0)  # Windows would put a carriage return before each byte 10
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)  # a pipe would wait for its other end
 _BY_DESCRIPTOR = {os.open, os.unlink, os.stat} <= os.supports_dir_fd and os.listdir in os.supports_fd
 _NOT_REGULAR = (errno.ELOOP, errno.EMLINK, errno.EISDIR, errno.ENXIO)
@@ -187,7 +188,7 @@ class OwnDirectory:
     def _require_ours(self) -> None:
         names = self.names()
         mark = self._read(MARK) if MARK in names else b""
-        self._marked = mark == self._mark
+        self._marked = mark.strip() == self._mark.strip()  # one may be written by hand
         if mark.startswith(b"jointbayes: ") and not self._marked:
             kind = mark[12:].decode(errors="replace").strip()
             raise self._error(f"{self.path}: found a directory of {kind}; {self._expected}")
@@ -243,7 +244,7 @@ def open_regular(name: str | os.PathLike[str], flags: int, *, at: int | None = N
     status, refused = None, not _NO_LINK and os.path.islink(name)
     if not refused:
         try:
-            descriptor = os.open(name, flags | _NO_LINK | _NO_WAIT, 0o666, dir_fd=at)
+            descriptor = os.open(name, flags | _NO_LINK | _NO_WAIT | _AS_IT_IS, 0o666, dir_fd=at)
         except OSError as error:
             if error.errno not in _NOT_REGULAR:
                 raise

@@ -303,9 +303,10 @@ class TestDirectory:
         with pytest.raises(jb.WriteError, match="cannot be written"):
             campaign_directory(tmp_path / "x/index.parquet/below").__enter__()
         assert [p.name for p in (tmp_path / "x").iterdir()] == ["index.parquet"]
-        (tmp_path / "x/.jointbayes").write_text("jointbayes: a campaign\n")
-        with campaign_directory(tmp_path / "x"):
-            pass
+        for line in ("jointbayes: a campaign\n", "jointbayes: a campaign", "jointbayes: a campaign\r\n"):  # by hand
+            (tmp_path / "x/.jointbayes").write_text(line, newline="")
+            with campaign_directory(tmp_path / "x"):
+                pass
 
     @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
     def test_one_process_at_a_time(self, tmp_path):
