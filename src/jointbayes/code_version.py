@@ -16,5 +16,7 @@ def code_version() -> str:
     """
     sources, digest = Path(__file__).parent, hashlib.sha256()
     for file in sorted(sources.rglob("*.py")):
+        if not file.is_file():
+            continue  # the lock of an editor is a link to nothing
         digest.update(file.relative_to(sources).as_posix().encode() + b"\0" + file.read_bytes())
     return f"{version('jointbayes')}+{digest.hexdigest()[:12]}"
