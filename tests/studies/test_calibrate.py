@@ -129,12 +129,13 @@ def test_two_calibrations_in_one_directory_are_refused(kept):
     assert not (kept[0] / "lock").exists()
 
 
-@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"[1, 2]\n{}\n", b"{}\n", b'{"seed": 1}\nnull\n'])
+@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"[1, 2]\n{}\n", b"{}\n", b'{"seed": 1}\nnull\n', b'{"se\n{}\n'])
 def test_a_damaged_file_of_data_sets_is_begun_anew_or_refused_in_a_line(tmp_path, damage):
     (tmp_path / KEPT).write_bytes(damage)
-    if damage.endswith(b"\n"):  # a whole first line, of something else
+    if damage.endswith(b"\n"):  # a first line of something else, or a damaged one before whole ones
         with pytest.raises(CaseError, match="expected those of this calibration"):
             KeptDataSets(tmp_path, {"seed": "2"}, 4)
+        assert (tmp_path / KEPT).read_bytes() == damage
     else:
         assert KeptDataSets(tmp_path, {"seed": "2"}, 4).done == {}
 

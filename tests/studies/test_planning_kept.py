@@ -1,6 +1,7 @@
 """What a plan keeps while it is made: interrupted it goes on, and says how long it will take."""
 
 import json
+import os
 import re
 from dataclasses import asdict, replace
 from types import SimpleNamespace
@@ -90,6 +91,17 @@ def test_simulations_of_another_plan_are_refused_before_any_work(options, part, 
     with pytest.raises(jb.CaseError, match=f"simulations of another .*{part}.*; expected those of this plan; choose"):
         few(None, tmp_path, **{"simulations": 0, **options})
     assert (tmp_path / KEPT).read_bytes() == before
+
+
+@pytest.mark.parametrize("kind", ["device", "pipe"])
+def test_simulations_are_not_read_from_what_never_ends(kind, tmp_path):
+    file = tmp_path / KEPT
+    if kind == "pipe":
+        os.mkfifo(file)
+    else:
+        file.symlink_to("/dev/zero")
+    with pytest.raises(jb.WriteError, match=f"{KEPT}: found a link, a file of several names, or no file at all"):
+        KeptSimulations(file, {"seed": "1"})
 
 
 def test_simulations_of_other_draws_are_passed_over(tmp_path):

@@ -47,8 +47,19 @@ def append_line(file: Path, value: object) -> None:
 
 
 def read_lines(file: Path) -> list[Any]:
-    """What each line holds, in order, and None of one that was cut off; nothing where there is no file."""
-    return [_parsed(line) for line in file.read_bytes().split(b"\n")] if file.exists() else []
+    """What each line holds, in order, and None of one that was cut off; nothing where there is no file.
+
+    Raises
+    ------
+    WriteError
+        If it is a link, a pipe or a device, which might never end.
+    """
+    try:
+        descriptor = open_regular(file, os.O_RDONLY)
+    except FileNotFoundError:
+        return []
+    with os.fdopen(descriptor, "rb") as stream:
+        return [_parsed(line) for line in stream.read().split(b"\n")]
 
 
 def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> list[Any]:
@@ -57,7 +68,7 @@ def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> li
     Parameters
     ----------
     file
-        The file; begun where there is none, or not even its first line whole.
+        The file; begun where there is none, or no whole line in it.
     head
         What its lines must depend on, part by part.
     kind, study
@@ -66,17 +77,18 @@ def kept_lines(file: Path, head: Mapping[str, str], kind: str, study: str) -> li
     Raises
     ------
     CaseError
-        If they depend on something else: on what.
+        If they depend on something else: on what; or if the first line is damaged.
     WriteError
-        If the file cannot be begun.
+        If the file cannot be begun, or is no regular file.
     """
     found, *rest = read_lines(file) or [None]
-    if found is None:
+    if found is None and all(line is None for line in rest):
         file.unlink(missing_ok=True)
         append_line(file, dict(head))
     elif found != head:
+        what = "whose first line is damaged" if found is None else f"of another {_difference(found, head)}"
         raise CaseError(
-            f"{file}: found {kind} of another {_difference(found, head)}; expected those of this {study}; choose "
+            f"{file}: found {kind} {what}; expected those of this {study}; choose "
             "another --out, or delete the directory"
         )
     return rest
