@@ -30,8 +30,8 @@ __all__ = [
 ]
 
 _MARK = "summary.json"  # by which a run directory is known
-#: What may be in a run directory, or in that of a comparison or a plan; any other file is the user's.
-_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "compare.json", "plan.json")
+#: What may be in a run directory, or in that of a comparison; any other file is the user's.
+_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "compare.json")
 _FOLDERS = {"figures": ".svg", "cases": ".toml"}
 _ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures
 _REMEDY = "expected a new directory or an earlier run directory; choose another --out"
