@@ -21,7 +21,7 @@ from tests.conftest import cheap_frequencies_text, edited
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
 
 SMALL = (("max_steps = 20000", "max_steps = 200"),)
-#: Commands on `clamp.toml`; `plan` and `compare` write their directories as `run` does.
+#: Commands on `clamp.toml`; `compare` writes its directory as `run` does, and `plan` as `calibrate` does.
 COMMANDS = {
     "sample": ("sample", "clamp.toml", "--out", "out"),
     "run": ("run", "clamp.toml", "--out", "out"),
