@@ -124,8 +124,16 @@ def test_terminal_page_one_and_summary_say_what_is_excluded(bounded, capsys):
     assert f"**{said}**" in [block.text for block in lead(inputs) if isinstance(block, Paragraph)]
     print_summary(bounded, inputs.knowledge)
     assert said in capsys.readouterr().out.splitlines()
-    again = gather_knowledge(replace(bounded, kept_knowledge=inputs.knowledge.kept()), None)
-    assert again.simpler == inputs.knowledge.simpler
+
+
+def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(bounded, tmp_path, monkeypatch):
+    knowledge = ReportInputs(bounded).knowledge
+    bounded.save(tmp_path / "draws.nc", knowledge)
+    kept = jb.load_posterior(tmp_path / "draws.nc")
+    older = replace(bounded, kept_knowledge={k: v for k, v in knowledge.kept().items() if k != "simpler"})
+    assert gather_knowledge(older, None).simpler == knowledge.simpler
+    monkeypatch.setattr("jointbayes.posterior.information.knowledge.simpler_joints", lambda _: pytest.fail("kept"))
+    assert gather_knowledge(kept, kept.case and kept.case.workshop_problem).simpler == knowledge.simpler
 
 
 def test_of_joints_that_are_known_nothing_is_said(cheap_posterior):

@@ -26,6 +26,7 @@ from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, Star
 from jointbayes.joint import Coordinate
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.information.excluded import SimplerJoint
 from jointbayes.posterior.information.uncertain_inputs import Source
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import FILE_VERSION
@@ -174,6 +175,7 @@ class _Knowledge(_Part):
     profiles: Annotated[tuple[_Profile, ...], Field(max_length=_MOST)]
     freed: Annotated[tuple[_Freed, ...], Field(max_length=_MOST)]
     assumed: Annotated[tuple[Name, ...], Field(max_length=_MOST)]
+    simpler: Annotated[tuple[SimplerJoint, ...], Field(max_length=_MOST)] | None = None  # unknown to older files
 
 
 class _Problem(_Part):

@@ -157,6 +157,7 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
     problem = posterior.problem
     kept = posterior.kept_knowledge if freed is (posterior.case and posterior.case.workshop_problem) else None
     known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
+    simpler = kept and kept.get("simpler")  # unknown to older files
     return Knowledge(
         posterior.check,
         name_directions(
@@ -169,7 +170,7 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
         tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
         tuple(map(_row_from, kept["freed"])) if kept else effect_of_uncertain_inputs(posterior, freed),
         tuple(kept["assumed"]) if kept else _assumed(problem, freed),
-        tuple(SimplerJoint(**one) for one in kept.get("simpler", ())) if kept else simpler_joints(posterior),
+        simpler_joints(posterior) if simpler is None else tuple(SimplerJoint(**one) for one in simpler),
     )
 
 
