@@ -174,3 +174,12 @@ def test_a_walker_that_could_not_come_back_stays():
     proposed, log_factor = move.get_proposal(np.full((200, 1), -2.0), random)
     assert (proposed == -2.0).all()
     assert np.isneginf(log_factor).all()
+
+
+def test_a_mode_with_a_draw_or_two_does_not_hold_up_a_run():
+    """Of the draws that are ranked none may be among these: their share then has no R̂."""
+    theta = PLACES[0] + 0.1 * np.random.default_rng(1).normal(size=(4, 1000, 16, 2))
+    theta[1, 731, 5] = PLACES[1]
+    check = diagnose(theta, None, modes=SeveralModes.of(STARTS))
+    assert 0 < check.modes_tau < 2
+    assert check.r_hat_max < 1.01

@@ -172,7 +172,10 @@ def diagnose(
         share = share[..., np.ptp(share, axis=(0, 1, 2)) > 0]
         if share.size:
             modes_tau = every * float(autocorrelation_time(share).max())
-            modes_r_hat = float(split_r_hat(share[:, ::ranked]).max())
+        share = share[:, ::ranked]
+        share = share[..., np.ptp(share, axis=(0, 1, 2)) > 0]  # of a rare mode none may be among these
+        if share.size:
+            modes_r_hat = float(split_r_hat(share).max())
     return Check(
         step=steps or theta.shape[1],
         burn_in=burn_in * every,
