@@ -74,6 +74,13 @@ def test_two_storeys_of_the_same_two_frequencies_are_two_solutions():
     assert "An FRF at 2:x would tell them apart" in posterior.solutions.sentence
 
 
+def test_solutions_of_a_model_that_fails_do_not_explain_the_data(portal):
+    misfit = dataclasses.replace(portal)
+    misfit.__dict__["check"] = dataclasses.replace(portal.check, chi2_per_line=4.0)
+    assert not misfit.check.explains
+    assert Solutions(misfit).sentence.startswith("Two solutions fit the data best (probability 0.5")
+
+
 def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
     solutions = cheap_posterior.solutions
     assert solutions.shares.tolist() == [1.0]

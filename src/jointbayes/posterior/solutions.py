@@ -107,8 +107,10 @@ class Solutions:
         if not self.split:
             return ""
         shares = ", ".join(f"{self.shares[modes].sum():.2f}" for modes in self._distinct)
+        # of a model that does not explain the data the solutions only fit best
+        fit = "explain the data" if self._posterior.check.explains else "fit the data best"
         text = (
-            f"{_count(len(self._distinct)).capitalize()} solutions explain the data (probability {shares}): "
+            f"{_count(len(self._distinct)).capitalize()} solutions {fit} (probability {shares}): "
             f"{', '.join(self.split)} differ between them."
         )
         theta = np.array([self._posterior.estimate.starts_for_draws[modes[0]][0] for modes in self._distinct])
