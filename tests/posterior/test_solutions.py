@@ -9,7 +9,10 @@ import pytest
 from benchmarks import several_modes as study
 
 import jointbayes as jb
+from jointbayes.posterior.information.excluded import known_by_bounds
+from jointbayes.posterior.information.uncertain_inputs import effect_of_uncertain_inputs
 from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _parted, further_measurement
+from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED
 from jointbayes.report.sections.lead import _banners
 from tests.conftest import CONFIGS, TO_CONVERGE
 
@@ -72,6 +75,22 @@ def test_two_storeys_of_the_same_two_frequencies_are_two_solutions():
     assert posterior.converged
     assert posterior.identifiability("first.kx").verdict_reason.startswith("two solutions: 1.4")
     assert "An FRF at 2:x would tell them apart" in posterior.solutions.sentence
+
+
+def test_what_is_said_beside_the_solutions_knows_of_both(portal):
+    region = portal.likelihood_region
+    for index, name in enumerate(portal.stiffness_names):
+        known = portal.identifiability(name)
+        assert np.isfinite(known.likelihood95).all()
+        assert known.prior_volume == ""
+        mirrored = region.limits((index + 3) % 6, FALL_TWO_SIDED, FALL_PRINTED)
+        assert region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)[1] == pytest.approx(mirrored[1], rel=0.01)
+    assert known_by_bounds(portal) == ()
+    run, freed = effect_of_uncertain_inputs(portal, portal.case.workshop_problem)
+    assert freed.known
+    assert set(freed.verdict.values()) == {"not identified"}
+    for name, known in freed.known.items():
+        assert np.log(known.interval95) == pytest.approx(np.log(run.known[name].interval95), abs=0.1)
 
 
 def test_solutions_of_a_model_that_fails_do_not_explain_the_data(portal):

@@ -52,10 +52,14 @@ class Solutions:
 
     def __init__(self, posterior: PosteriorDraws) -> None:
         self._posterior, starts = posterior, posterior.estimate.starts_for_draws
-        alone = np.zeros(len(posterior.theta), dtype=np.intp)
-        self._nearest = SeveralModes.of(starts).nearest(posterior.theta) if len(starts) > 1 else alone
+        self._modes = SeveralModes.of(starts) if len(starts) > 1 else None
+        self._nearest = self.nearest(posterior.theta)
         #: Share of the draws of each mode.
-        self.shares = np.bincount(self._nearest, minlength=len(starts)) / len(alone)
+        self.shares = np.bincount(self._nearest, minlength=len(starts)) / len(self._nearest)
+
+    def nearest(self, theta: Array) -> NDArray[np.intp]:
+        """Number of the mode nearest to each point θ, shape (n, d)."""
+        return np.zeros(len(theta), dtype=np.intp) if self._modes is None else self._modes.nearest(theta)
 
     def _draws(self, name: str, modes: list[int]) -> Array:
         return self._posterior.values(name).ravel()[np.isin(self._nearest, modes)]

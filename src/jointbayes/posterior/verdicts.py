@@ -82,7 +82,8 @@ class JudgedPosterior(PosteriorDraws):
     def likelihood_region(self) -> LikelihoodRegion:
         """Joints that fit nearly as well as the best, for likelihood-ratio limits, which it keeps once found."""
         modes = [self.estimate.theta, self.mode_theta, *(mode.theta for mode in self.estimate.modes)]
-        return LikelihoodRegion(self.problem.log_posterior, np.vstack([*modes, self.thinned(_REGION_DRAWS)]))
+        theta = np.vstack([*modes, self.thinned(_REGION_DRAWS)])
+        return LikelihoodRegion(self.problem.log_posterior, theta, self.solutions.nearest(theta))
 
     def identifiability(self, name: str) -> Identifiability:
         """Median, 95 % interval with errors, and verdict with its reason, see `jointbayes.posterior.verdicts`.

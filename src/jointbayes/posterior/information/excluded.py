@@ -65,10 +65,13 @@ class SimplerJoint:
 
 
 def known_by_bounds(posterior: JudgedPosterior) -> tuple[str, ...]:
-    """Joints of which most stiffnesses are neither identified nor weakly identified, by name; none without verdicts."""
+    """Joints of which most stiffnesses are neither identified nor weakly identified, by name; none without verdicts.
+
+    One that is not identified only because solutions differ in it is known by more than bounds.
+    """
     verdicts: dict[str, list[str]] = {}
     for quantity in posterior.problem.quantities:
-        if quantity.role == "stiffness":
+        if quantity.role == "stiffness" and quantity.name not in posterior.solutions.split:
             verdict = posterior.identifiability(quantity.name).verdict
             verdicts.setdefault(quantity.name.rpartition(".")[0], []).append(verdict)
     if any("no verdict" in each for each in verdicts.values()):

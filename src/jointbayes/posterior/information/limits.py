@@ -47,9 +47,12 @@ class LikelihoodRegion:
         Density of the problem.
     theta
         Modes and draws of θ, shape (n, d); the region is followed from the best of them.
+    solution
+        Number of the solution that each belongs to, shape (n,), where there are several: steps are as long as one of
+        them is wide, not as they are apart.
     """
 
-    def __init__(self, log_posterior: LogPosterior, theta: Array) -> None:
+    def __init__(self, log_posterior: LogPosterior, theta: Array, solution: NDArray[np.intp] | None = None) -> None:
         prior = log_posterior.prior
         self._log_likelihood, self._prior = log_posterior.log_likelihood, prior
         names, count = prior.parametrisation.names, len(prior.marginals)
@@ -57,7 +60,10 @@ class LikelihoodRegion:
         far, (low, high) = _FARTHEST * prior.sd, prior.support
         low, high = np.maximum(low, prior.mean - far), np.minimum(high, prior.mean + far)
         self._low, self._high = low + _EDGE * (high - low), high - _EDGE * (high - low)
-        covariance = np.atleast_2d(np.cov(theta.T))
+        away = theta.copy()
+        for number in () if solution is None or np.ptp(solution) == 0 else np.unique(solution):
+            away[solution == number] -= theta[solution == number].mean(axis=0)
+        covariance = np.atleast_2d(np.cov(away.T))
         self._root = np.linalg.cholesky(covariance + 1e-10 * np.diag(np.diag(covariance)))
         self._draws = np.clip(theta, self._low, self._high)
         self._heights = self._height(self._draws)

@@ -19,6 +19,7 @@ from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import Identifiability, Verdict, assess
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
+from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import BEYOND, JudgedPosterior, with_limit
 from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
 from jointbayes.sampling import (
@@ -27,6 +28,7 @@ from jointbayes.sampling import (
     Proposal,
     SamplerSettings,
     drawn_without_replacement,
+    fit_each_mode,
     fit_proposal,
     quantile_spread,
     run_ensembles,
@@ -128,11 +130,12 @@ def _row(
     """Draws of the problem with only these quantities uncertain, and what they say."""
     part = _Part(problem, uncertain)
     try:
-        start = part.start(posterior)
-        covariance = part.covariance(start)
-        proposal = fit_proposal(
-            part.log_density, part.coordinate_systems(), ((start, covariance),), rng, enough=_ENOUGH
-        )
+        starts = [(start, part.covariance(start)) for start in part.starts(posterior)]
+        systems = part.coordinate_systems()
+        if len(starts) > 1:
+            proposal = fit_each_mode(part.log_density, systems, starts, None, rng)
+        else:
+            proposal = fit_proposal(part.log_density, systems, starts, rng, enough=_ENOUGH)
         draws, source, effective = _draws(part.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
         draws, source, effective = None, "none", 0.0
@@ -179,6 +182,8 @@ def _judged(posterior: JudgedPosterior, name: str, values: Array, held: Sequence
     """
     prior = posterior.prior_values(name).ravel()
     found = assess(values, prior)
+    if name in posterior.solutions.split:
+        return replace(found, verdict="not identified", verdict_reason="several solutions")
     if not held:
         return found
     which = "default range, which no one stated," if posterior.has_default_prior(name) else "prior"
@@ -211,16 +216,20 @@ class _Part:
         """Compliance of the joint, and normal scores of all."""
         return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
 
-    def start(self, posterior: JudgedPosterior) -> Array:
-        """The likeliest point, shape (f,), among draws of the run with what is held put at its stated value."""
+    def starts(self, posterior: JudgedPosterior) -> list[Array]:
+        """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
         known = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
+        nearest = posterior.solutions.nearest(known)
         names = posterior.problem.names
         tried = np.zeros((len(known), len(self._problem.names)))
         for i, name in enumerate(self._problem.names):
             if name in names:
                 tried[:, i] = known[:, names.index(name)]
-        points: Array = tried[:, self._free]
-        return points[int(np.argmax(self.log_density(points)))]
+        points = tried[:, self._free]
+        density = self.log_density(points)
+        likely = [mode for mode in np.unique(nearest) if posterior.solutions.shares[mode] >= LEAST_SHARE]
+        best = [int(np.argmax(np.where(nearest == mode, density, -np.inf))) for mode in likely]
+        return [points[i] for i in sorted(best, key=lambda i: -density[i])]
 
     def covariance(self, theta: Array) -> Array:
         """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
@@ -253,7 +262,8 @@ def _draws(
     if len(chosen) < count:
         return None, "none", 0.0
     start = theta[chosen].reshape(_SHORT.ensembles, _SHORT.walkers, -1)
-    chains = run_ensembles(log_density, start, rng, _SHORT, coordinates=proposal.coordinates, proposal=proposal)
+    coordinates = proposal.likeliest.coordinates
+    chains = run_ensembles(log_density, start, rng, _SHORT, coordinates=coordinates, proposal=proposal)
     if not (chains.r_hat.max() < _SHORT_R_HAT and chains.ess.min() >= _SHORT_EFFECTIVE):
         return None, "none", 0.0
     draws: Array = chains.draws().theta.reshape(-1, theta.shape[1])
