@@ -10,6 +10,7 @@ from scipy import stats
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge
+from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.excluded import (
     LEVEL,
     SimplerJoint,
@@ -17,6 +18,7 @@ from jointbayes.posterior.information.excluded import (
     known_by_bounds,
     simpler_joints,
 )
+from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.lead import lead
@@ -134,6 +136,18 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
     assert gather_knowledge(older, None).simpler == knowledge.simpler
     monkeypatch.setattr("jointbayes.posterior.information.knowledge.simpler_joints", lambda _: pytest.fail("kept"))
     assert gather_knowledge(kept, kept.case and kept.case.workshop_problem).simpler == knowledge.simpler
+
+
+@pytest.mark.parametrize(("verdict", "condition"), [("not identified", True), ("weakly identified", False)])
+def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_change_nothing(bounded, verdict, condition):
+    knowledge = gather_knowledge(bounded)
+    known = {"k11": replace(assess(np.linspace(1.0, 2.0, 100), np.linspace(1.0, 100.0, 100)), verdict=verdict)}
+    run = UncertainInputsRow((), "this run", known)
+    knowledge = replace(knowledge, freed=(run, UncertainInputsRow(("length", "density"), "short run", known)))
+    assert knowledge.exact == {}
+    assert ("Best known, with length and density exactly known: " in knowledge.bounds_sentence) == condition
+    assert knowledge.directions_sentence.startswith("With length and density exactly known: ") == condition
+    assert "Best known: " in replace(knowledge, freed=(run,)).bounds_sentence
 
 
 def test_of_joints_that_are_known_nothing_is_said(cheap_posterior):

@@ -237,16 +237,22 @@ def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share
         moved = low * (high / low) ** (sign * share)
         changed = with_limits(cheap_posterior, (moved, high), (low, high))
         said = changed.identifiability("k12").prior_volume
+        lower = changed.identifiability("k12").interval().split(" … ")[0]
         assert bool(said) == speaks
         assert said in verdict_line(changed, "k12")
         if speaks:
             assert said == (
-                f"the prior's volume speaks: lower end {rounded(low)} by the draws, {rounded(moved)} by the likelihood "
-                "alone"
+                f"the prior's volume speaks: lower end {lower} by the draws, {rounded(moved)} by the likelihood alone"
             )
             assert f"The {said.removeprefix('the ')}." in verdict_sentences(changed.summary())
     none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).identifiability("k12")
-    assert none.prior_volume.endswith(f"upper end {rounded(high)} by the draws, none by the likelihood alone")
+    drawn = rounded(high, none.interval95_error[1])
+    assert none.prior_volume.endswith(f"upper end {drawn} by the draws, none by the likelihood alone")
+    assert none.source.startswith("(upper end as far as the priors reach; 95 % credible interval ")
+    both = with_limits(cheap_posterior, (low / 2, math.nan), (low / 2, 2 * high)).identifiability("k12")
+    assert both.source.startswith("(lower end by likelihood ratio, upper end as far as the priors reach; ")
+    neither = with_limits(cheap_posterior, (math.nan, math.nan), (low / 2, 2 * high)).identifiability("k12")
+    assert neither.source.startswith("(both ends as far as the priors reach; ")
 
 
 def test_a_sign_that_the_likelihood_leaves_open_is_compared_on_the_plain_scale():

@@ -139,9 +139,16 @@ class Identifiability:
             return ""
         if self.limit:
             return f"by likelihood ratio ({rounded(self.limit95, self.limit95_error)} by the draws)"
-        ends = {(True, True): "both ends", (True, False): "lower end", (False, True): "upper end"}[self.by_likelihood]
         drawn = rounded_interval(self.interval95, self.interval95_error, " to ")
-        return f"({ends} by likelihood ratio; 95 % credible interval {drawn})"
+        ends = list(zip(self.by_likelihood, self.likelihood95, strict=True))
+        closed = [moved and not math.isnan(limit) for moved, limit in ends]
+        reached = [moved and math.isnan(limit) for moved, limit in ends]
+        said = [
+            f"{'both ends' if all(which) else 'lower end' if which[0] else 'upper end'} {words}"
+            for which, words in ((closed, "by likelihood ratio"), (reached, "as far as the priors reach"))
+            if any(which)
+        ]
+        return f"({', '.join(said)}; 95 % credible interval {drawn})"
 
     @property
     def prior_volume(self) -> str:
@@ -149,11 +156,12 @@ class Identifiability:
         measure = float if any(end <= 0 for end in (*self.interval95, *self.likelihood95)) else math.log
         low, high = map(measure, self.interval95)
         said = []
-        ends = zip(("lower", "upper"), self.printed95, self.drawn95, self.likelihood95, strict=True)
-        for side, printed, drawn, limit in ends:  # where the likelihood leaves an end open its limit is NaN
+        errors = (self.limit95_error,) * 2 if self.limit else self.interval95_error
+        ends = zip(("lower", "upper"), self.printed95, self.drawn95, errors, self.likelihood95, strict=True)
+        for side, printed, drawn, error, limit in ends:  # where the likelihood leaves an end open its limit is NaN
             if math.isfinite(printed) and not abs(measure(limit) - measure(drawn)) <= VOLUME_SHARE * (high - low):
                 alone = "none" if math.isnan(limit) else rounded(limit)
-                said.append(f"{side} end {rounded(drawn)} by the draws, {alone} by the likelihood alone")
+                said.append(f"{side} end {rounded(drawn, error)} by the draws, {alone} by the likelihood alone")
         return f"the prior's volume speaks: {', '.join(said)}" if said else ""
 
 

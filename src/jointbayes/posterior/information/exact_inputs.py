@@ -12,7 +12,14 @@ from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
 from jointbayes.posterior.rounding import in_unit, rounded_interval
 
-__all__ = ["LARGEST_CHANGE", "ExactInputs", "effect_sentence", "inputs_taken_as_exact", "listed"]
+__all__ = [
+    "LARGEST_CHANGE",
+    "ExactInputs",
+    "effect_sentence",
+    "inputs_taken_as_exact",
+    "listed",
+    "quantities_taken_as_exact",
+]
 
 _RANK: dict[Verdict, int] = {
     "identified": 0,
@@ -65,18 +72,22 @@ class ExactInputs:
         }
 
 
+def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, ...]:
+    """Names of what the run, the first row, takes as exact and another row does not."""
+    most = max((row.uncertain for row in rows), key=len, default=())
+    return tuple(name for name in most if name not in rows[0].uncertain)
+
+
 def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, ExactInputs]:
     """The stiffnesses whose verdict holds only if what the run takes as exact is so, by name.
 
     A verdict does where the run's interval is another one with these quantities uncertain, see `LARGEST_CHANGE`, where
     its class is worse, its one-sided limit is weaker by a factor of 1.5, or where this could not be shown.
     """
-    if not rows:
-        return {}
-    run, most = rows[0], max(rows, key=lambda row: len(row.uncertain))
-    exact = tuple(name for name in most.uncertain if name not in run.uncertain)
+    exact = quantities_taken_as_exact(rows)
     if not exact:
         return {}
+    run, most = rows[0], max(rows, key=lambda row: len(row.uncertain))
     return {
         name: ExactInputs(exact, most.known.get(name))
         for name, known in run.known.items()

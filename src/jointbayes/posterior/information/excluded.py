@@ -22,6 +22,7 @@ from scipy import stats
 
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.identifiability import CERTAINTY
+from jointbayes.posterior.rounding import number
 from jointbayes.posterior.verdicts import JudgedPosterior
 
 __all__ = ["LEVEL", "SimplerJoint", "exclusion_sentence", "known_by_bounds", "simpler_joints"]
@@ -118,7 +119,7 @@ def exclusion_sentence(joints: tuple[SimplerJoint, ...]) -> str:
 
 
 def _ratio(value: float) -> str:
-    return f"{value:.3g}" if value < 1e6 else "more than 1e6"
+    return number(value, 3) if value < 1e6 else "more than 1e6"
 
 
 def _log_likelihood(posterior: JudgedPosterior, theta: Array, put: dict[int, float]) -> Array:

@@ -19,6 +19,7 @@ from jointbayes.posterior.information.exact_inputs import (
     effect_sentence,
     inputs_taken_as_exact,
     listed,
+    quantities_taken_as_exact,
 )
 from jointbayes.posterior.information.excluded import SimplerJoint, exclusion_sentence, simpler_joints
 from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
@@ -83,15 +84,26 @@ class Knowledge:
         if not self.simpler:
             return ""
         best = next((d.sentence for d in self.directions if d.verdict in CERTAINTY), "")
-        said = f"{exclusion_sentence(self.simpler)}{f' Best known: {best}.' if best else ''}"
+        known = f"Best known{self._condition and f', with {self._condition}'}: {best}."
+        said = f"{exclusion_sentence(self.simpler)}{f' {known}' if best else ''}"
         return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
+
+    @property
+    def _condition(self) -> str:
+        """What combinations are known with: what the run takes as exact, unless freeing it was seen to change nothing.
+
+        Of stiffnesses that are not identified anyway that cannot be seen, while combinations may be known well.
+        """
+        exact = quantities_taken_as_exact(self.freed)
+        seen = exact and any(verdict != "not identified" for verdict in self.freed[0].verdict.values())
+        return f"{listed(exact)} exactly known" if exact and (self.exact or not seen) else ""
 
     @property
     def directions_sentence(self) -> str:
         """Which combinations are known, in one sentence; conditional as the verdicts are."""
         said = summary_sentence(self.directions)
-        if self.exact:
-            said = f"With {listed(next(iter(self.exact.values())).quantities)} exactly known: {said}"
+        if self._condition:
+            said = f"With {self._condition}: {said}"
         return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
 
     @property
@@ -157,7 +169,7 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
     problem = posterior.problem
     kept = posterior.kept_knowledge if freed is (posterior.case and posterior.case.workshop_problem) else None
     known = {name: posterior.identifiability(name) for name in posterior.stiffness_names}
-    simpler = kept and kept.get("simpler")  # unknown to older files
+    simpler = None if kept is None else kept.get("simpler")  # unknown to older files
     return Knowledge(
         posterior.check,
         name_directions(

@@ -121,7 +121,7 @@ def _verdict_table(inputs: ReportInputs) -> Table:
     if reference is not None:
         head.insert(1, "Published")
     note = (
-        "Of a stiffness that is not identified each end of the 95 % interval is the more cautious of the draws' and, "
+        'Beside every verdict but "identified" each end of the 95 % interval is the more cautious of the draws\' and, '
         f"with up to {MOST_UNKNOWNS} unknowns, the likelihood's. Credible: equal-tailed, with the digits that the "
         f"Monte Carlo errors support. {RULE}."
     )
