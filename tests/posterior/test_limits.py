@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import jointbayes as jb
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
 from jointbayes.joint.parametrisation import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
@@ -18,7 +19,7 @@ from jointbayes.posterior.information.profile import profile_likelihood
 from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_line
 from jointbayes.report.sections.lead import verdict_sentences
-from tests.conftest import PAIR
+from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
 from tests.posterior.test_verdicts import widened_by, with_cached
 
 SPRINGS = parametrisation_named("springs", ("x", "y"))
@@ -98,6 +99,16 @@ def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
     assert math.isnan(low)
     assert farthest == pytest.approx(1e5, rel=1e-6)
     assert high == pytest.approx(1e7 * (known - math.log(1e5) + 0.3 * Z95), rel=1e-3)
+
+
+def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
+    """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""
+    posterior = jb.sample(jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml"), seed=1, settings=TO_CONVERGE)
+    profile = profile_likelihood(posterior.problem, posterior.estimate.theta, "k22")
+    assert not profile.open_above
+    found = posterior.likelihood_region.limits(posterior.stiffness_names.index("k22"), FALL_TWO_SIDED, FALL_PRINTED)
+    assert np.log(found[0]) == pytest.approx(profile.interval, abs=2e-3)
+    assert found[1][0] < found[0][0] < found[0][1] < found[1][1]
 
 
 def test_limits_reach_every_mode_that_has_draws():

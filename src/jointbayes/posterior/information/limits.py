@@ -32,6 +32,7 @@ _SLACK = 0.01
 _HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
 _EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
 _FARTHEST = 40.0  # prior standard deviations from its mean
+_FAR_DRAWS = 10  # for each unknown, of which the covariance at an end is worth a try
 _WORST = -1e9  # in place of a log likelihood that is not finite
 
 
@@ -63,8 +64,7 @@ class LikelihoodRegion:
         away = theta.copy()
         for number in () if solution is None or np.ptp(solution) == 0 else np.unique(solution):
             away[solution == number] -= theta[solution == number].mean(axis=0)
-        covariance = np.atleast_2d(np.cov(away.T))
-        self._root = np.linalg.cholesky(covariance + 1e-10 * np.diag(np.diag(covariance)))
+        self._root = _root(away)
         self._draws = np.clip(theta, self._low, self._high)
         self._heights = self._height(self._draws)
         best = self._draws[np.argmax(self._heights)]
@@ -113,15 +113,26 @@ class LikelihoodRegion:
         inside = self._draws[self._heights >= level]
         ends = []
         for sign, first in zip((-1.0, 1.0), near, strict=True):
-            starts = np.array([first, *inside[np.argsort(sign * self._prior.stiffness(inside)[:, index])[-1:]]])
-            reached = np.array([*starts, *(self._climbed(start, index, level, sign) for start in starts)])
+            farthest = inside[np.argsort(sign * self._prior.stiffness(inside)[:, index])]
+            starts = np.array([first, *farthest[-1:]])
+            # at the end of a curved ridge it is far thinner, and elsewhere directed, than all draws are
+            local = farthest[-max(_FAR_DRAWS * starts.shape[1], len(farthest) // 20) :]
+            roots = [self._root, *([_root(local)] if len(local) >= _FAR_DRAWS * starts.shape[1] else [])]
+            climbs = [self._climbed(start, index, level, sign, root) for start in starts for root in roots]
+            reached = np.array([*starts, *climbs])
             allowed = reached[(self._height(reached) >= level - _SLACK) & self._prior.feasible(reached)]
             ends.append(allowed[np.argmax(sign * self._prior.stiffness(allowed)[:, index])])
         return ends[0], ends[1]
 
-    def _climbed(self, start: Array, index: int | None = None, level: float = 0.0, sign: float = 1.0) -> Array:
-        """θ, shape (d,), of the greatest value of a quantity where ln L is at least `level`; without one of ln L."""
-        size, root, margin = start.size, self._root, 2 * _STEP * self._prior.sd
+    def _climbed(
+        self, start: Array, index: int | None = None, level: float = 0.0, sign: float = 1.0, root: Array | None = None
+    ) -> Array:
+        """θ, shape (d,), of the greatest value of a quantity where ln L is at least `level`; without one of ln L.
+
+        It goes in steps of a Cholesky factor of a covariance, shape (d, d); by default of that of all draws.
+        """
+        root = self._root if root is None else root
+        size, margin = start.size, 2 * _STEP * self._prior.sd
         steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
         drawn = np.ones(2) if index is None else self._prior.stiffness(self._draws)[:, index]
         measure = np.log if (drawn > 0).all() else np.asarray  # what of a quantity is sought: its logarithm, or itself
@@ -159,3 +170,9 @@ class LikelihoodRegion:
             loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": 1e-8}
         )
         return np.clip(start + root @ found.x, self._low, self._high)
+
+
+def _root(theta: Array) -> Array:
+    """Cholesky factor of the covariance of points θ, shape (n, d)."""
+    covariance = np.atleast_2d(np.cov(theta.T))
+    return np.asarray(np.linalg.cholesky(covariance + 1e-10 * np.diag(np.maximum(np.diag(covariance), 1e-12))))
