@@ -145,8 +145,8 @@ def test_an_estimate_that_is_not_of_this_problem_is_found_again(config, tmp_path
 def test_a_run_directory_with_a_file_of_the_user_is_refused_before_any_work(config, tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.workflow.find_map", None)
     (tmp_path / "out" / "figures").mkdir(parents=True)
-    for name in ("summary.json", "report.html", "figures/k11.svg"):
-        (tmp_path / "out" / name).touch()
+    for name in ("summary.json", "report.html", "figures/k11.svg", ".DS_Store", "figures/Thumbs.db"):
+        (tmp_path / "out" / name).touch()  # the last two come from looking at it
     for name, found in (("notes.txt", "notes.txt"), ("figures/photo.jpg", "figures/photo.jpg"), ("raw/x.uff", "raw")):
         (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
         (tmp_path / "out" / name).write_text("mine", encoding="utf-8")

@@ -33,6 +33,7 @@ _MARK = "summary.json"  # by which a run directory is known
 #: What may be in a run directory, or in that of a comparison; any other file is the user's.
 _FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "compare.json")
 _FOLDERS = {"figures": ".svg", "cases": ".toml"}
+_OF_THE_SYSTEM = (".DS_Store", "Thumbs.db", "desktop.ini")  # what looking at a directory leaves in it
 _ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures
 _REMEDY = "expected a new directory or an earlier run directory; choose another --out"
 _STEPS = 1000  # of each ensemble; the shipped cases take 100 to 950
@@ -211,6 +212,7 @@ def _require_ours(target: Path) -> None:
             below = sorted(entry.iterdir())
         for file in below:
             ours = known if file is entry else file.suffix == _FOLDERS[entry.name]
+            ours = ours or file.name in _OF_THE_SYSTEM
             if not ours or file.is_symlink() or not file.is_file():
                 raise CaseError(f"{target}: found {file.relative_to(target)} in it, which no run wrote; {_REMEDY}")
 

@@ -102,8 +102,7 @@ def _bold_head(sentence: str) -> str:
 def _verdict_table(inputs: ReportInputs) -> Table:
     reference, parameters = inputs.reference, inputs.summary.parameters
     damped = inputs.posterior.problem.parametrisation.damped
-    head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "95 % credible interval"]
-    head += ["Unit", "Verdict"]
+    head = ["Quantity" if damped else "Stiffness", "Median", "95 % interval", "Unit", "Verdict"]
     rows = []
     for i, (name, p) in enumerate(parameters.items()):
         known = p.known
@@ -111,7 +110,6 @@ def _verdict_table(inputs: ReportInputs) -> Table:
             name,
             rounded(known.median, known.median_error),
             known.limit.removesuffix(f" {known.unit}") or known.interval(),
-            _interval(known),
             "–" if p.unit == "1" else p.unit,
             p.verdict,
         ]
@@ -122,8 +120,8 @@ def _verdict_table(inputs: ReportInputs) -> Table:
         head.insert(1, "Published")
     note = (
         'Beside every verdict but "identified" each end of the 95 % interval is the more cautious of the draws\' and, '
-        f"with up to {MOST_UNKNOWNS} unknowns, the likelihood's. Credible: equal-tailed, with the digits that the "
-        f"Monte Carlo errors support. {RULE}."
+        f"with up to {MOST_UNKNOWNS} unknowns, the likelihood's; beside \"identified\" it is the draws' equal-tailed "
+        f"credible interval, with the digits that the Monte Carlo errors support. {RULE}."
     )
     if reference is not None:
         note += f" Published: {inputs.reference_source}."
@@ -148,8 +146,9 @@ def verdict_sentences(summary: Summary) -> str:
         reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
         reason += f"; {p.exact.beside}" if p.exact else ""
         limit = f" {known.limit_in_words}," if known.limit else ""
+        ends = f" {known.source}" if known.source and not known.limit else ""
         volume = f" {known.prior_volume.capitalize()}." if known.prior_volume else ""
-        sentences.append(f"**{name}**:{limit} {p.verdict} ({reason}).{volume}")
+        sentences.append(f"**{name}**{ends}:{limit} {p.verdict} ({reason}).{volume}")
     return " ".join(sentences)
 
 
