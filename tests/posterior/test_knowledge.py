@@ -175,8 +175,8 @@ def test_the_sentence_says_which_verdicts_rest_on_what():
     )
     assert effect_sentence((all_free, known)) == effect_sentence((known, all_free))
     assert effect_sentence((known, alone[0])) == (
-        "With Young's modulus uncertain no verdict is worse than with all exactly known, and no interval moves or "
-        "widens by more than 50 % of its width."
+        "With Young's modulus uncertain no verdict is worse than with all exactly known, and no interval of a "
+        'stiffness whose verdict is not "not identified" moves or widens by more than 50 % of its width.'
     )
 
 

@@ -139,8 +139,9 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     names = listed(most.uncertain)
     if not parts:
         return (
-            f"With {names} uncertain no verdict is worse than with all exactly known, and no interval moves or widens "
-            f"by more than {100 * LARGEST_CHANGE:g} % of its width."
+            f"With {names} uncertain no verdict is worse than with all exactly known, and no interval of a "
+            f'stiffness whose verdict is not "not identified" moves or widens by more than '
+            f"{100 * LARGEST_CHANGE:g} % of its width."
         )
     return f"With {names} uncertain: {'; '.join(parts)}."
 
