@@ -155,9 +155,11 @@ class OwnDirectory:
             os.unlink(name if self._descriptor is not None else self.path / name, dir_fd=self._descriptor)
 
     def _take(self, surely: bool) -> bool:
+        made = False
         try:
             with suppress(FileExistsError):
                 self.path.mkdir(self._mode, parents=True)
+                made = True
             self._open()
             self._require_ours()
             place = LOCK if self._descriptor is not None else self.path / LOCK
@@ -171,6 +173,9 @@ class OwnDirectory:
             if self._lock is not None and not self._marked:
                 self.dissolve()
             self.leave()
+            if made:
+                with suppress(OSError):  # where the lock could not even be made
+                    self.path.rmdir()
             raise OSError(error.errno, error.strerror, os.fspath(self.path)) from error
         except BaseException:
             self.leave()

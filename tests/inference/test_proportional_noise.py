@@ -95,7 +95,7 @@ def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
 
 @pytest.mark.science
 def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spoilt):
-    settings = SamplerSettings(walkers=32, max_steps=4000, tau_factor=20, end_tolerance=0.05)
+    settings = SamplerSettings(walkers=32, max_steps=10_000, tau_factor=20, end_tolerance=0.05)
     posterior = sample(spoilt, seed=1, settings=settings)
     assert posterior.converged
     low, high = posterior.interval("proportional_error", 0.99)

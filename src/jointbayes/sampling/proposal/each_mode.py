@@ -62,8 +62,9 @@ class OneOfProposals:
         """Log of the normalised density over θ, shape (n,), at θ, shape (n, d)."""
         each = []
         for weight, part in zip(self.weights, self.parts, strict=True):
-            over_phi = part.density.log_density(part.coordinates.forward(theta))
-            over_theta = np.log(weight) + over_phi - part.coordinates.log_volume(theta)
+            with np.errstate(all="ignore"):  # at the very edge of a region a volume may be no number
+                over_phi = part.density.log_density(part.coordinates.forward(theta))
+                over_theta = np.log(weight) + over_phi - part.coordinates.log_volume(theta)
             each.append(np.where(np.isfinite(over_theta), over_theta, -np.inf))
         return np.asarray(np.logaddexp.reduce(each, axis=0))
 
