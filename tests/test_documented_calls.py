@@ -78,6 +78,7 @@ FILLED_IN = {
     'jb.blocks_of({"left": ..., "right": ...})': 'jb.blocks_of({"left": joint, "right": joint})',
     "jb.Problem(setups=[…], prior=…)": "jb.Problem(setups=setups, prior=torques.prior)",
     "jb.calibrate(case, 1000)": "jb.calibrate(case, 4)",
+    'posterior.interval("k11")': 'posterior.interval("loose.k11")',
     'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
     'posterior.predict_natural_frequencies(setup="short")': 'posterior.predict_natural_frequencies(setup="loose")',
 }
