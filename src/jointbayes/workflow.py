@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.case.case import Case, case_around, case_from_text, load_case
 from jointbayes.case.schema.case import needs_files, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.errors import JointBayesError, MeasurementError, ModelError
+from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.identification import (
     Images,
     IterationHistory,
@@ -20,12 +20,12 @@ from jointbayes.identification import (
     compliance_start,
     first_starts,
     part_to_iterate,
-    refine,
+    refine_where_possible,
     search_further,
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import LogPosterior, Problem
+from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
@@ -320,10 +320,9 @@ def _posterior(
     chains: Chains,
 ) -> Posterior:
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
-    mode = _refined(problem.log_posterior, chains.theta[best])
+    mode = refine_where_possible(problem.log_posterior, chains.theta[best])
     if len(estimate.modes) > 1 and mode[1] < estimate.log_posterior:  # the best draw is at one of the others
         mode = estimate.theta.copy(), estimate.log_posterior
-    names = problem.names
     provenance = problem.measurement.provenance
     record = RunRecord(
         problem.name,
@@ -331,8 +330,8 @@ def _posterior(
         seed,
         chains.converged,
         chains.reason,
-        sampler_figures(settings, chains, proposal, names),
-        dict(zip(names, chains.r_hat.tolist(), strict=True)),
+        sampler_figures(settings, chains, proposal, problem.names),
+        dict(zip(problem.names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
         provenance.as_json() if provenance else None,
     )
@@ -340,18 +339,6 @@ def _posterior(
     return Posterior(problem, tree, estimate, *mode, record, case)
 
 
-def _refined(log_posterior: LogPosterior, best: Array) -> tuple[Array, float]:
-    """Place and height of the mode next to the best draw; of the draw itself where the climb fails.
-
-    Draws that took long must not be lost to it: the mode is then apart from the MAP, and there is no verdict.
-    """
-    try:
-        return refine(log_posterior, best)
-    except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):
-        return best.copy(), float(log_posterior(best)[0])
-
-
-@one_blas_thread()
 def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None) -> Posterior:
     """Read a posterior written by `Posterior.save`; its problem is rebuilt from what is stored with it.
 

@@ -14,7 +14,7 @@ from jointbayes.identification.paper_iteration import (
     why_not_iterated,
 )
 from jointbayes.identification.reconstruction import reconstructed_starts
-from jointbayes.identification.refine import refine
+from jointbayes.identification.refine import refine, refine_where_possible
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.starts import frequency_starts, screened_draws
 
@@ -34,6 +34,7 @@ __all__ = [
     "part_to_iterate",
     "reconstructed_starts",
     "refine",
+    "refine_where_possible",
     "resonances_hz",
     "screened_draws",
     "search_further",

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
 
-__all__ = ["inside_the_edges", "laplace_covariance", "refine"]
+__all__ = ["inside_the_edges", "laplace_covariance", "refine", "refine_where_possible"]
 
 Array = NDArray[np.float64]
 
@@ -62,6 +62,17 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
         # what is best for the squares need not be better for the density
         start = end if log_posterior(end)[0] > log_posterior(start)[0] else start
     return _polished(log_posterior, start)
+
+
+def refine_where_possible(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
+    """Place and height of the mode next to a draw θ, shape (d,); of the draw itself where the climb fails.
+
+    Draws that took long must not be lost to it: the mode is then apart from the MAP, and there is no verdict.
+    """
+    try:
+        return refine(log_posterior, theta)
+    except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return theta.copy(), float(log_posterior(theta)[0])
 
 
 def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
