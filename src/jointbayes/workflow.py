@@ -339,6 +339,7 @@ def _posterior(
     return Posterior(problem, tree, estimate, *mode, record, case)
 
 
+@one_blas_thread()
 def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None) -> Posterior:
     """Read a posterior written by `Posterior.save`; its problem is rebuilt from what is stored with it.
 
@@ -378,8 +379,7 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         if passed is None:
             require_same_density(posterior, where, passed=False)
         if case is None and run.case_text:
-            stated = passed is None and stored.record.of_case_text
-            case = case_around(problem, run.case_text, stated=stated)
+            case = case_around(problem, run.case_text, stated=passed is None and stored.record.of_case_text)
     if passed is not None:
         require_same_density(posterior, where, passed=True)
     iteration = identify(case or problem) if part_to_iterate(problem) is not None else None
