@@ -14,8 +14,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["Copy", "main", "ratios"]
-
 ROOT = Path(__file__).resolve().parents[1]
 
 #: What a process does: reads what to time, prints a figure, the more the better.

@@ -15,8 +15,6 @@ from benchmarks.record import merged
 from jointbayes.studies.calibration.calibrate import CalibrationProgress
 from jointbayes.studies.calibration.report import calibration_lines
 
-__all__ = ["SEED"]
-
 ROOT = Path(__file__).resolve().parents[1]
 PARTIAL = ROOT / "build" / "calibration"
 SEED = 20261122

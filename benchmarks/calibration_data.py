@@ -10,8 +10,6 @@ from pathlib import Path
 
 import jointbayes as jb
 
-__all__ = ["VARIANTS", "case_of"]
-
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
 

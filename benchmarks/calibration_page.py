@@ -10,8 +10,6 @@ from benchmarks.page import table
 from jointbayes.studies.calibration.ranks import QuantityCalibration
 from jointbayes.studies.calibration.report import ranks_figure
 
-__all__ = ["FIGURES", "PAGE", "SUMMARY", "between", "section", "write_figure", "write_page"]
-
 ROOT = Path(__file__).resolve().parents[1]
 SUMMARY = ROOT / "benchmarks" / "calibration.json"
 PAGE = ROOT / "docs" / "calibration.md"

@@ -12,8 +12,6 @@ import jointbayes as jb
 from jointbayes.case.case_text import read_case_text
 from jointbayes.joint import LogStiffness
 
-__all__ = ["CASES", "case_with_lines", "joints", "one_core", "quick_case"]
-
 ROOT = Path(__file__).resolve().parents[1]
 
 #: Case file and damping law by short name.

@@ -13,8 +13,6 @@ from scipy import stats
 from benchmarks.record import environment, kept_lines
 from jointbayes.posterior import Posterior
 
-__all__ = ["Row", "kept_rows", "measured_where", "of_sets", "row_of", "summary", "write_between"]
-
 ROOT = Path(__file__).resolve().parents[1]
 
 

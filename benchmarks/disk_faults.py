@@ -12,8 +12,6 @@ from typing import Any
 
 from jointbayes import whole_file
 
-__all__ = ["SPACE", "each_change", "full_from", "killed_at"]
-
 #: Calls that need room.
 SPACE = frozenset({"open", "mkdir", "write", "fsync", "rename", "replace"})
 _CALLS = ("open", "mkdir", "rename", "replace", "unlink", "rmdir", "truncate", "ftruncate", "write", "fsync")

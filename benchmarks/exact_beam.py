@@ -25,8 +25,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CrossSection", "ExactBeam", "ExactModes", "circle", "rectangle", "tube"]
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

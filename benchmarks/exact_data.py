@@ -21,8 +21,6 @@ from jointbayes.frf import FrfSet
 from jointbayes.inference import Uniform
 from jointbayes.measurement import FrfMeasurement
 
-__all__ = ["BOUNDS", "SUBJECTS", "DataSet", "Subject", "base_case", "beyond", "draw", "exact_beam"]
-
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
 ENTROPY = 19660602

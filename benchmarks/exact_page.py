@@ -11,11 +11,6 @@ from benchmarks.calibration_page import BEGIN, END
 from benchmarks.exact_data import NAMES, SUBJECTS
 from benchmarks.page import number, table
 
-__all__ = [
-    "PAGE", "bounds_summary", "coverage_summary", "mode_summary", "page_text", "seeds_summary", "where_measured",
-    "write_page",
-]  # fmt: skip
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "trust.md"
 Outcomes = Sequence[Mapping[str, Any]]
 #: A mode is found if its log posterior is no more than so much below the end of a climb from the truth.

@@ -34,8 +34,6 @@ from jointbayes.errors import JointBayesError
 from jointbayes.identification import refine
 from jointbayes.posterior.summary import summarise
 
-__all__ = ["PARTS", "ModeOutcome", "Outcome", "StiffnessOutcome", "Task", "outcomes"]
-
 #: Errors of the ends of 95 % intervals as a share of their width, for a run that shall know the 99.9 % interval.
 LONGER = 0.003
 

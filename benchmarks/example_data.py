@@ -18,10 +18,6 @@ from jointbayes.joint import Joint, Joints
 from jointbayes.measurement.formats import write_frf
 from jointbayes.structure import FrameRecipe, Structure
 
-__all__ = [
-    "SPINDLE_FILES", "TWO_STOREYS", "eigenvalues", "first_shape", "log_normal", "moments", "solutions", "spindle_files"
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 

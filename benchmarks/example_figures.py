@@ -27,8 +27,6 @@ from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.sections.fit import frf_unit
 from jointbayes.report.thinning import extremes
 
-__all__ = ["FIGURES", "drawn", "examples", "keep", "main", "named"]
-
 Kept = dict[str, Any]
 
 ROOT = Path(__file__).resolve().parents[1]

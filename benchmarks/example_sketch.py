@@ -17,8 +17,6 @@ from jointbayes.structure import Body, Member, Section
 from jointbayes.structure.frame_recipe import FrameRecipe
 from jointbayes.structure.uncertain_quantities import BeamRecipe
 
-__all__ = ["sketch"]
-
 Array = NDArray[np.float64]
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 _GREY = "#5b6672"

@@ -23,8 +23,6 @@ from benchmarks.record import kept_lines
 from jointbayes.case.case_text import read_case_text
 from jointbayes.posterior.checks import FALSE_ALARM
 
-__all__ = ["KINDS", "Outcome", "analyse", "text_of"]
-
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "false_alarms.jsonl"
 #: Shipped case of each kind.

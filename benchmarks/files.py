@@ -25,8 +25,6 @@ from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_records
 
-__all__ = ["Outcome", "analyse", "measured_text", "table", "truth_text"]
-
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=4000)
 AVERAGES = 10
 

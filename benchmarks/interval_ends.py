@@ -32,8 +32,6 @@ from benchmarks.page import number, table
 from benchmarks.record import environment, kept_lines
 from jointbayes.sampling import INTERVAL, quantile_error
 
-__all__ = ["CASES", "LIMITS", "Row", "allowed", "measure", "ratios", "section", "verdict"]
-
 ROOT = Path(__file__).resolve().parents[1]
 CASES = tuple(sorted(path.stem for path in (ROOT / "configs").glob("*.toml")))
 KEPT, PAGE = ROOT / "build" / "interval_ends.jsonl", ROOT / "docs" / "trust.md"

@@ -12,8 +12,6 @@ from benchmarks.peers import Setup
 from jointbayes.inference import Problem
 from jointbayes.structure import LossFactor, ModalDamping, mode_shift
 
-__all__ = ["log_density", "log_likelihood", "to_theta", "to_unbounded"]
-
 
 def log_likelihood(problem: Problem) -> Callable[[Any], Any]:
     """ln L of one joint's (k11, k12, k22), shape (3,), as a JAX function."""

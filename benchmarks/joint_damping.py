@@ -41,8 +41,6 @@ from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, Section
 
-__all__ = ["PAGE", "RESULTS", "STUDIES", "analyse", "data_set", "exact_frf", "section"]
-
 Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]

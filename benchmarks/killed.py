@@ -32,8 +32,6 @@ from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
 from jointbayes.studies.json_lines import append_line, read_lines
 
-__all__ = ["main", "trials"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "resume.md"
 CASE = Path(__file__).resolve().parents[1] / "configs" / "clamped_beam_frequencies_360mm.toml"
 SMALLER = (("elements = 10", "elements = 4"), ("walkers = 48", "walkers = 8"), ("max_steps = 20000", "max_steps = 500"))

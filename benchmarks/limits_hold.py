@@ -28,8 +28,6 @@ from benchmarks.page import table
 from benchmarks.record import environment, kept_lines
 from jointbayes.posterior.identifiability import Identifiability
 
-__all__ = ["CENTRES", "PAGE", "SUMMARY", "analysed", "case_of", "outcomes", "section", "summary"]
-
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
 KEPT = ROOT / "build" / "limits"

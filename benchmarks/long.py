@@ -26,8 +26,6 @@ import jointbayes as jb
 from jointbayes.sampling import SamplerSettings, run_ensembles
 from jointbayes.studies.tasks import run_tasks
 
-__all__ = ["LIMITS", "Held", "excess", "growth", "main", "report_of_case", "watch"]
-
 _CASE = Path(__file__).parent.parent / "configs" / "clamped_beam.toml"
 _POINTS = 20
 

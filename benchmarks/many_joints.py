@@ -28,8 +28,6 @@ from benchmarks.record import merged
 from jointbayes.identification import refine
 from jointbayes.studies.calibration.report import calibration_lines, ranks_figure
 
-__all__ = ["FIGURE", "PAGE", "calibrate", "draws", "main", "modes", "search", "section"]
-
 Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -13,8 +13,6 @@ from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 
-__all__ = ["four_joints", "random_data", "six_joints"]
-
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "portal_frame.toml"
 Array = NDArray[np.float64]

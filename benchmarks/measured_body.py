@@ -30,8 +30,6 @@ from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, LossFactor, Section, Structure, beam
 
-__all__ = ["PAGE", "RESULTS", "STUDIES", "analyse", "data_set", "section"]
-
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 

@@ -26,8 +26,6 @@ from jointbayes.case.case_text import read_case_text
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_frf
 
-__all__ = ["Test", "file_case", "main", "modal_test_text", "run_case"]
-
 _CASE = Path(__file__).parent.parent / "configs" / "clamped_beam_midspan.toml"
 _BAND_HZ = 20.0, 2500.0
 _AVERAGES = 20  # behind the coherence of a file

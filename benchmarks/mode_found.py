@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from jointbayes.identification import MapEstimate, refine
 
-__all__ = ["BEAMS", "DataSource", "Outcome", "model_data", "random_joint", "run", "search", "table"]
-
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
 Array = NDArray[np.float64]

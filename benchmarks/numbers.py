@@ -22,8 +22,6 @@ from benchmarks import example_data, example_figures, quoted, readme_figure
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
 
-__all__ = ["COMPARED", "RECORD", "claims", "fingerprint", "main", "shipped", "truth"]
-
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
 RECORD = ROOT / "docs" / "numbers.json"

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["in_short", "page", "section"]
-
 Data = Mapping[str, Any]
 
 LAW = {"modal": "modal damping of the assembled structure", "loss_factor": "structural loss factor"}

@@ -16,8 +16,6 @@ from benchmarks import jax_model
 from jointbayes.inference import Problem
 from jointbayes.sampling import autocorrelation_time
 
-__all__ = ["Counted", "Run", "StretchRun", "dynesty_run", "nautilus_run", "nuts_run", "prior_transform", "stretch_run"]
-
 Array = NDArray[np.float64]
 
 KEPT_TAUS = 50.0  # emcee's own advice for the length of a run

@@ -14,8 +14,6 @@ from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping
 
-__all__ = ["LogLikelihood", "Setup", "batched_solve", "closed_form", "dense_batched", "dense_loop", "modal_sum"]
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 LogLikelihood = Callable[[Array], Array]

@@ -40,19 +40,6 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.plan import PlannedMeasurement
 
-__all__ = [
-    "RESULTS",
-    "RandomCase",
-    "Row",
-    "analyse",
-    "counts",
-    "in_range",
-    "kept_cases",
-    "measured_together",
-    "random_case",
-    "report",
-]
-
 Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -40,8 +40,6 @@ from jointbayes.studies.campaign.hierarchical import PopulationPrior, hierarchic
 from jointbayes.studies.campaign.reweighting import JointDraws
 from jointbayes.studies.tasks import run_tasks
 
-__all__ = ["JOINTS", "MEAN", "NAMES", "SCATTER", "Repetition", "posterior_draws", "repetition", "section", "summary"]
-
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "population.jsonl"
 SUMMARY = ROOT / "benchmarks" / "population.json"

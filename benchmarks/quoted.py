@@ -11,8 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["BLOCKS", "INLINE", "pages", "printed", "stiffnesses", "written"]
-
 ROOT = Path(__file__).resolve().parents[1]
 Record = dict[str, Any]
 

@@ -11,8 +11,6 @@ from typing import Any
 
 from benchmarks.quoted import MINUS, ROOT, Record, stiffness
 
-__all__ = ["FIGURE", "drawn", "main"]
-
 FIGURE = ROOT / "docs" / "figures" / "clamped_beam.svg"
 #: What the rows of each stiffness say, by case; the priors of k11 and k22 are the same in all three.
 ROWS = {

@@ -12,8 +12,6 @@ from typing import Any
 
 from benchmarks.page import page, section
 
-__all__ = ["add_options", "environment", "keep", "kept_lines", "merged"]
-
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results.json"
 PAGE = ROOT / "docs" / "benchmarks.md"

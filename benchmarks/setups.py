@@ -42,8 +42,6 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.workflow import sample
 
-__all__ = ["CLAMP", "LINES", "RESULTS", "TABLE", "TRUTH", "Test", "data_set", "linearised", "part_sd", "problem_of"]
-
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 

@@ -23,8 +23,6 @@ from scipy import stats
 import jointbayes as jb
 from benchmarks.record import kept_lines
 
-__all__ = ["CASES", "FEET", "expected_shares", "portal", "row", "study", "wheel"]
-
 Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]

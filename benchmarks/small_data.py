@@ -15,8 +15,6 @@ from pathlib import Path
 
 from benchmarks.record import ROOT, add_options, keep
 
-__all__ = ["CASES", "MAIN", "cpu_of_run", "main"]
-
 MAIN = "clamped_beam"
 SHIPPED = ("clamped_beam_frequencies", "clamped_beam_frequencies_360mm", "two_storeys")
 

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Contestant", "Timing", "interleaved", "log_log_slope", "peak_megabytes", "resident_peak_megabytes"]
-
 
 @dataclass(frozen=True)
 class Contestant:

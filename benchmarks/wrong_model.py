@@ -30,8 +30,6 @@ from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.structure import Structure
 
-__all__ = ["MODELS", "WRONGS", "Outcome", "analyse", "table"]
-
 Array = NDArray[np.float64]
 CASE = Path(__file__).resolve().parents[1] / "configs" / "clamped_beam.toml"
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=1000)

@@ -28,8 +28,6 @@ from jointbayes.measurement import RelativeNoise, synthesise_frf
 from jointbayes.posterior import gather_knowledge
 from jointbayes.structure import Structure
 
-__all__ = ["BANDS", "NOISES", "WRONGS", "Outcome", "analyse", "case_of", "table"]
-
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "wrong_verdicts.jsonl"
 WRONGS = ("length 1 % off", "Young's modulus 5 % off", "a joint missed")

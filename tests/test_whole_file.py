@@ -14,7 +14,7 @@ from jointbayes.errors import WriteError
 from jointbayes.own_directory import LOCK, MARK, locked
 from jointbayes.whole_file import exchanged, scratch_directory, swept, whole_file, write_whole_file
 
-pytestmark = pytest.mark.skipif(files.fcntl is None, reason="this system has no locks on files that end with a process")
+pytestmark = pytest.mark.skipif(not files.HAS_LOCKS, reason="this system has no locks on files that end with a process")
 
 WRITER = """
 import sys, time
@@ -188,7 +188,7 @@ def test_a_disk_without_locks_is_written_to_and_never_swept(tmp_path, monkeypatc
     def no_locks(*_arguments):
         raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
 
-    monkeypatch.setattr(files.fcntl, "flock", no_locks)
+    monkeypatch.setattr("fcntl.flock", no_locks)
     (tmp_path / ".other.12345678.jointbayes").write_bytes(b"another machine may be writing this")
     swept(tmp_path)
     write_whole_file(tmp_path / "one", b"whole")

@@ -7,21 +7,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = [
-    "CaseError",
-    "CheckpointError",
-    "JointBayesError",
-    "MeasurementError",
-    "ModelError",
-    "ReportError",
-    "ReportInterruptedError",
-    "SamplingError",
-    "TerminatedError",
-    "WorkerError",
-    "WriteError",
-    "printable",
-    "path_fault",
-]
 
 #: What `str.isspace` is true of and a terminal does not show as a blank.
 _NO_BLANKS = "\t\n\v\f\r\x1c\x1d\x1e\x1f\x85\u2028\u2029"

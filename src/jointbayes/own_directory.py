@@ -16,18 +16,8 @@ try:
 except ImportError:  # Windows: whether another process is at work on a directory is not known
     fcntl = None  # type: ignore[assignment]
 
-__all__ = [
-    "LOCK",
-    "MARK",
-    "OwnDirectory",
-    "fcntl",
-    "lock_taken",
-    "locked",
-    "open_regular",
-    "real_directory",
-    "still_there",
-    "sync_directory",
-]
+HAS_LOCKS = fcntl is not None
+
 
 #: File that says that a directory is ours, and of which kind.
 MARK = ".jointbayes"

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-__all__ = ["one_blas_thread"]
 
 _lock = Lock()
 _inside: list[Any] = []  # the limit that the first to enter has set, once for each that is inside

@@ -10,9 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jointbayes.errors import WriteError
-from jointbayes.own_directory import OwnDirectory, fcntl, lock_taken, open_regular, still_there, sync_directory
-
-__all__ = ["exchanged", "scratch_directory", "swept", "whole_file", "write_whole_file"]
+from jointbayes.own_directory import HAS_LOCKS, OwnDirectory, lock_taken, open_regular, still_there, sync_directory
 
 _LONGEST = 100  # characters of the target's name in that of its scratch file; names end at 255 bytes
 #: Names of what is being written; a process that is alive holds a lock on it.
@@ -54,7 +52,7 @@ def whole_file(path: str | os.PathLike[str], size: int | None = None) -> Iterato
         yield scratch
         with scratch.open("rb+") as stream:
             os.fsync(stream.fileno())  # a full disk may say so only now
-        if fcntl is None:  # Windows renames no open file
+        if not HAS_LOCKS:  # Windows renames no open file
             os.close(lock)
             lock = None
         scratch.replace(target)
@@ -151,7 +149,7 @@ def swept(folder: Path, *, once: bool = False) -> None:
         Do nothing if this process has swept there already.
     """
     place = os.path.abspath(folder)
-    if fcntl is None or (once and place in _swept):
+    if not HAS_LOCKS or (once and place in _swept):
         return
     _swept.add(place)
     with suppress(OSError), os.scandir(folder) as entries:
@@ -189,7 +187,7 @@ def _claimed_scratch(target: Path) -> tuple[Path, int]:
             lock = os.open(scratch, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o666)
         except FileExistsError:
             continue
-        if fcntl is None or (lock_taken(lock) and still_there(scratch, lock)):
+        if not HAS_LOCKS or (lock_taken(lock) and still_there(scratch, lock)):
             return scratch, lock
         os.close(lock)  # swept before it was locked
 

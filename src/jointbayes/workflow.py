@@ -6,8 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.case.case import Case, case_around, case_from_text, load_case
 from jointbayes.case.schema.case import needs_files, parse_setups
 from jointbayes.case.schema.measured import MeasuredSpec
@@ -48,9 +49,7 @@ from jointbayes.threads import one_blas_thread
 if TYPE_CHECKING:
     from jointbayes.posterior.stored_file import StoredFile
 
-__all__ = ["find_map", "identify", "load_posterior", "sample"]
 
-Array = NDArray[np.float64]
 #: What is analysed: a case, the path of its file, or a problem.
 Analysed = Case | Problem | str | os.PathLike[str]
 

@@ -21,8 +21,6 @@ from typing import Self
 from tests.fuzz.target import Target
 from tests.fuzz.worker import LIMIT_SECONDS, Verdict, load_target
 
-__all__ = ["Attacker", "Tally", "fuzz", "made_input"]
-
 _ROOT = Path(__file__).resolve().parents[2]
 #: An input that neither ends nor computes, s; and one that a busy machine has not let compute.
 _IDLE_SECONDS, _WALL_SECONDS = 30.0, 300.0

@@ -4,8 +4,6 @@ import random
 import re
 from collections.abc import Callable
 
-__all__ = ["EXTREMES", "damaged_bytes", "with_extreme_number"]
-
 #: Numbers at which arithmetic, limits and parsers break.
 EXTREMES = [
     "0", "-0.0", "1", "-1", "2", "1e308", "-1e308", "1.7976931348623157e308", "1e400", "-1e400", "1e-308", "5e-324",

@@ -3,8 +3,6 @@
 import random
 from pathlib import Path
 
-__all__ = ["CORPUS", "Target", "default_message_fault"]
-
 CORPUS = Path(__file__).parent / "corpus"
 
 

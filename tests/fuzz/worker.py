@@ -16,8 +16,6 @@ from pathlib import Path
 from jointbayes.errors import JointBayesError
 from tests.fuzz.target import Target
 
-__all__ = ["LIMIT_SECONDS", "Verdict", "load_target"]
-
 #: Computing time of one input, with that of the processes that it started and waited for.
 LIMIT_SECONDS = 5.0
 

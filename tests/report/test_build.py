@@ -16,10 +16,10 @@ import pytest
 import jointbayes.report.sections
 from jointbayes.case.case import case_from_text
 from jointbayes.posterior import Identifiability, summarise
+from jointbayes.posterior.rounding import number, rounded, rounded_interval
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.build import SECTIONS, SECTIONS_OF_DATA
-from jointbayes.report.format import number, rounded, rounded_interval
 from jointbayes.report.model import Callout, Code, Paragraph, Table
 from jointbayes.report.sections.lead import coupling_sentence
 from jointbayes.report.sections.sampling import chain_figures

@@ -13,8 +13,6 @@ from jointbayes.frf import MeasuredBody
 from jointbayes.measurement.data import FrfMeasurement
 from jointbayes.measurement.rotations import Rotation
 
-__all__ = ["measured_bodies"]
-
 _MM = 1e-3
 
 

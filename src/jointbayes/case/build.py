@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.mode_data import modes_of
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.damping import ModalDampingSpec
@@ -66,30 +66,6 @@ from jointbayes.measurement import (
 )
 from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 
-__all__ = [
-    "factor_prior",
-    "family_of",
-    "generator_of",
-    "guess_of",
-    "joint_marginals",
-    "joints_of",
-    "kind_of",
-    "largest_ratio",
-    "measurement_of",
-    "noise_law",
-    "noise_of",
-    "own_stiffnesses",
-    "parametrisation_of",
-    "quantities_of",
-    "recipe_of",
-    "rigid_frequencies_hz",
-    "stiffness_of",
-    "true_family",
-    "true_stiffness",
-    "workshop_priors",
-]
-
-Array = NDArray[np.float64]
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
 DEFAULT_PRIOR_FACTORS = 0.1, 1e6
 DEFAULT_GUESS_FACTOR = 1e3

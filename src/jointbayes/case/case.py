@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.build import joints_of, largest_ratio, measurement_of, noise_of, recipe_of, stiffness_of
 from jointbayes.case.case_text import CaseText, case_text, read_case_text
 from jointbayes.case.combined import CaseSetup, default_priors_of, prior_of, problem_of
@@ -42,10 +42,6 @@ from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
 from jointbayes.threads import one_blas_thread
-
-__all__ = ["Case", "case_around", "case_from_text", "load_case"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,6 @@ from jointbayes.case.toml_text import (
 from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError
 
-__all__ = ["CaseText", "case_text", "merged", "read_case_text"]
-
 _MOST_FILES = 10  # that build on each other
 _EXTENDS, _REMOVE = "extends", "remove"
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.build import guess_of, joint_marginals, kind_of, own_stiffnesses, quantities_of, workshop_priors
 from jointbayes.case.case_text import CaseText
 from jointbayes.case.schema.case import CaseSpec
@@ -22,10 +22,6 @@ from jointbayes.joint import AnyJoint, Parametrisation, blocks_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement
 from jointbayes.structure import StructureRecipe, family_of_recipe
-
-__all__ = ["CaseSetup", "default_priors_of", "prior_of", "problem_of"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,6 @@ from jointbayes.case.case_text import CaseText
 from jointbayes.case.key_units import UNITS, same_stem, stem_of, unit_of
 from jointbayes.case.toml_text import KeyPath, similar
 
-__all__ = ["Finding", "fault_lines", "fault_paths", "raise_findings", "show_key"]
-
 _LONGEST = 40  # characters of a user's own text repeated in a message
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
 _MOST_TOLD, _MOST_SORTED, _MOST_READ = 20, 100, 5000

@@ -33,14 +33,6 @@ from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.measurement.variance import RelativeNoise
 from jointbayes.structure import StructureRecipe
 
-__all__ = [
-    "as_measured",
-    "plan_of",
-    "plan_of_files",
-    "require_inside",
-    "require_lowest",
-]
-
 _MM, _G = 1e-3, 1e-3
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
 _NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off

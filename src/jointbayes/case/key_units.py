@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 
-__all__ = ["UNITS", "same_stem", "stem_of", "unit_of"]
-
 #: Units at the end of a key: what each measures, its size in SI, and how it reads.
 UNITS = {
     "m": ("length", 1.0, "in m"),

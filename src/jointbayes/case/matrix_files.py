@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.files import require_inside
 from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.schema.matrices import MatricesSpec, MatrixDampingSpec, asymmetry
 from jointbayes.errors import CaseError, printable
-
-__all__ = ["with_matrices"]
 
 _MOST_BYTES = 200_000_000
 _MOST_ROWS = 2000
@@ -83,7 +81,7 @@ def _matrix(
     return tuple(map(tuple, matrix.tolist()))
 
 
-def _read(file: Path, begin: str) -> NDArray[np.float64]:
+def _read(file: Path, begin: str) -> Array:
     """Array of a .npy or .csv file."""
     kinds: Sequence[str] = (".npy", ".csv")
     if file.suffix.lower() not in kinds:

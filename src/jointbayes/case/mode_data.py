@@ -5,8 +5,6 @@ import numpy as np
 from jointbayes.case.schema.modes import ModesSpec
 from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
 
-__all__ = ["modes_of"]
-
 Rows = tuple[tuple[float, ...], ...]
 
 

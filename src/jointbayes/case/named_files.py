@@ -3,8 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-__all__ = ["DATA_FILE", "named_files", "with_files"]
-
 _ANY = "*"  # each key of a table
 DATA_FILE = ("data", "file")
 _KEYS: tuple[tuple[str, ...], ...] = (

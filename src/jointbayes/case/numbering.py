@@ -6,13 +6,10 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import Problem
 from jointbayes.measurement import ModalMeasurement, ModeMeasurement
-
-__all__ = ["Renumbered", "find_numbering"]
-
-Array = NDArray[np.float64]
 
 #: Modes that the first measured one may be away from its stated number.
 SHIFTS = (*range(-3, 0), *range(1, 7))

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from jointbayes.inference import JointPrior
     from jointbayes.measurement.provenance import Provenance
 
-__all__ = ["InputWarning", "input_warnings", "numbering_warnings", "sign_warnings", "stated_band_hz", "truth_warnings"]
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0

@@ -15,8 +15,6 @@ from typing import Any
 from jointbayes.case.case_text import CaseText, merged
 from jointbayes.case.toml_text import KeyPath
 
-__all__ = ["SETUPS", "planned_texts", "setup_texts", "without_inherited"]
-
 SETUPS = "setups"
 _OF_THE_WHOLE = ("level",)  # keys of a set-up that are none of its case
 _OWN = "own"

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.build import noise_law, parametrisation_of, true_family, true_stiffness
 from jointbayes.case.case import Case
 from jointbayes.case.combined import CaseSetup
@@ -26,8 +26,6 @@ from jointbayes.measurement.virtual.synthetic import channel_label, noisy_frf
 from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from jointbayes.structure import Structure, StructureFamily
 from jointbayes.threads import one_blas_thread
-
-__all__ = ["Truth", "describe", "simulate"]
 
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.
@@ -82,7 +80,7 @@ class Truth:
         return true_family(self.of.spec)
 
     @cached_property
-    def stiffness(self) -> NDArray[np.float64]:
+    def stiffness(self) -> Array:
         """True K^J, shape (2, 2)."""
         return parametrisation_of(self.of.spec).matrix(true_stiffness(self.of.spec, self.data.truth))
 
@@ -96,7 +94,7 @@ class Truth:
         ratio = law.per_mode(eigenvalues.size)[elastic] + law.hysteretic / 2
         return float((ratio * omega + (alpha + beta * omega**2) / 2).min())
 
-    def frf(self, frequency_hz: NDArray[np.float64], outputs: tuple[str, ...]) -> FrfSet:
+    def frf(self, frequency_hz: Array, outputs: tuple[str, ...]) -> FrfSet:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
         model = receptance_model(self._structures.reference(), self.of.joint, ports)

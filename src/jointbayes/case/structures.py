@@ -29,8 +29,6 @@ from jointbayes.structure import (
 )
 from jointbayes.structure.given_matrices import matrix_of
 
-__all__ = ["metres", "structure_recipe"]
-
 _MM, _G = 1e-3, 1e-3
 
 

@@ -15,19 +15,6 @@ from typing import Any
 
 from jointbayes.errors import CaseError, path_fault
 
-__all__ = [
-    "KeyPath",
-    "fault_line",
-    "fault_start",
-    "key_lines",
-    "key_parts",
-    "line_of",
-    "parse_toml",
-    "printable",
-    "read_text",
-    "similar",
-]
-
 _MOST_BYTES = 1_000_000
 #: Tables in tables; a case file has five. Beyond, reading takes time and memory that grow with the square of the depth.
 _MOST_DEPTH = 20

@@ -22,8 +22,6 @@ from jointbayes.cli.run import check, identify, report, run, sample
 from jointbayes.cli.studies import calibrate, compare, plan
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError, printable
 
-__all__ = ["main"]
-
 
 @contextmanager
 def _well_behaved() -> Iterator[None]:

@@ -8,8 +8,6 @@ import click
 
 from jointbayes.errors import printable
 
-__all__ = ["is_closed", "let_go", "say"]
-
 
 def say(line: str, *, err: bool = False) -> None:
     """Print a line on standard output, or on standard error.

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from jointbayes.sampling import Progress
     from jointbayes.studies.calibration.calibrate import CalibrationProgress
 
-__all__ = ["show_calibration", "show_phase", "show_progress", "show_steps"]
 
 _BEGIN = time.monotonic()
 

@@ -9,6 +9,7 @@ every draw, summed over the free modes.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped import add_joint, chi2_of, compliance_by_line, is_damped, split
 from jointbayes.frf.direct import solve_lines
@@ -21,9 +22,6 @@ from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_batch, as_fa
 from jointbayes.joint import AnyJoint
 from jointbayes.structure import FreeModes, StructureFamily
 
-__all__ = ["LowRankCoupling", "free_receptance", "receptance_model"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 _Coupling = PairCoupling | MultiDofCoupling
 
@@ -55,9 +53,7 @@ def _sum_modes(lam: Array, rate: Array, rows: Array, loss: float, omega: Array, 
                 out[line, q, p] = out[line, p, q]
 
 
-def free_receptance(
-    family: StructureFamily, modes: FreeModes, factors: NDArray[np.float64], omega: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+def free_receptance(family: StructureFamily, modes: FreeModes, factors: Array, omega: Array) -> NDArray[np.complex128]:
     """Receptance without the joint, shape (n, lines, k, k), between k motions.
 
     Summed over the free modes, in which a loss factor and Rayleigh's damping are diagonal:

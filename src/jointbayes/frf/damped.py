@@ -9,11 +9,9 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.by_line import add_joints
 
-__all__ = ["add_joint", "chi2_of", "dissipative", "dynamic_stiffness", "is_damped", "split", "stiffness_of"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped import is_damped, split
 from jointbayes.frf.floating import rigid_body_modes
@@ -10,20 +11,18 @@ from jointbayes.frf.ports import Ports, as_batch
 from jointbayes.joint import AnyJoint
 from jointbayes.structure import Structure
 
-__all__ = ["DirectSolve", "solve_lines"]
-
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
 
 
 def solve_lines(
     structure: Structure,
-    omega: NDArray[np.float64],
-    observed: NDArray[np.float64],
-    loads: NDArray[np.float64],
-    joint_stiffness: NDArray[np.float64] | None = None,
-    joint_viscous: NDArray[np.float64] | float = 0.0,
-    joint_hysteretic: NDArray[np.float64] | float = 0.0,
+    omega: Array,
+    observed: Array,
+    loads: Array,
+    joint_stiffness: Array | None = None,
+    joint_viscous: Array | float = 0.0,
+    joint_hysteretic: Array | float = 0.0,
     rigid: int | None = None,
 ) -> NDArray[np.complex128]:
     """oᵀZ⁻¹f at each line, shape (lines, motions, loads), for motions o (n, motions) and loads f (n, loads).
@@ -63,7 +62,7 @@ def solve_lines(
     return np.concatenate(parts)
 
 
-def _viscous(structure: Structure, added: NDArray[np.float64], rigid: int | None) -> NDArray[np.float64]:
+def _viscous(structure: Structure, added: Array, rigid: int | None) -> Array:
     law = structure.damping
     if law.matrix is not None:
         return law.matrix
@@ -102,7 +101,7 @@ class DirectSolve:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
         return np.stack([self._one(matrix) for matrix in as_batch(stiffness)])
 
-    def _one(self, matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def _one(self, matrix: Array) -> NDArray[np.complex128]:
         if not is_damped(matrix):
             added = self._joined @ matrix @ self._joined.T
             return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added, rigid=self._rigid)

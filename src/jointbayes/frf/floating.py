@@ -1,14 +1,10 @@
 """Rigid-body motions of structures that float: they have no natural frequency, and no test reports them as modes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint import AnyJoint
 from jointbayes.structure import Structure
-
-__all__ = ["of_every_mode", "rigid_body_modes", "rigid_motions"]
-
-Array = NDArray[np.float64]
 
 #: Motions of a joint that are smaller beside the largest of their kind are rounding.
 _AT_REST = 1e-8

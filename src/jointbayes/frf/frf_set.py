@@ -8,9 +8,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of
-
-__all__ = ["FrfSet", "Quantity", "quantity_factor"]
 
 Quantity = Literal["receptance", "mobility", "accelerance"]
 #: Some of the lines of an FRF: a mask or indices over them, or a slice.
@@ -19,9 +18,7 @@ Lines = NDArray[np.bool_] | NDArray[np.intp] | slice
 POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
 
 
-def quantity_factor(
-    frequency_hz: NDArray[np.float64], to: Quantity, source: Quantity = "receptance"
-) -> NDArray[np.complex128]:
+def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> NDArray[np.complex128]:
     """Factor (jω)ⁿ per line that turns `source` into `to`, shape (lines,); ω = 2πf."""
     power = POWER_OF_JW[to] - POWER_OF_JW[source]
     omega = 2 * np.pi * np.asarray(frequency_hz, dtype=float)
@@ -55,12 +52,12 @@ class FrfSet:
         quantity, coherence or number of averages is impossible.
     """
 
-    frequency_hz: NDArray[np.float64]
+    frequency_hz: Array
     values: NDArray[np.complex128]
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
     quantity: Quantity = "receptance"
-    coherence: NDArray[np.float64] | None = None
+    coherence: Array | None = None
     averages: int | None = None
 
     def __post_init__(self) -> None:
@@ -153,7 +150,7 @@ def _listed(labels: tuple[str, ...]) -> str:
     return ", ".join(labels) if len(labels) <= 4 else f"{labels[0]} to {labels[-1]} ({len(labels)})"
 
 
-def _check_lines(frequency_hz: NDArray[np.float64]) -> None:
+def _check_lines(frequency_hz: Array) -> None:
     if frequency_hz.ndim != 1 or frequency_hz.size == 0:
         raise MeasurementError("FRF set: found no frequency lines; expected a one-dimensional array of at least one")
     if not np.isfinite(frequency_hz).all() or frequency_hz[0] <= 0:

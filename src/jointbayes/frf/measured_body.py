@@ -18,13 +18,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf.frf_set import FrfSet, quantity_factor, read_only
 from jointbayes.structure import Structure, StructureFamily, as_family
 
-__all__ = ["AnyStructure", "MeasuredBody", "MeasuredFile", "Substructures", "substructures"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 #: Lines whose frequencies differ by less than this, relative, are the same.

@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.damped import add_joint, chi2_of, dissipative, is_damped, stiffness_of
 from jointbayes.frf.floating import of_every_mode, rigid_motions
@@ -15,10 +16,6 @@ from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
 from jointbayes.joint import AnyJoint, symmetric_changes
 from jointbayes.structure import Structure, StructureFamily, as_family, mode_shift
 from jointbayes.structure.family import MOST_HELD
-
-__all__ = ["AssembledModes", "JoinedModes", "NaturalFrequencies"]
-
-Array = NDArray[np.float64]
 
 #: Eigenvalues closer than this (relative) share one mode plane: their divided difference is the derivative.
 _DEGENERATE = 1e-9

@@ -4,18 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.modal import JoinedModes, first_factors, turned_modes
 from jointbayes.frf.ports import as_batch, as_factors, split_along
 from jointbayes.joint import AnyJoint
 from jointbayes.structure import Structure, StructureFamily, as_family
 from jointbayes.structure.family import MOST_HELD
-
-__all__ = ["AssembledShapes", "Modal"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint import AnyJoint
 from jointbayes.joint.joint import LabelledDofs
-
-__all__ = ["Misfit", "Ports", "ReceptanceModel"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,18 +23,16 @@ class Ports:
         DOF labels of responses and of excitations.
     """
 
-    frequency_hz: NDArray[np.float64]
+    frequency_hz: Array
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
 
     @property
-    def omega(self) -> NDArray[np.float64]:
+    def omega(self) -> Array:
         """ω = 2πf, shape (lines,), rad/s."""
         return 2 * np.pi * np.asarray(self.frequency_hz, dtype=float)
 
-    def selections(
-        self, structure: LabelledDofs, joint: AnyJoint
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def selections(self, structure: LabelledDofs, joint: AnyJoint) -> tuple[Array, Array, Array]:
         """Selection matrices of joint, outputs and inputs, shapes (n, r), (n, outputs), (n, inputs)."""
         unit = np.eye(structure.n_dofs)
         return (
@@ -45,9 +42,7 @@ class Ports:
         )
 
 
-def split_along(
-    selection: NDArray[np.float64], joined: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def split_along(selection: Array, joined: Array) -> tuple[Array, Array]:
     """Split selections (n, q) into joint coordinates (r, q) and the rest (n, q): selection = joined @ along + rest.
 
     Motion of the joint itself vanishes as the joint becomes rigid. Computed as a difference of large numbers it
@@ -57,13 +52,13 @@ def split_along(
     return along, selection - joined @ along
 
 
-def as_batch(stiffness: ArrayLike) -> NDArray[np.float64]:
+def as_batch(stiffness: ArrayLike) -> Array:
     """Joint matrices with a leading batch axis, shape (batch, r, r)."""
     matrices = np.asarray(stiffness, dtype=float)
     return matrices[None] if matrices.ndim == 2 else matrices
 
 
-def as_factors(factors: ArrayLike | None, batch: int) -> NDArray[np.float64]:
+def as_factors(factors: ArrayLike | None, batch: int) -> Array:
     """Factors on a structure's uncertain quantities for each of a batch, shape (batch, q); (batch, 0) without any."""
     if factors is None:
         return np.empty((batch, 0))
@@ -74,16 +69,14 @@ def as_factors(factors: ArrayLike | None, batch: int) -> NDArray[np.float64]:
 class Misfit(Protocol):
     """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances."""
 
-    def chi2(self, stiffness: NDArray[np.float64], factors: ArrayLike | None = None) -> NDArray[np.float64]:
+    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r), and factors on the structure, (batch, q).
 
         Not finite where a line is singular.
         """
         ...
 
-    def chi2_gradient(
-        self, stiffness: NDArray[np.float64], factors: ArrayLike | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
         ...
 
@@ -104,6 +97,6 @@ class ReceptanceModel(Protocol):
         """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
         ...
 
-    def misfit(self, measured: NDArray[np.complex128], weight: NDArray[np.float64]) -> Misfit:
+    def misfit(self, measured: NDArray[np.complex128], weight: Array) -> Misfit:
         """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         ...

@@ -8,15 +8,13 @@ circular stay so, and cov(H) = J Σ_A Jᴴ.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.coupling import LowRankCoupling
 from jointbayes.frf.damped import dynamic_stiffness, is_damped
 from jointbayes.frf.kernels.by_line import error_roots
 from jointbayes.frf.measured_body import MeasuredBody
 from jointbayes.frf.ports import as_batch, as_factors
 
-__all__ = ["NoisePropagation"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 

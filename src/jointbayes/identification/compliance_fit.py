@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import AnyStructure, LowRankCoupling, Ports, quantity_factor
 from jointbayes.frf.coupling import free_receptance
 from jointbayes.frf.measured_body import Substructures, substructures
@@ -21,9 +22,6 @@ from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
 
-__all__ = ["FreeReceptance", "compliance_start", "measured_receptances"]
-
-Array = NDArray[np.float64]
 _PASSES = 10
 
 

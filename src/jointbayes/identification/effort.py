@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.identification.images import Images
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
 from jointbayes.identification.mode_search import ModeSearch
@@ -12,10 +12,6 @@ from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starts import frequency_starts, screened_draws
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
-
-__all__ = ["first_starts", "search_further", "squared_residuals"]
-
-Array = NDArray[np.float64]
 
 #: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
 FAR = 8.0

@@ -6,13 +6,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
 from jointbayes.joint.quantities import is_rotation
-
-__all__ = ["Images"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

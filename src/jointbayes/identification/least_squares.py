@@ -6,11 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import JointPrior, LogPosterior
-
-__all__ = ["MANY_UNKNOWNS", "PosteriorSquares", "Squares", "climb_all"]
-
-Array = NDArray[np.float64]
 
 #: Joints of so many coordinates and more are found in other ways, and climb by exact derivatives.
 MANY_UNKNOWNS = 5

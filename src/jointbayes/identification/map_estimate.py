@@ -2,14 +2,8 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from jointbayes.arrays import Array
 from jointbayes.identification.paper_iteration import IterationHistory
-
-__all__ = ["GAIN", "LEAST_AGREEING", "LocalMode", "MapEstimate", "SearchEffort", "StartOutcome"]
-
-Array = NDArray[np.float64]
 
 #: A further round of search that gains less than this in log density found no better mode.
 GAIN = 0.5

@@ -4,18 +4,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
 from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
 from jointbayes.identification.starts import with_modes_on_data
 from jointbayes.inference import LogPosterior
-
-__all__ = ["ModeSearch", "into_support", "local_modes"]
-
-Array = NDArray[np.float64]
 
 #: Two modes are the same when they lie this close, in prior standard deviations and in log density.
 _SAME_POINT = 1e-3

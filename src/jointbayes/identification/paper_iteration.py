@@ -12,22 +12,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import Structure, StructureFamily
 
-__all__ = [
-    "IterationHistory",
-    "SensitivityKind",
-    "missing_for_iteration",
-    "part_to_iterate",
-    "sensitivity_iteration",
-    "why_not_iterated",
-]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 SensitivityKind = Literal["measured", "analytical"]
 

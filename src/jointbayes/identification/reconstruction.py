@@ -24,15 +24,13 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.damped import dynamic_stiffness, is_damped, stiffness_of
 from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
 from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.measurement import FrfMeasurement
 
-__all__ = ["reconstructed_starts"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _LINES = 80  # looked at, equally spaced: what resonates between them does not matter under the first tolerance

@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
+from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.inference import JointPrior, LogPosterior
 from jointbayes.joint import CondensedCoordinates
 from jointbayes.sampling.density import newton_climb
-
-__all__ = ["inside_the_edges", "laplace_covariance", "refine", "refine_where_possible"]
-
-Array = NDArray[np.float64]
 
 #: So often the noise model's parameters and all others are improved in turn.
 _TURNS = 3

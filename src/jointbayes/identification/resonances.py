@@ -11,12 +11,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.measurement.modal.peaks import prominent_peaks
 
-__all__ = ["SharedResonances", "fit_resonance", "median_seen", "resonances_hz"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Least prominence of a peak, in ln |H|, and least height, in standard deviations of the noise there. Without the

@@ -8,6 +8,7 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
@@ -16,9 +17,6 @@ from jointbayes.measurement import ModalMeasurement
 from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.uncertain_quantities import is_damping_ratio
 
-__all__ = ["FrequencyMatch", "frequency_starts", "natural_frequency_model", "screened_draws", "with_modes_on_data"]
-
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 #: Relative error of a frequency that counts as one standard deviation.

@@ -8,15 +8,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Marginal
 from jointbayes.joint import Parametrisation
-
-__all__ = ["NO_JOINT", "cut_quantiles", "log_probability_inside"]
-
-Array = NDArray[np.float64]
 
 _CELLS = 1000  # of probability, in each of the two stiffnesses beside the coupling
 _GRAIN = 2.0**-30

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AnyStructure,
@@ -33,9 +34,6 @@ from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.structure import is_mode_frequency
 
-__all__ = ["FrfLikelihood", "Likelihood", "likelihood_of"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _GAIN = "gain"

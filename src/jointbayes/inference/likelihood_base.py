@@ -11,12 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals
-
-__all__ = ["STEP", "Likelihood", "moved_factors"]
-
-Array = NDArray[np.float64]
 
 #: Of the logarithm of a quantity, in differences.
 STEP = 1e-5

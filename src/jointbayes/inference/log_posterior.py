@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import Residuals
 from jointbayes.inference.prior import JointPrior
 
-__all__ = ["ExtraLogLikelihood", "LogPosterior"]
-
-Array = NDArray[np.float64]
 ExtraLogLikelihood = Callable[[Array], ArrayLike]
 
 

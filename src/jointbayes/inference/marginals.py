@@ -6,14 +6,10 @@ from functools import cached_property
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-
-__all__ = ["Distribution", "Marginal", "Normal", "OfStiffness", "OwnMarginal", "Uniform", "as_marginal"]
-
-Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054
 _OWN_DRAWS = 2**16

@@ -4,8 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.ports import as_factors
 from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
@@ -14,10 +15,6 @@ from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import symmetric_changes
 from jointbayes.measurement import ModalMeasurement
-
-__all__ = ["ModalLikelihood"]
-
-Array = NDArray[np.float64]
 
 
 class ModalLikelihood(Likelihood):

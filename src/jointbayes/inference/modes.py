@@ -6,14 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
+from jointbayes.arrays import Array
 from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies, rigid_body_modes
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import ModalMeasurement, ModeMeasurement
 from jointbayes.structure import StructureFamily
-
-__all__ = ["ModalModel", "ModePrediction", "mac", "modal_model"]
-
-Array = NDArray[np.float64]
 
 
 class ModalModel(Protocol):

@@ -6,15 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.cone import NO_JOINT, cut_quantiles, log_probability_inside
 from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, as_marginal
 from jointbayes.joint import Parametrisation
 from jointbayes.structure import is_additive
-
-__all__ = ["JointPrior", "Nuisance"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import (
     AnyStructure,
@@ -19,7 +20,8 @@ from jointbayes.frf import (
     rigid_body_modes,
 )
 from jointbayes.frf.measured_body import substructures
-from jointbayes.inference.likelihood import Likelihood, likelihood_of
+from jointbayes.inference.likelihood import likelihood_of
+from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
@@ -36,8 +38,6 @@ from jointbayes.inference.setup import (
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement
 from jointbayes.structure import StructureFamily, is_mode_frequency
-
-__all__ = ["Problem"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +280,7 @@ class Problem:
         return free.n_dofs - rigid_body_modes(free, self.joints) - self.joints.size
 
     @property
-    def first_guess(self) -> NDArray[np.float64]:
+    def first_guess(self) -> Array:
         """Quantities of the joint, shape (q,), from which a search starts: `initial`, or the middle of the prior."""
         if self.initial is not None:
             return np.asarray(self.initial, dtype=float)
@@ -311,7 +311,7 @@ class Problem:
         """
         return receptance_model(self.structure, self.joints, ports)
 
-    def structural(self, factors: ArrayLike) -> NDArray[np.float64]:
+    def structural(self, factors: ArrayLike) -> Array:
         """Those of the nuisances' factors (..., q) that concern the structure, shape (..., f)."""
         return np.asarray(factors, dtype=float)[..., self.structural_columns]
 
@@ -320,14 +320,14 @@ class Problem:
         """Which nuisances concern the structure, in the order of its quantities."""
         return columns_of_names(self.setup, self.structures.names, self._nuisances)
 
-    def gain(self, factors: ArrayLike) -> NDArray[np.float64]:
+    def gain(self, factors: ArrayLike) -> Array:
         """Factor on measured FRFs, shape (...), at factors of the nuisances, shape (..., q); 1 where it is certain."""
         known, name = np.asarray(factors, dtype=float), own_name(self.setup, "gain", self._nuisances)
         return np.ones(known.shape[:-1]) if name is None else known[..., self._nuisances.index(name)]
 
     def natural_frequencies_hz(
         self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Lowest natural frequencies, shape (n, count), Hz, for quantities of the joint (n, q) or (q,).
 
         At the nominal structure, or at factors (n, q) of the nuisances; `of_model` without the errors that natural

@@ -14,12 +14,10 @@ Mathematical Statistics 34(1), 152-177. DOI 10.1214/aoms/1177704250
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation
 from jointbayes.frf.kernels.by_line import noise_roots
 
-__all__ = ["PropagatedNoise"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 

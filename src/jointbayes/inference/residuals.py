@@ -10,11 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, ModelError
 
-__all__ = ["PURE_NOISE", "ComplexResidual", "LogMagnitudeResidual", "Residual", "ResidualKind", "residual_of"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 ResidualKind = Literal["complex", "log_magnitude"]
 

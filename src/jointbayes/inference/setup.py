@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody
 from jointbayes.frf.measured_body import substructures
@@ -17,19 +18,6 @@ from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import AnyJoint, Block, Blocks, Joint, Joints, Parametrisation, as_joints
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement
-
-__all__ = [
-    "Level",
-    "Setup",
-    "SetupsLikelihood",
-    "Term",
-    "arranged",
-    "columns_of_names",
-    "own_name",
-    "require_own_bodies",
-]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,6 @@ _COMPUTING = ("joint", "parametrisation", "condensed", "plain_springs", "full", 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any name of the room)
     for module in (import_module(f"{__name__}.{home}") for home in _COMPUTING):
-        if name in module.__all__:
+        if hasattr(module, name):
             return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

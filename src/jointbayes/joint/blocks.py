@@ -9,14 +9,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
-
-__all__ = ["Block", "Blocks", "blocks_of"]
-
-Array = NDArray[np.float64]
 
 _ALL_ORDERS = 4  # joints of a kind, of which all orders are exchanges
 

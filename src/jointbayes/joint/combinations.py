@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint.blocks import Blocks
 from jointbayes.joint.coupled import CoupledPair
 from jointbayes.joint.damped import Damped
@@ -16,17 +16,6 @@ from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings
 from jointbayes.joint.quantities import is_rotation_unit, prefixed
 from jointbayes.joint.signed import SignedCoupling
-
-__all__ = [
-    "Combination",
-    "combinations_of",
-    "flexibilities_at_arms",
-    "parametrisation_of_draws",
-    "powers_text",
-    "single_values",
-]
-
-Array = NDArray[np.float64]
 
 _SUPERSCRIPT = {1: "", 2: "²"}
 #: Of more stiffnesses than these products are made of two at a time.

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CondensedCoordinates", "Cone"]
-
-Array = NDArray[np.float64]
+from jointbayes.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COORDINATES, COUPLED, Coordinate, Quantity
-
-__all__ = ["CoupledPair"]
-
-Array = NDArray[np.float64]
 
 _ADJUGATE_SIGNS = np.array([1.0, -1.0, 1.0])
 _ANY_JOINT = np.array([1.0, -0.5, 1.0])  # compliance and stiffness that stand where there is no joint

@@ -8,14 +8,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities, without_damping
-
-__all__ = ["Damped"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.plain_springs import PlainSprings, Rigid
 from jointbayes.joint.quantities import DIRECTIONS, is_rotation, is_rotation_unit
 
-__all__ = ["joint_under"]
-
 _PAIR = (False, True)  # a translation and a rotation
 
 

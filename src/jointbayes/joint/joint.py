@@ -7,12 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, is_rotation
 
-__all__ = ["AnyJoint", "Joint", "Joints", "as_joints"]
-
-Array = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 
 _SAME_PLACE = 1e-6  # m

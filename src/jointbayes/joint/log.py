@@ -6,12 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.coupled import CoupledPair
-
-__all__ = ["PARAMETRISATION", "LogStiffness"]
-
-Array = NDArray[np.float64]
 
 _CONE = Cone(0, 1, 2)
 

@@ -15,19 +15,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.quantities import COORDINATES, Coordinate, Quantity, without_damping
-
-__all__ = [
-    "RIGID",
-    "ComplianceCoordinates",
-    "Parametrisation",
-    "parametrisation_named",
-    "symmetric_changes",
-]
-
-Array = NDArray[np.float64]
 
 #: Stiffness (N/m, N·m/rad) of a motion that is held: every forward model takes it for rigid to rounding, and its square
 #: is still a number.

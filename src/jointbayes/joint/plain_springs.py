@@ -11,13 +11,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import COUPLED, Coordinate, Quantity
-
-__all__ = ["PlainSprings", "Rigid"]
-
-Array = NDArray[np.float64]
 
 _SPRINGS = tuple(quantity.name for quantity in COUPLED if not quantity.may_be_negative)
 _SMALLEST_STIFFNESS = float(np.exp(-20.0))

@@ -10,27 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-__all__ = [
-    "COORDINATES",
-    "COUPLED",
-    "DIRECTIONS",
-    "HYPOTHESES",
-    "KINDS",
-    "Coordinate",
-    "Quantity",
-    "QuantityRole",
-    "USUAL_HYPOTHESES",
-    "damping_quantities",
-    "direction_of",
-    "full_coordinates",
-    "full_stiffnesses",
-    "is_rotation",
-    "is_rotation_unit",
-    "rotation_sign",
-    "spring_stiffnesses",
-    "without_damping",
-]
-
 QuantityRole = Literal["stiffness", "viscous", "loss factor"]
 
 #: Directions in which a joint's DOF may move, as they stand after the colon of a DOF label.

@@ -7,11 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint.coupled import CoupledPair
-
-__all__ = ["PARAMETRISATION", "SignedCoupling"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

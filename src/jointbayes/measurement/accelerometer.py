@@ -12,13 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
 from jointbayes.measurement.data import FrfMeasurement
 
-__all__ = ["without_accelerometers"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth

@@ -30,8 +30,6 @@ from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frf
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance, mean_of_repeats
 from jointbayes.measurement.warnings.warnings import find_warnings
 
-__all__ = ["assemble_measurement", "estimate_variance", "read_measurement"]
-
 #: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
 _EXPLAINED = 10.0
 

@@ -9,8 +9,6 @@ from typing import Literal
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import FrfRecord
 
-__all__ = ["Channel", "ChannelMap", "ChannelUse", "MappedRecords", "map_records"]
-
 Role = Literal["response", "force"]
 _OPPOSITE = {"+": "-", "-": "+"}
 

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.frf_set import read_only
 from jointbayes.measurement.provenance import Provenance
-
-__all__ = ["FrequencyMeasurement", "FrfMeasurement", "ModalMeasurement"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +39,7 @@ class FrfMeasurement:
     """
 
     frf: FrfSet
-    variance: NDArray[np.float64]
+    variance: Array
     synthetic: bool = False
     variance_dof: int | None = None
     joint_frf: FrfSet | None = None
@@ -97,16 +95,16 @@ class ModalMeasurement:
     """
 
     __slots__ = ()
-    frequency_hz: NDArray[np.float64]
-    sd_hz: NDArray[np.float64]
+    frequency_hz: Array
+    sd_hz: Array
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Array:
         """Measured values, shape (m,)."""
         return self.frequency_hz
 
     @property
-    def sd(self) -> NDArray[np.float64]:
+    def sd(self) -> Array:
         """Their standard deviations, shape (m,)."""
         return self.sd_hz
 
@@ -141,7 +139,7 @@ class ModalMeasurement:
         return
 
     @property
-    def arrays(self) -> tuple[NDArray[np.float64], ...]:
+    def arrays(self) -> tuple[Array, ...]:
         """All numbers that were measured or stated."""
         return self.frequency_hz, self.sd_hz
 
@@ -158,8 +156,8 @@ class FrequencyMeasurement(ModalMeasurement):
         If frequencies do not increase or a standard deviation is not positive.
     """
 
-    frequency_hz: NDArray[np.float64]
-    sd_hz: NDArray[np.float64]
+    frequency_hz: Array
+    sd_hz: Array
     provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
@@ -181,6 +179,6 @@ class FrequencyMeasurement(ModalMeasurement):
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
         return f"FrequencyMeasurement({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
 
-    def with_values(self, values: NDArray[np.float64]) -> "FrequencyMeasurement":
+    def with_values(self, values: Array) -> "FrequencyMeasurement":
         """The same with other frequencies, shape (n,), Hz."""
         return FrequencyMeasurement(values, self.sd_hz)

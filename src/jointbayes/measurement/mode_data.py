@@ -5,16 +5,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of
 from jointbayes.frf.frf_set import read_only
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, ModalMeasurement
 from jointbayes.measurement.provenance import Provenance
-
-__all__ = ["Match", "Measurement", "ModeMeasurement", "ModeShapes", "ModeValue", "Observed"]
-
-Array = NDArray[np.float64]
 
 _WIDEST = 1e100  # of a value: squares stay finite
 _MORE = 3  # modes above the highest number stated, among which shapes are looked for

@@ -11,8 +11,6 @@ from jointbayes.measurement.signals.impact import ImpactSettings
 from jointbayes.measurement.signals.spectra import ShakerSettings
 from jointbayes.measurement.variance import RelativeNoise
 
-__all__ = ["FrequencyPlan", "MeasurementPlan", "VarianceSource"]
-
 
 @dataclass(frozen=True, slots=True)
 class VarianceSource:

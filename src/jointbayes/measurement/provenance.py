@@ -7,8 +7,6 @@ from typing import Any
 from jointbayes.frf import MeasuredFile
 from jointbayes.measurement.channels import ChannelUse
 
-__all__ = ["MeasuredMode", "MeasurementWarning", "Provenance"]
-
 #: Warnings that leave open which sign, or which sign of i, the numbers of an FRF have.
 _SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive", "quantity")
 

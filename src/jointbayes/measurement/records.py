@@ -7,21 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import Quantity
 from jointbayes.frf.frf_set import Lines, read_only
-
-__all__ = [
-    "HIGHEST_HZ",
-    "LARGEST",
-    "Dof",
-    "FrfRecord",
-    "Record",
-    "SensorQuantity",
-    "TimeRecord",
-    "dof_label",
-    "measurable",
-    "parse_dof",
-]
 
 #: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
 #: Squares and products of what is within stay finite.
@@ -61,11 +49,11 @@ class FrfRecord:
 
     response: str
     reference: str
-    frequency_hz: NDArray[np.float64]
+    frequency_hz: Array
     values: NDArray[np.complex128]
     quantity: Quantity | None = None
     unit: str = ""
-    coherence: NDArray[np.float64] | None = None
+    coherence: Array | None = None
     averages: int | None = None
     where: str = ""
     notes: tuple[str, ...] = field(default=())
@@ -106,7 +94,7 @@ class TimeRecord:
 
     channel: str
     sample_rate_hz: float
-    values: NDArray[np.float64]
+    values: Array
     quantity: SensorQuantity = "unknown"
     unit: str = ""
     hit: int | None = None
@@ -120,7 +108,7 @@ class TimeRecord:
 Record = FrfRecord | TimeRecord
 
 
-def measurable(values: NDArray[np.float64] | NDArray[np.complex128]) -> NDArray[np.bool_]:
+def measurable(values: Array | NDArray[np.complex128]) -> NDArray[np.bool_]:
     """Which values a measurement can have: 0, or a finite number of a size that occurs."""
     with np.errstate(all="ignore"):
         size = np.maximum(np.abs(values.real), np.abs(values.imag))

@@ -13,16 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.joint.quantities import direction_of, rotation_sign
 from jointbayes.measurement.data import FrfMeasurement
 
-__all__ = ["DifferenceScheme", "Rotation", "at_joint", "with_rotations"]
-
-Array = NDArray[np.float64]
 DifferenceScheme = Literal["first order", "second order, end", "second order, centre"]
 
 #: Weights over the stations, times the station spacing.

@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
 from jointbayes.measurement.data import FrfMeasurement
-
-__all__ = ["CoherenceNoise", "NoiseLaw", "RelativeNoise", "coherence_variance", "mean_of_repeats"]
-
-Array = NDArray[np.float64]
 
 #: Coherence this close to 1 is 1 to the last bits.
 _ONE = 1 - 1e-12

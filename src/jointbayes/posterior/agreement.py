@@ -7,16 +7,12 @@ version of the program computes another density.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.file_record import REMEDY, EstimateRecord, FileRecord
-
-__all__ = ["require_agreement", "require_estimate", "require_same_density"]
-
-Array = NDArray[np.float64]
 
 _COMPARED = 16  # draws at which the problem must have the density that is stored
 #: How far ln p of a rebuilt problem may be from the one stored, as a part of it and absolutely: other versions of the

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-__all__ = ["loo_pointwise", "to_arviz"]
+from jointbayes.arrays import Array
 
 
 def _arviz() -> ModuleType:
@@ -30,7 +29,7 @@ def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTr
     return _arviz().from_datatree(tree)
 
 
-def loo_pointwise(log_likelihood: NDArray[np.float64], efficiency: float) -> tuple[NDArray[np.float64], ...]:
+def loo_pointwise(log_likelihood: Array, efficiency: float) -> tuple[Array, ...]:
     """Leave-one-out log density (values,) and Pareto shape (values,) from ln L value by value, shape (draws, values).
 
     `efficiency` is the number of effective draws over that of draws.

@@ -6,8 +6,6 @@ import numpy as np
 
 from jointbayes.posterior.verdicts import JudgedPosterior
 
-__all__ = ["Cell", "brief"]
-
 Cell = str | float | int | bool | None
 """One cell of a table of cases; None where a number does not exist."""
 

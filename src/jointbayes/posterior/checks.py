@@ -13,15 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel
 from jointbayes.inference.noise.base import Absorbed, squares_of
 from jointbayes.posterior.findings import CELLS, Finding, FitCell, ResidualLevel, ResidualPattern
 from jointbayes.posterior.whiteness import LAGS, Whiteness, lag_sd, portmanteau, replicated_portmanteau
-
-__all__ = ["FALSE_ALARM", "FAR_BELOW", "PredictiveCheck", "check_frequencies", "check_frfs"]
-
-Array = NDArray[np.float64]
 
 #: Probability that any of the tests of a run, on level and pattern of all its set-ups, fails with a right model and the
 #: right noise, at most: each has this over their number (Bonferroni).

@@ -5,14 +5,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import ComplianceCoordinates, Parametrisation
 from jointbayes.sampling import ComposedCoordinates, Coordinates, NormalScores, ProductCoordinates, Quantities
 from jointbayes.structure import is_mode_frequency
-
-__all__ = ["compliance_and_scores", "coordinate_systems", "judged_quantities"]
-
-Array = NDArray[np.float64]
 
 
 def coordinate_systems(problem: Problem) -> tuple[Coordinates, ...]:

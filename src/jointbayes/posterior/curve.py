@@ -4,17 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Level, Setup
 from jointbayes.inference.setup import own_name
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.verdicts import reasons_for_no_verdict
 
-__all__ = ["Curve", "curve_of", "curves_of"]
-
-Array = NDArray[np.float64]
 _TINY = float(np.finfo(float).tiny)
 
 

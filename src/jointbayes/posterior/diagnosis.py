@@ -18,14 +18,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
 from jointbayes.measurement import ModalMeasurement
 
-__all__ = ["Cause", "Diagnosis", "ModeError", "PairFit", "diagnose", "diagnose_frequencies", "diagnose_frfs"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Cause = Literal["frequencies, all the same way", "frequencies, unevenly", "damping", "level", "one sensor"]
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
@@ -22,10 +23,6 @@ from jointbayes.posterior.noise_of_bodies import NoiseOfBodies, noise_of_bodies
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.rounding import in_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
-
-__all__ = ["PosteriorDraws"]
-
-Array = NDArray[np.float64]
 
 _KERNEL_DRAWS = 4000
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.inference import LogPosterior
 from jointbayes.posterior.monte_carlo import pareto_k
@@ -16,9 +16,6 @@ from jointbayes.posterior.quadrature import MOST_DIMENSIONS, integrate
 from jointbayes.sampling import Coordinates, LogDensity, Proposal, Start, fit_proposal, importance_efficiency
 from jointbayes.threads import one_blas_thread
 
-__all__ = ["PARETO_LIMIT", "Evidence", "WeightedDraws", "evidence", "importance_evidence", "nested_evidence"]
-
-Array = NDArray[np.float64]
 Method = Literal["exact", "importance sampling", "quadrature", "nested sampling"]
 
 PARETO_LIMIT = 0.7

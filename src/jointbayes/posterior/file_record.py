@@ -10,7 +10,6 @@ from dataclasses import fields
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -21,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.joint import Coordinate
@@ -30,10 +30,6 @@ from jointbayes.posterior.information.excluded import SimplerJoint
 from jointbayes.posterior.information.uncertain_inputs import Source
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import FILE_VERSION
-
-__all__ = ["REMEDY", "EstimateRecord", "FileRecord", "parse_estimate", "parse_record", "provenance_from"]
-
-Array = NDArray[np.float64]
 
 #: More coordinates, starts and so on than any run has; a reader must not build what takes all memory.
 _MOST = 10_000

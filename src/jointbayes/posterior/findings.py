@@ -9,8 +9,6 @@ from typing import Literal
 
 from jointbayes.inference.noise.base import Absorbed
 
-__all__ = ["CELLS", "FitCell", "Finding", "ResidualLevel", "ResidualPattern"]
-
 Finding = Literal["explained", "misfit", "misfit below the noise", "noise overstated"]
 ResidualLevel = Literal["far below", "below", "as expected", "above"]
 ResidualPattern = Literal["white", "correlated"]

@@ -16,8 +16,6 @@ from jointbayes.posterior.run_record import bodies_of, measurement_sha256
 from jointbayes.posterior.stored_problem import described
 from jointbayes.sampling import SamplerSettings
 
-__all__ = ["run_fingerprint"]
-
 #: Settings that change no draw, and tables of a case that are only shown or compared with the result.
 _NO_MATTER = frozenset({"processes"})
 _ONLY_SHOWN = frozenset({"title", "reference", "sampling", "compare", "plan", "virtual_test", "setups"})

@@ -5,22 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import factor, in_unit, rounded, rounded_interval
-
-__all__ = [
-    "CERTAINTY",
-    "IDENTIFIED_RATIO",
-    "LEAST_CONTRACTION",
-    "RULE",
-    "VOLUME_SHARE",
-    "WEAK_RATIO",
-    "Identifiability",
-    "Verdict",
-    "assess",
-    "verdict_by_rule",
-]
 
 Verdict = Literal["identified", "weakly identified", "not identified", "bounded below", "bounded above", "no verdict"]
 
@@ -186,7 +173,7 @@ def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:
     return "not identified", f"{spread}, more than {WEAK_RATIO:g}"
 
 
-def assess(posterior: NDArray[np.float64], prior: NDArray[np.float64]) -> Identifiability:
+def assess(posterior: Array, prior: Array) -> Identifiability:
     """Judge one stiffness from posterior and prior draws, any shapes, in the stiffness's unit.
 
     A stiffness is *identified* if the upper end of its 95 % interval is at most 1.25 times the lower end, *weakly

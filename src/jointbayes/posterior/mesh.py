@@ -7,14 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.threads import one_blas_thread
-
-__all__ = ["LARGEST_ERROR_OF_PEAK", "LARGEST_ERROR_SD", "LARGEST_SHIFT_SD", "MeshCheck", "check_mesh"]
-
-Array = NDArray[np.float64]
 
 #: Largest error of a prediction that noise hides, in standard deviations of that line.
 LARGEST_ERROR_SD = 0.05

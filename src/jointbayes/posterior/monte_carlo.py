@@ -4,13 +4,9 @@ The numbers are ArviZ's, which takes half a second to load.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.diagnostics import normal_scores
-
-__all__ = ["effective_sizes", "pareto_k"]
-
-Array = NDArray[np.float64]
 
 #: Probabilities whose quantiles are the tail.
 _TAIL = (0.05, 0.95)

@@ -4,15 +4,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, quantity_factor
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
-
-__all__ = ["DOUBTFUL", "NOT_RECIPROCAL", "NoiseOfBodies", "noise_of_bodies"]
-
-Array = NDArray[np.float64]
 
 #: Standard deviation of det(1 + A_jj K) relative to itself from which on the first order is doubtful: the variance that
 #: it gives is then a fifth too small, since E|1/(1 + x) − 1|² = s² + 2s⁴ + … for x circular of standard deviation s.

@@ -19,8 +19,6 @@ from jointbayes.threads import one_blas_thread
 if TYPE_CHECKING:  # what reads files is not loaded by a run, which writes one
     from jointbayes.posterior.stored_file import StoredFile
 
-__all__ = ["Posterior"]
-
 
 class Posterior(JudgedPosterior):
     """Draws from the posterior of a joint's stiffnesses; built as `PosteriorDraws` is."""

@@ -5,12 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, Quantity, quantity_factor
 from jointbayes.inference import Problem
-
-__all__ = ["FrfPrediction", "frfs_as_measured", "predict_frf"]
-
-Array = NDArray[np.float64]
 
 _LINES_AT_ONCE = 128  # whose values of all draws are sorted together
 _DRAWS_AT_ONCE = 32  # whose errors of measured bodies are held in memory

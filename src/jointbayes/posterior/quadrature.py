@@ -12,11 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling import LogDensity
-
-__all__ = ["MOST_DIMENSIONS", "Quadrature", "integrate"]
-
-Array = NDArray[np.float64]
 
 #: Of more unknowns boxes along a ridge are too many.
 MOST_DIMENSIONS = 3

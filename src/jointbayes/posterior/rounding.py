@@ -3,8 +3,6 @@
 import math
 from collections.abc import Sequence
 
-__all__ = ["factor", "in_columns", "in_unit", "number", "rounded", "rounded_interval", "signed"]
-
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
 
@@ -121,3 +119,24 @@ def in_columns(rows: Sequence[Sequence[str]], alignment: str = "") -> list[str]:
         "  ".join(f"{c:{'>' if s == 'r' else '<'}{w}}" for c, w, s in zip(row, widths, sides, strict=True)).rstrip()
         for row in rows
     ]
+
+
+def contraction(value: float | None, decimals: int) -> str:
+    """Share of the prior's variance that the data removed; "none" where the posterior is as wide as the prior or wider.
+
+    Examples
+    --------
+    >>> contraction(0.98765, 4), contraction(-4.1, 4)
+    ('0.9877', 'none')
+    """
+    return "none" if value is not None and value <= 0 else fixed(value, decimals)
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Format with so many decimals; a dash where the number does not exist, as the effective size of a short run."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+
+
+def interval(ends: Sequence[float], digits: int = 3) -> str:
+    """Format the ends of an interval."""
+    return f"{number(ends[0], digits)} … {number(ends[1], digits)}"

@@ -10,24 +10,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.code_version import code_version
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement, ModalMeasurement
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
-
-__all__ = [
-    "RunRecord",
-    "SampledCase",
-    "bodies_of",
-    "data_sha256",
-    "measurement_sha256",
-    "package_versions",
-    "sampler_figures",
-]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

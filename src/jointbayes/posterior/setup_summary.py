@@ -5,24 +5,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import Level, Problem
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.run_record import data_sha256
 from jointbayes.posterior.verdicts import JudgedPosterior
-
-__all__ = [
-    "FitSummary",
-    "NaturalFrequencies",
-    "SetupSummary",
-    "check_json",
-    "fit_json",
-    "fit_of",
-    "setup_summaries",
-]
 
 Interval = tuple[float, float]
 
@@ -109,7 +99,7 @@ def _frequencies(
     count, theta = len(measured) if measured else 3, posterior.estimate.theta
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
 
-    def at(stiffness: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+    def at(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
         return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
 
     predicted = posterior.predict_natural_frequencies(count, setup=problem.setup or None)
@@ -122,7 +112,7 @@ def _frequencies(
     )
 
 
-def fit_of(problem: Problem, theta: NDArray[np.float64]) -> FitSummary:
+def fit_of(problem: Problem, theta: Array) -> FitSummary:
     """How well θ, shape (d,), fits the data of all set-ups of a problem."""
     n_data, total = problem.log_posterior.likelihood.n_data, 0.0
     for part in problem.parts:

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
@@ -17,10 +18,6 @@ from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.posterior.rounding import in_unit, number, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
-
-__all__ = ["LEAST_SHARE", "ModeSummary", "Solutions", "further_measurement"]
-
-Array = NDArray[np.float64]
 
 #: A solution with less of the probability lies outside every 95 % interval.
 LEAST_SHARE = 0.025

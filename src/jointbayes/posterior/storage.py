@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
@@ -17,25 +18,10 @@ from jointbayes.measurement import FrfMeasurement, Measurement, ModeMeasurement,
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
-__all__ = [
-    "FILE_VERSION",
-    "JOINT_FRF",
-    "RECORD",
-    "draws_tree",
-    "estimate_record",
-    "log_prior_of_joint",
-    "observed_group",
-    "value_units",
-    "values_tree",
-    "write_tree",
-]
-
 #: Of the file: raised when an older reader would misread it, as one that looks for no stored problem.
 FILE_VERSION = 2
 #: Attribute that holds the record, and group of the FRFs at the joint.
 RECORD, JOINT_FRF = "jointbayes", "joint_frf"
-
-Array = NDArray[np.float64]
 
 
 def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTree:

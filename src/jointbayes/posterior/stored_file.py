@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
@@ -30,10 +31,6 @@ from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, provenance_from
 from jointbayes.posterior.storage import JOINT_FRF, RECORD, value_units
 from jointbayes.posterior.stored_problem import PROBLEM_GROUP
-
-__all__ = ["StoredDraws", "StoredFile", "one_line_of", "read_stored"]
-
-Array = NDArray[np.float64]
 
 _EXPECTED = "expected a posterior.nc written by jointbayes"
 _LEAST = 2  # draws of a chain, and of the prior: one has no spread

@@ -17,8 +17,6 @@ from jointbayes.inference import Problem
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.file_record import REMEDY, provenance_from
 
-__all__ = ["PROBLEM_GROUP", "described", "problem_from", "require_same_problem", "with_problem"]
-
 #: Group of its arrays in a posterior file.
 PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.

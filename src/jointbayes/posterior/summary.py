@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredFile
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -30,18 +30,6 @@ from jointbayes.posterior.setup_summary import (
 )
 from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import JudgedPosterior, mode_sentence, reasons_for_no_verdict, verdict_text
-
-__all__ = [
-    "SCHEMA_VERSION",
-    "FitSummary",
-    "MapSummary",
-    "NaturalFrequencies",
-    "NuisanceSummary",
-    "SetupSummary",
-    "StiffnessSummary",
-    "Summary",
-    "summarise",
-]
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 2
@@ -291,7 +279,7 @@ def summarise(
     )
 
 
-def _interval95(values: NDArray[np.float64]) -> Interval:
+def _interval95(values: Array) -> Interval:
     low, high = np.quantile(values, [0.025, 0.975]).tolist()
     return low, high
 

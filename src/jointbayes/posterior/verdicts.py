@@ -15,9 +15,9 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
@@ -26,21 +26,6 @@ from jointbayes.posterior.rounding import in_unit, number, rounded
 from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach, widen_posterior
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
-
-__all__ = [
-    "BEYOND",
-    "IF_MODEL_RIGHT",
-    "LEAST_EXCLUDED",
-    "JudgedPosterior",
-    "judge_stiffness",
-    "mode_sentence",
-    "reasons_for_no_verdict",
-    "verdict_line",
-    "verdict_text",
-    "with_limit",
-]
-
-Array = NDArray[np.float64]
 
 #: Posterior mass beyond a stated bound, once priors are a decade wider, from which on the bound holds the stiffness.
 BEYOND = 0.025

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LAGS", "Whiteness", "lag_sd", "portmanteau", "replicated_portmanteau"]
-
-Array = NDArray[np.float64]
+from jointbayes.arrays import Array
 
 #: Neighbours whose residuals are compared: model error spans the lines of a resonance, so a few suffice.
 LAGS = 5

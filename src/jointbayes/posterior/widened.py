@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.identification import refine
 from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Uniform
 from jointbayes.joint import Coordinate
@@ -17,9 +17,6 @@ from jointbayes.posterior.evidence import WeightedDraws
 from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
 from jointbayes.threads import one_blas_thread
 
-__all__ = ["DECADE", "REACH", "Side", "WidenedPosterior", "bounds_within_reach", "widen_posterior", "widened_prior"]
-
-Array = NDArray[np.float64]
 Side = Literal["lower", "upper"]
 
 #: By how much each bound of ln k is moved out.

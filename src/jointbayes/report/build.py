@@ -24,8 +24,6 @@ from jointbayes.report.sections.settings import settings_section
 from jointbayes.report.sections.setups import overview_section, setup_section
 from jointbayes.report.sections.starts import starts_section
 
-__all__ = ["SECTIONS", "SECTIONS_OF_DATA", "build_report"]
-
 Inputs = TypeVar("Inputs")
 
 #: On the data of one set-up, in the order of the report. Each takes `SetupInputs`, returns None with nothing to say.

@@ -15,8 +15,6 @@ from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation,
 
 from jointbayes.report.markup import SUPERSCRIPTS, clean
 
-__all__ = ["legend_above", "logarithmic", "margin_labels", "panels", "svg"]
-
 _POWER = re.compile(r"\^\{([-\d]+)\}")
 _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
 _LONGEST = 40  # characters of a label on the vertical axis

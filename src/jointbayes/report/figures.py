@@ -15,26 +15,11 @@ from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.report.canvas import legend_above, logarithmic, panels, svg
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.thinning import extremes
 
-__all__ = [
-    "MOST_CURVES",
-    "autocorrelation",
-    "corner_plot",
-    "frequency_errors",
-    "frf_overlay",
-    "histories",
-    "level_curve",
-    "mode_shape",
-    "profiles",
-    "residual_norm",
-    "squares_by_line",
-    "traces",
-]
-
-Array = NDArray[np.float64]
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 #: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.
 _STRETCHES = 700

@@ -17,11 +17,10 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
 from jointbayes.report.model import SERIES_COLOURS, Figure, LinePlot, Report, Series
 from jointbayes.report.thinning import extremes, points_of_polyline
-
-__all__ = ["render_html"]
 
 #: Of the vertical range of an interactive plot: by this a curve may miss points that are left out.
 _TOLERANCE = 2e-4
@@ -155,7 +154,7 @@ def _points(series: Series, tolerance: float, *, log: bool) -> dict[str, Any]:
     return {"x": _packed_x(x, kept), **packed}
 
 
-def _packed_x(x: NDArray[np.float64], kept: NDArray[np.intp]) -> Any:  # noqa: ANN401 (JSON)
+def _packed_x(x: Array, kept: NDArray[np.intp]) -> Any:  # noqa: ANN401 (JSON)
     """Abscissae of the kept points: of evenly spaced ones the gaps between them, a byte each."""
     if x.size >= _LONG:
         step = (x[-1] - x[0]) / (x.size - 1)
@@ -165,7 +164,7 @@ def _packed_x(x: NDArray[np.float64], kept: NDArray[np.intp]) -> Any:  # noqa: A
     return [float(f"{value:.9g}") for value in x[kept]]
 
 
-def _packed(values: NDArray[np.float64], *, log: bool) -> Any:  # noqa: ANN401 (JSON)
+def _packed(values: Array, *, log: bool) -> Any:  # noqa: ANN401 (JSON)
     """Ordinates: a few as they are, many as 16-bit fractions of their range, which is finer than four digits."""
     if values.size < _LONG:
         return [float(f"{value:.6g}") for value in values]

@@ -3,16 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
+from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
 from jointbayes.posterior.setup_summary import SetupSummary
 from jointbayes.posterior.summary import Summary
 from jointbayes.report.markup import foreign
-
-__all__ = ["ReportInputs", "SetupInputs"]
 
 
 @dataclass(frozen=True)
@@ -70,7 +66,7 @@ class ReportInputs:
         return foreign(self.posterior.problem.name if case is None else case.title)
 
     @property
-    def reference(self) -> NDArray[np.float64] | None:
+    def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if the case states any."""
         return None if self.posterior.case is None else self.posterior.case.reference
 

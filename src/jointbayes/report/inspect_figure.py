@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import printable
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.provenance import MeasuredMode
@@ -15,9 +15,6 @@ from jointbayes.report.canvas import legend_above, svg
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.report.thinning import extremes
 
-__all__ = ["HitCurve", "inspect_figure"]
-
-Array = NDArray[np.float64]
 #: Name of a hit, why it is left out (empty where it is kept), time from the trigger, s, and force, N.
 HitCurve = tuple[str, str, Array, Array]
 

@@ -11,8 +11,6 @@ from pathlib import Path
 from jointbayes.errors import JointBayesError, ReportError, ReportInterruptedError, WriteError
 from jointbayes.posterior import Posterior
 
-__all__ = ["draws_explained", "draws_kept", "save_draws"]
-
 
 @contextmanager
 def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None) -> Iterator[Path]:

@@ -2,8 +2,6 @@
 
 from jointbayes.inference import Problem
 
-__all__ = ["coordinate_labels", "nuisance_label", "readable"]
-
 _READABLE = {
     "youngs_modulus": "Young's modulus",
     "density": "density",

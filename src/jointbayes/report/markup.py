@@ -15,21 +15,6 @@ from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report.model import Kind
 
-__all__ = [
-    "ISOLATED",
-    "SYMBOLS",
-    "Badge",
-    "Run",
-    "as_characters",
-    "badge",
-    "clean",
-    "foreign",
-    "format_numbers",
-    "kind_of",
-    "parse",
-    "plain",
-]
-
 _BOLD = re.compile(r"\*\*(?=\S)(.+?)(?<=\S)\*\*")
 _CODE = re.compile(r"`([^`]+)`")
 # A digit, dot or letter on either side means the "number" is a piece of something longer (hash, version).

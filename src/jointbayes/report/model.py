@@ -12,25 +12,10 @@ from itertools import chain
 from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.posterior.rounding import in_columns
-
-__all__ = [
-    "SERIES_COLOURS",
-    "Block",
-    "Callout",
-    "Code",
-    "Figure",
-    "Kind",
-    "LinePlot",
-    "Paragraph",
-    "Report",
-    "Section",
-    "Series",
-    "SeriesKind",
-    "Table",
-]
 
 Kind: TypeAlias = Literal["good", "caution", "bad"]
 SeriesKind: TypeAlias = Literal["line", "points", "band"]
@@ -204,7 +189,7 @@ class Series:
         self._check_shapes(where)
 
     @property
-    def columns(self) -> tuple[NDArray[np.float64], ...]:
+    def columns(self) -> tuple[Array, ...]:
         """x, y, y_low and y_high as read-only arrays, shape (n,) each, or (0,) where there are none."""
         x, y, low, high = (np.asarray(values) for values in (self.x, self.y, self.y_low, self.y_high))
         return x, y, low, high

@@ -9,17 +9,13 @@ response functions, Tables 1 to 4.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from jointbayes.arrays import Array
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint, parametrisation_named
 from jointbayes.posterior.rounding import signed
 from jointbayes.structure import BeamMaterial, ModalDamping, Section, Structure, beam
-
-__all__ = ["TABLE_2", "TABLE_3", "TABLE_4", "Finding", "FrequencyTable", "audit", "clamped_frequencies_hz"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

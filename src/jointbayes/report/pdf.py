@@ -13,8 +13,6 @@ import typst
 from jointbayes.report.markup import SYMBOLS, as_characters, badge, clean, parse, plain
 from jointbayes.report.model import Block, Callout, Code, Figure, Paragraph, Report, Table
 
-__all__ = ["render_pdf"]
-
 _LONG_WORD = re.compile(r"\S{20,}")
 _WORD_PIECE = re.compile(r"(.{12}|[/\\_.,;:=&?-]+)(?=.)")
 _HEADER_LENGTH = 80

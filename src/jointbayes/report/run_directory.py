@@ -18,17 +18,6 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.threads import one_blas_thread
 from jointbayes.whole_file import exchanged, scratch_directory, swept, write_whole_file
 
-__all__ = [
-    "json_text",
-    "require_room",
-    "require_writable",
-    "room_of_run",
-    "write_into",
-    "write_report",
-    "write_run",
-    "write_whole",
-]
-
 _MARK = "summary.json"  # by which a run directory is known
 #: What may be in a run directory, or in that of a comparison; any other file is the user's.
 _FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "compare.json")

@@ -5,9 +5,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["extremes", "points_of_polyline"]
+from jointbayes.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _FIRST_STRIDE = 64

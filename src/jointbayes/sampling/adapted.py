@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.checkpoint import UnfinishedRun
 from jointbayes.sampling.coordinates import Coordinates, straightened
@@ -21,10 +21,6 @@ from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.stage import Slow
 from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.streams import Streams
-
-__all__ = ["proposal_from_draws", "run_adapted"]
-
-Array = NDArray[np.float64]
 
 #: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
 #: proposal fitted to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.diagnostics import effective_sample_size
 from jointbayes.sampling.stopping import Check
-
-__all__ = ["Chains", "Draws", "Progress"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +51,8 @@ class Draws:
         Ensemble to which each chain belongs, counted from zero.
     """
 
-    theta: NDArray[np.float64]
-    log_density: NDArray[np.float64]
+    theta: Array
+    log_density: Array
     ensemble: NDArray[np.intp]
 
     def __post_init__(self) -> None:
@@ -95,9 +94,9 @@ class Chains:
         Distance of the positions in steps: 1 in a run of no more steps than are held.
     """
 
-    theta: NDArray[np.float64]
-    log_density: NDArray[np.float64]
-    acceptance: NDArray[np.float64]
+    theta: Array
+    log_density: Array
+    acceptance: Array
     move_acceptance: Mapping[str, float]
     thin: int
     converged: bool
@@ -129,17 +128,17 @@ class Chains:
         return self.burn_in // self.every
 
     @property
-    def tau(self) -> NDArray[np.float64]:
+    def tau(self) -> Array:
         """Integrated autocorrelation time in steps, shape (d,)."""
         return self.history[-1].tau
 
     @property
-    def r_hat(self) -> NDArray[np.float64]:
+    def r_hat(self) -> Array:
         """Rank-normalised split R̂ over the ensembles, shape (d,)."""
         return self.history[-1].r_hat
 
     @property
-    def ess(self) -> NDArray[np.float64]:
+    def ess(self) -> Array:
         """Effective sample size of all steps after burn-in, shape (d,)."""
         ensembles, held, walkers, _ = self.theta.shape
         return effective_sample_size(ensembles * (held - self.held_burn_in) * walkers, self.tau / self.every)

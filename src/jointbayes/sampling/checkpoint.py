@@ -20,8 +20,6 @@ from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount
 from jointbayes.sampling.stage import Stage
 
-__all__ = ["SECONDS_BETWEEN", "UnfinishedRun", "require_same_density"]
-
 #: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
 SECONDS_BETWEEN = 5.0
 _TIMES_THE_COST = 50

@@ -8,19 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
-
-__all__ = [
-    "NormalScores",
-    "Coordinates",
-    "ComposedCoordinates",
-    "Identity",
-    "ProductCoordinates",
-    "StraightCoordinates",
-    "straightened",
-]
-
-Array = NDArray[np.float64]
 
 _EDGE = 1e-12  # of a width: nearer to an end a difference has no digits left
 _FARTHEST = 7.0  # score there

@@ -4,13 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
-
-__all__ = ["Checked", "LogDensity", "covariance_roots", "derivatives_along", "newton_climb"]
-
-Array = NDArray[np.float64]
 
 LogDensity = Callable[[Array], Array]
 """Log of an unnormalised density: (n, d) points to (n,) values, −inf where the density is zero."""

@@ -1,19 +1,9 @@
 """Has an ensemble run long enough: autocorrelation time, R̂ and effective sample size."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
-
-__all__ = [
-    "autocorrelation_time",
-    "effective_sample_size",
-    "normal_scores",
-    "quantile_error",
-    "quantile_spread",
-    "quantile_tau",
-    "split_r_hat",
-]
 
 # Sokal's window: the sum over lags stops at this many τ, where its noise outweighs what it still misses.
 _WINDOW = 5.0
@@ -22,7 +12,7 @@ _WINDOW = 5.0
 _ONE_SD = (0.15865525393145707, 0.8413447460685429)
 
 
-def autocorrelation_time(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+def autocorrelation_time(theta: Array) -> Array:
     """Integrated autocorrelation time of each parameter, pooled over walkers and ensembles.
 
     The autocovariances of all walkers of all ensembles are averaged lag by lag, each taken about the one
@@ -63,7 +53,7 @@ def autocorrelation_time(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([_tau(theta[..., k]) for k in range(theta.shape[-1])])
 
 
-def split_r_hat(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+def split_r_hat(theta: Array) -> Array:
     """Rank-normalised split R̂ of each parameter over the ensembles.
 
     The walkers of one ensemble are proposed from each other and are therefore not independent chains; only
@@ -117,7 +107,7 @@ def split_r_hat(theta: NDArray[np.float64]) -> NDArray[np.float64]:
     return worst
 
 
-def effective_sample_size(draws: int, tau: NDArray[np.float64]) -> NDArray[np.float64]:
+def effective_sample_size(draws: int, tau: Array) -> Array:
     """Effective sample size of each parameter.
 
     Parameters
@@ -140,7 +130,7 @@ def effective_sample_size(draws: int, tau: NDArray[np.float64]) -> NDArray[np.fl
     return draws / tau
 
 
-def quantile_error(draws: NDArray[np.float64], probability: float) -> float:
+def quantile_error(draws: Array, probability: float) -> float:
     """Monte Carlo standard error of a quantile of one quantity's draws.
 
     The effective sample size of the indicator "draw ≤ quantile" comes from its own τ, pooled over walkers and
@@ -178,7 +168,7 @@ def quantile_error(draws: NDArray[np.float64], probability: float) -> float:
     return quantile_spread(draws, probability, draws.size / tau) if np.isfinite(tau) else float("inf")
 
 
-def quantile_tau(draws: NDArray[np.float64], probability: float) -> float:
+def quantile_tau(draws: Array, probability: float) -> float:
     """Autocorrelation time of "draw ≤ quantile", in steps of the draws; infinite if all are equal.
 
     Parameters and errors are those of :func:`quantile_error`.
@@ -187,7 +177,7 @@ def quantile_tau(draws: NDArray[np.float64], probability: float) -> float:
     return _tau((draws <= np.quantile(draws, probability)).astype(np.float64))
 
 
-def quantile_spread(draws: NDArray[np.float64], probability: float, effective: float) -> float:
+def quantile_spread(draws: Array, probability: float, effective: float) -> float:
     """Standard error of a quantile of draws that are worth so many independent ones.
 
     The probability below the quantile is as uncertain as a Beta(S p + 1, S (1 − p) + 1) variable, with S the effective
@@ -216,7 +206,7 @@ def quantile_spread(draws: NDArray[np.float64], probability: float, effective: f
     return float(up - down) / 2
 
 
-def _require_draws(theta: NDArray[np.float64]) -> None:
+def _require_draws(theta: Array) -> None:
     if theta.ndim != 4 or theta.shape[1] < 2:
         raise SamplingError(
             f"convergence diagnostics: found draws of shape {theta.shape}, expected "
@@ -224,7 +214,7 @@ def _require_draws(theta: NDArray[np.float64]) -> None:
         )
 
 
-def _tau(draws: NDArray[np.float64]) -> float:
+def _tau(draws: Array) -> float:
     """Return τ of one parameter from draws of shape (ensembles, steps, walkers)."""
     from scipy import fft
 
@@ -243,7 +233,7 @@ def _tau(draws: NDArray[np.float64]) -> float:
     return float(running[np.argmax(wide_enough)] if wide_enough.any() else running[-1])
 
 
-def normal_scores(draws: NDArray[np.float64]) -> NDArray[np.float64]:
+def normal_scores(draws: Array) -> Array:
     """Return draws with each value replaced by the normal quantile of its rank among all, of the same shape."""
     from scipy.special import ndtri
 
@@ -252,7 +242,7 @@ def normal_scores(draws: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(ndtri((ranks - 0.375) / (draws.size + 0.25)))  # Vehtari et al. Eq. (14)
 
 
-def _r_hat(chains: NDArray[np.float64]) -> float:
+def _r_hat(chains: Array) -> float:
     """Return R̂ of chains of shape (m, N), Vehtari et al. Eqs. (1)-(4)."""
     length = chains.shape[1]
     within = float(np.mean(np.var(chains, axis=1, ddof=1)))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
@@ -17,17 +18,6 @@ if TYPE_CHECKING:
     from emcee import State
     from emcee.model import Model
 
-__all__ = [
-    "Block",
-    "EnsembleState",
-    "Move",
-    "MoveCount",
-    "WeightedMove",
-    "advance",
-    "independence_share",
-    "initial_states",
-    "mixture",
-]
 
 ADAPTED_SHARE = 0.8  # of the local moves; the plain rest explores where the coordinates do not help
 LARGEST_SHARE = 0.9  # of the independence move; the rest frees a walker that it cannot reach
@@ -153,8 +143,8 @@ class EnsembleState:
         Log-density at the positions.
     """
 
-    theta: NDArray[np.float64]
-    log_density: NDArray[np.float64]
+    theta: Array
+    log_density: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,8 +163,8 @@ class Block:
         Number of points at which the log-density says (by its counter ``singular``) that it had no finite value.
     """
 
-    theta: NDArray[np.float64]
-    log_density: NDArray[np.float64]
+    theta: Array
+    log_density: Array
     moves: Mapping[str, MoveCount]
     singular: int
 
@@ -256,9 +246,7 @@ class _Counted:
         return state, accepted
 
 
-def initial_states(
-    log_density: LogDensity, start: NDArray[np.float64], settings: SamplerSettings
-) -> list[EnsembleState]:
+def initial_states(log_density: LogDensity, start: Array, settings: SamplerSettings) -> list[EnsembleState]:
     """Check the start and compute the log-density there."""
     start = np.array(start, dtype=np.float64)
     if start.ndim != 3 or start.shape[:2] != (settings.ensembles, settings.walkers):
@@ -281,7 +269,7 @@ def initial_states(
     return states
 
 
-def _require_spanning(theta: NDArray[np.float64], index: int) -> None:
+def _require_spanning(theta: Array, index: int) -> None:
     from emcee.ensemble import walkers_independent
 
     bad = np.flatnonzero(~np.isfinite(theta).all(axis=1))

@@ -5,13 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.ensemble import Block
-
-__all__ = ["MOST_HELD", "HeldSteps", "spacing"]
-
-Array = NDArray[np.float64]
 
 #: Steps of each ensemble that are held at most. Longer runs hold every second, fourth and so on of them; τ and R̂ are
 #: then those of these, τ in steps all the same, and never smaller than their distance.

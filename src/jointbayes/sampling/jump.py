@@ -6,16 +6,13 @@ import numpy as np
 from emcee.moves import Move
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.moves import settle
 from jointbayes.sampling.several_modes import SeveralModes
 
 if TYPE_CHECKING:
     from emcee import State
     from emcee.model import Model
-
-__all__ = ["JumpMove"]
-
-Array = NDArray[np.float64]
 
 
 class JumpMove(Move):  # type: ignore[misc]  # emcee is not typed

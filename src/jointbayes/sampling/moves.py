@@ -8,6 +8,7 @@ import numpy as np
 from emcee.moves import Move, RedBlueMove, StretchMove
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.proposal.student import StudentT
 from jointbayes.sampling.proposal.weights import Distribution
@@ -16,9 +17,7 @@ if TYPE_CHECKING:
     from emcee import State
     from emcee.model import Model
 
-__all__ = ["AutoregressiveMove", "DEMove", "Driver", "HalvesMove", "HalvesStretchMove", "IndependenceMove", "settle"]
 
-Array = NDArray[np.float64]
 Walkers = NDArray[np.intp] | slice
 
 _JITTER = 1e-5  # of the factor, as in emcee: no step is exactly the way back of another

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.chains import Chains, Progress
 from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
 from jointbayes.sampling.coordinates import Coordinates
@@ -19,12 +19,10 @@ from jointbayes.sampling.stopping import Quantities
 from jointbayes.sampling.streams import Streams
 from jointbayes.sampling.workers import mover
 
-__all__ = ["run_ensembles", "run_stage"]
-
 
 def run_ensembles(
     log_density: LogDensity,
-    start: NDArray[np.float64],
+    start: Array,
     rng: np.random.Generator,
     settings: SamplerSettings,
     progress: Callable[[Progress], None] | None = None,
@@ -88,7 +86,7 @@ def run_ensembles(
 
 def run_stage(
     log_density: LogDensity,
-    start: NDArray[np.float64],
+    start: Array,
     streams: Streams,
     settings: SamplerSettings,
     progress: Callable[[Progress], None] | None,

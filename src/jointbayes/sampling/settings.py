@@ -6,8 +6,6 @@ from numbers import Integral
 
 from jointbayes.errors import SamplingError
 
-__all__ = ["SamplerSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class SamplerSettings:

@@ -7,11 +7,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.density import covariance_roots
-
-__all__ = ["SeveralModes"]
-
-Array = NDArray[np.float64]
 
 _LEAST = 1e-10  # eigenvalue of the correlations of a covariance
 

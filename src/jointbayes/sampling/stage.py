@@ -26,8 +26,6 @@ from jointbayes.sampling.stopping import (
 from jointbayes.sampling.streams import Streams
 from jointbayes.sampling.workers import MoveOn
 
-__all__ = ["Slow", "Stage"]
-
 
 class KeptBlocks(Protocol):
     """Blocks of steps that were made before."""

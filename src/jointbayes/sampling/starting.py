@@ -3,17 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.fit import Proposal, Start
 from jointbayes.sampling.proposal.weights import drawn_without_replacement, truncated
 from jointbayes.sampling.settings import SamplerSettings
-
-__all__ = ["replace_far_walkers", "starting_walkers"]
-
-Array = NDArray[np.float64]
 
 _DRAWS = 4000  # of the proposal, among which replacements are looked for
 

@@ -5,26 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_spread, quantile_tau, split_r_hat
 from jointbayes.sampling.settings import SamplerSettings
 from jointbayes.sampling.several_modes import SeveralModes
-
-__all__ = [
-    "INTERVAL",
-    "Check",
-    "EndError",
-    "Quantities",
-    "Verdict",
-    "diagnose",
-    "expected_steps",
-    "judge",
-    "next_check",
-    "thinning",
-    "with_end_error",
-    "worst_end_error",
-]
 
 #: Probabilities below the two ends of the 95 % interval.
 INTERVAL = (0.025, 0.975)
@@ -52,7 +37,7 @@ class Quantities:
     """
 
     names: tuple[str, ...]
-    values: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    values: Callable[[Array], Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +76,8 @@ class Check:
 
     step: int
     burn_in: int
-    tau: NDArray[np.float64]
-    r_hat: NDArray[np.float64]
+    tau: Array
+    r_hat: Array
     end_error: EndError | None = None
     modes_tau: float = 0.0
     modes_r_hat: float = 0.0
@@ -126,7 +111,7 @@ class Verdict:
 
 
 def diagnose(
-    theta: NDArray[np.float64],
+    theta: Array,
     previous: Check | None,
     every: int = 1,
     steps: int | None = None,
@@ -186,7 +171,7 @@ def diagnose(
     )
 
 
-def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = None, every: int = 1) -> EndError:
+def worst_end_error(kept: Array, quantities: Quantities | None = None, every: int = 1) -> EndError:
     """Find the end of a 95 % interval that is least certain relative to the interval's width.
 
     Parameters
@@ -221,7 +206,7 @@ def worst_end_error(kept: NDArray[np.float64], quantities: Quantities | None = N
 def with_end_error(
     settings: SamplerSettings,
     checks: Sequence[Check],
-    theta: NDArray[np.float64],
+    theta: Array,
     quantities: Quantities | None = None,
     every: int = 1,
 ) -> Check:
@@ -248,7 +233,7 @@ def with_end_error(
     return replace(last, end_error=worst_end_error(theta[:, last.burn_in // every :], quantities, every))
 
 
-def thinning(tau: NDArray[np.float64]) -> int:
+def thinning(tau: Array) -> int:
     """Return the distance of handed-out draws in steps: half the smallest τ, at least 1.
 
     Parameters

@@ -4,8 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["Streams"]
-
 _STEPS, _REFIT = 0, 1
 
 

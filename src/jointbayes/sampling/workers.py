@@ -18,8 +18,6 @@ from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, WeightedMove, advance
 
-__all__ = ["MoveOn", "mover"]
-
 MoveOn = Callable[[list[EnsembleState], int, list[np.random.SeedSequence]], list[Block]]
 """Moves each ensemble on by so many steps, each with a seed of its own."""
 

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
-
-__all__ = ["DIRECTIONS", "BeamMaterial", "beam", "bending_element", "spatial_element"]
 
 #: Directions of the DOFs of a node, by their number.
 DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
@@ -52,7 +50,7 @@ class BeamMaterial:
 
 def bending_element(
     length: float, material: BeamMaterial, area: float, inertia: float, shear_coefficient: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Timoshenko bending element with DOFs (v₁, θ₁, v₂, θ₂), θ = ∂v/∂x where shear vanishes.
 
     Parameters
@@ -184,7 +182,7 @@ def _element(
     material: BeamMaterial,
     dofs_per_node: int,
     shear_coefficient: float | None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Element matrices, shape (2 dofs_per_node, 2 dofs_per_node)."""
     cowper_y, cowper_z = section.shear_coefficient(material.poissons_ratio)
     whole = spatial_element(length, section, material, shear_coefficient or cowper_y, shear_coefficient or cowper_z)
@@ -195,7 +193,7 @@ def _element(
 
 def spatial_element(
     length: float, section: Section, material: BeamMaterial, along_y: float, along_z: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """The paper's two-node element with its torsion, DOFs (x, y, z, rx, ry, rz) at either end.
 
     Parameters

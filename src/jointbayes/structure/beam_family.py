@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.matrices import Structure
@@ -29,10 +29,6 @@ from jointbayes.structure.shape_modes import (
 )
 from jointbayes.structure.uncertain_family import UncertainFamily
 from jointbayes.structure.uncertain_quantities import BeamRecipe
-
-__all__ = ["BeamFamily"]
-
-Array = NDArray[np.float64]
 
 _OFFSET, _SHORTEST = "length_offset", 0.1  # what is added to the length; of which so much must be left
 

@@ -8,10 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
 from jointbayes.structure.signs import NOT_NEGATIVE, lowest_eigenvalue
-
-__all__ = ["DampingLaw", "LossFactor", "ModalDamping", "Rayleigh", "ViscousMatrix"]
 
 
 class DampingLaw:
@@ -32,7 +31,7 @@ class DampingLaw:
         return 0.0, 0.0
 
     @property
-    def matrix(self) -> NDArray[np.float64] | None:
+    def matrix(self) -> Array | None:
         """A matrix C of its own, shape (n, n), in the place of αM + βK; None without."""
         return None
 
@@ -40,7 +39,7 @@ class DampingLaw:
         """The law of a structure of which only some DOFs move."""
         return self
 
-    def per_mode(self, count: int) -> NDArray[np.float64]:
+    def per_mode(self, count: int) -> Array:
         """Damping ratio of each of the first `count` modes of the assembled structure, shape (count,)."""
         return np.zeros(count)
 
@@ -68,7 +67,7 @@ class ModalDamping(DampingLaw):
                 f"modal damping: found ratios {self.ratios}; expected one or more in [0, 1); correct the ratios"
             )
 
-    def per_mode(self, count: int) -> NDArray[np.float64]:
+    def per_mode(self, count: int) -> Array:
         """Damping ratio of each of the first `count` modes, shape (count,)."""
         given = np.asarray(self.ratios[:count], dtype=float)
         return np.concatenate([given, np.full(count - given.size, self.ratios[-1])])
@@ -131,7 +130,7 @@ class ViscousMatrix(DampingLaw):
         If it is not a square, symmetric, finite matrix, or has a negative eigenvalue: it would feed energy in.
     """
 
-    viscous_matrix: NDArray[np.float64]
+    viscous_matrix: Array
 
     def __post_init__(self) -> None:
         given = array_of(self.viscous_matrix, float, "damping matrix", ModelError)
@@ -152,7 +151,7 @@ class ViscousMatrix(DampingLaw):
             )
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Array:
         """C."""
         return self.viscous_matrix
 

@@ -8,8 +8,6 @@ from jointbayes.structure.frame_recipe import FrameRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
 from jointbayes.structure.uncertain_quantities import BeamRecipe
 
-__all__ = ["StructureRecipe", "family_of_recipe"]
-
 StructureRecipe = BeamRecipe | FrameRecipe | MatrixRecipe
 
 

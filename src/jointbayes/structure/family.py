@@ -6,14 +6,10 @@ from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.reduction import Forced, Reduction
-
-__all__ = ["MOST_HELD", "Discretisation", "FixedFamily", "FreeModes", "StructureFamily", "as_family"]
-
-Array = NDArray[np.float64]
 
 #: DOFs that a joint may hold: each may lift every natural frequency to where the next one was.
 MOST_HELD = 6

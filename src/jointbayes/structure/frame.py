@@ -7,15 +7,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, printable
 from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.section import Section
 
-__all__ = ["SPATIAL", "Body", "Member", "PointMass", "Station", "Vector", "line_length"]
-
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 #: Directions of the DOFs of a point of a frame.

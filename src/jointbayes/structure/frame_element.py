@@ -10,26 +10,12 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial, spatial_element
 from jointbayes.structure.high_order import element_points
 from jointbayes.structure.section import Section
-
-__all__ = [
-    "FIELDS",
-    "Rigidities",
-    "Stretch",
-    "end_transformation",
-    "local_matrices",
-    "mass_matrix",
-    "paper_matrices",
-    "part_matrices",
-    "skew",
-]
-
-Array = NDArray[np.float64]
 
 #: What a straight beam's six motions (u, v, w, θx, θy, θz) fall into, each with the numbers of its motions.
 FIELDS: dict[str, tuple[int, ...]] = {"axial": (0,), "torsion": (3,), "xy": (1, 5), "xz": (2, 4)}

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.frame_mesh import BodyFactors
@@ -28,10 +28,6 @@ from jointbayes.structure.shape_modes import (
     shape_numbers,
 )
 from jointbayes.structure.uncertain_family import UncertainFamily
-
-__all__ = ["FrameFamily"]
-
-Array = NDArray[np.float64]
 
 #: Powers in which quantities of a body change each of its shape numbers.
 _POWERS: dict[str, dict[str, float]] = {

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.frame import SPATIAL, Body, Vector
 from jointbayes.structure.frame_element import (
@@ -22,10 +23,6 @@ from jointbayes.structure.frame_element import (
     part_matrices,
 )
 from jointbayes.structure.high_order import ACCURACY, cheapest_elements, condensed_to_ends
-
-__all__ = ["MOST_DOFS", "BodyFactors", "BodyMesh", "Segment", "assembled", "mesh_of", "segments_of"]
-
-Array = NDArray[np.float64]
 
 #: Beyond so many DOFs of one body dense modes take minutes: units are mistaken, or it is no frame of beams.
 MOST_DOFS = 2400

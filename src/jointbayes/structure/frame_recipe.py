@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, printable
 from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.damping import DampingLaw
@@ -16,9 +16,6 @@ from jointbayes.structure.frame_mesh import BodyFactors, BodyMesh, Segment, asse
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
 
-__all__ = ["BODY_QUANTITIES", "FrameMesh", "FrameRecipe"]
-
-Array = NDArray[np.float64]
 FrameMesh = tuple[BodyMesh, ...]
 """Elements of each body."""
 

@@ -5,8 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of, printable
 from jointbayes.structure.damping import DampingLaw, ViscousMatrix
 from jointbayes.structure.family import MOST_HELD, FixedFamily, FreeModes
@@ -16,9 +17,6 @@ from jointbayes.structure.signs import NOT_NEGATIVE, lowest_eigenvalue
 from jointbayes.structure.uncertain_family import UncertainFamily
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
 
-__all__ = ["GROUND", "MatrixFamily", "MatrixRecipe", "chain", "matrix_of"]
-
-Array = NDArray[np.float64]
 #: The other side of a spring that holds a mass to what does not move.
 GROUND = "ground"
 _QUANTITIES = ("damping_ratio", "loss_factor")

@@ -21,26 +21,10 @@ from functools import cache, lru_cache, partial
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy import linalg
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-
-__all__ = [
-    "MANY_POINTS",
-    "BeamPlane",
-    "Span",
-    "bar_matrices",
-    "beam_matrices",
-    "cheapest_elements",
-    "condensed_to_ends",
-    "element_error",
-    "element_points",
-    "node_positions",
-    "spans_between",
-]
-
-Array = NDArray[np.float64]
 
 _ORDERS = (10, 8, 7, 6, 5, 4, 3)  # the highest first: it bounds how many elements the others may take
 _MOST_ELEMENTS = 4096  # between two points: beyond, the frequency asked for is no beam's

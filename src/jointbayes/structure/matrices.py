@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
 from jointbayes.structure.damping import DampingLaw
-
-__all__ = ["Modes", "Structure", "mode_shift"]
-
 
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ. In
 #: rigid-body motions of beams, frames and chains it is at most 0.6 times as much, on the softest supports that were
@@ -31,11 +29,11 @@ class Modes:
         Mode shapes, shape (DOFs, m), 1/√kg.
     """
 
-    eigenvalues: NDArray[np.float64]
-    shapes: NDArray[np.float64]
+    eigenvalues: Array
+    shapes: Array
 
     @property
-    def frequency_hz(self) -> NDArray[np.float64]:
+    def frequency_hz(self) -> Array:
         """Natural frequencies, shape (m,), Hz."""
         return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
 
@@ -61,8 +59,8 @@ class Structure:
         If shapes disagree, a matrix is not finite or not symmetric, or a label occurs twice.
     """
 
-    stiffness: NDArray[np.float64]
-    mass: NDArray[np.float64]
+    stiffness: Array
+    mass: Array
     damping: DampingLaw
     dofs: tuple[str, ...]
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -142,7 +140,7 @@ class Structure:
             dofs=tuple(self.dofs[i] for i in keep),
         )
 
-    def modes(self, added_stiffness: NDArray[np.float64] | None = None) -> Modes:
+    def modes(self, added_stiffness: Array | None = None) -> Modes:
         """All undamped modes, with `added_stiffness` (n, n) such as an assembled joint on top if given.
 
         Solved as (K + σM)⁻¹M, so that the low modes carry full relative accuracy: rounding is relative to the

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import DIRECTIONS, BeamMaterial
@@ -23,10 +22,6 @@ from jointbayes.structure.high_order import (
 )
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.section import Section
-
-__all__ = ["MOST_DOFS", "BeamMesh", "BeamShape", "mesh_through", "meshed_beam"]
-
-Array = NDArray[np.float64]
 
 #: A beam of so many DOFs has a hundred modes below the highest line: no test is made so, but units are mistaken.
 MOST_DOFS = 500

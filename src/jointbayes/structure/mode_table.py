@@ -5,14 +5,11 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from jointbayes.arrays import Array
 from jointbayes.structure.matrices import Modes
 
-__all__ = ["ModeTable", "ModesAt", "tabulated"]
-
-Array = NDArray[np.float64]
 Ends = Sequence[tuple[float, float]]
 ModesAt = Callable[[Sequence[float]], tuple[Modes, Array]]
 

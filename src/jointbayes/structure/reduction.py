@@ -17,11 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.structure.matrices import Modes
 
-__all__ = ["FEW_MOTIONS", "MOST_TERMS", "Forced", "Reduction"]
-
-Array = NDArray[np.float64]
 Forced = NDArray[np.bool_] | None
 """At which of some motions forces act; None for all."""
 

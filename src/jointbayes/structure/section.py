@@ -14,9 +14,6 @@ from typing import Self
 
 from jointbayes.errors import ModelError
 
-__all__ = ["Section"]
-
-
 #: Sizes beyond these are none of this world, m; their fourth powers stay finite.
 _SMALLEST, _LARGEST = 1e-15, 1e15
 _ZETA_5 = 1.0369277551433699  # Σ 1/n⁵

@@ -11,23 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.structure.matrices import Modes, Structure
 from jointbayes.structure.mode_table import Ends, ModeTable, tabulated
 from jointbayes.structure.reduction import Forced, Reduction
 
-__all__ = [
-    "ModesOverShape",
-    "Parts",
-    "Similarity",
-    "SolvedModes",
-    "ends_of",
-    "modes_over_shape",
-    "parts_of",
-    "rising",
-    "shape_numbers",
-]
-
-Array = NDArray[np.float64]
 #: Powers in which quantities change a shape number.
 Powers = Mapping[str, float]
 StructureAt = Callable[[Sequence[float]], Structure]

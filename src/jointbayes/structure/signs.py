@@ -1,16 +1,14 @@
 """Whether a symmetric matrix has a negative eigenvalue, whatever the units of its rows."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-
-__all__ = ["NOT_NEGATIVE", "lowest_eigenvalue"]
 
 NOT_NEGATIVE = 1e-9  # part of the largest eigenvalue of a scaled matrix that rounding may leave below zero
 
 
-def lowest_eigenvalue(matrix: NDArray[np.float64], where: str) -> float:
+def lowest_eigenvalue(matrix: Array, where: str) -> float:
     """Lowest eigenvalue of a symmetric matrix with its diagonal scaled to 1.
 
     Raises

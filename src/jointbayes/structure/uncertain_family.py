@@ -6,18 +6,14 @@ from functools import cached_property, lru_cache
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.family import FreeModes
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.reduction import Forced
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
-
-__all__ = ["AssembledModes", "Recipe", "UncertainFamily"]
-
-Array = NDArray[np.float64]
 
 #: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
 #: cases that differ in their data alone, ask for the same ones again and again.

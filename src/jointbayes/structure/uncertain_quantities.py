@@ -8,8 +8,8 @@ from numbers import Integral
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.beam import BeamMaterial, beam
 from jointbayes.structure.damping import DampingLaw
@@ -17,15 +17,6 @@ from jointbayes.structure.high_order import MANY_POINTS
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.mesh import BeamMesh, BeamShape, mesh_through, meshed_beam
 from jointbayes.structure.section import Section
-
-__all__ = [
-    "STRUCTURE_QUANTITIES",
-    "BeamRecipe",
-    "ElementKind",
-    "is_additive",
-    "is_damping_ratio",
-    "is_mode_frequency",
-]
 
 #: ``"converged"``: elements of high order, so many that no mesh shows.  ``"paper"``: the paper's two-node element.
 ElementKind = Literal["converged", "paper"]
@@ -138,7 +129,7 @@ class BeamRecipe:
         """The same beam, all mass at an accelerometer's place taken for the accelerometer's."""
         return replace(self, accelerometer_mass=self.accelerometer_mass + self.added_mass, added_mass=0.0)
 
-    def lumped_factor(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lumped_factor(self, factor: Array) -> Array:
         """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
         own, added = self.accelerometer_mass, self.added_mass
         return (own * factor + added) / (own + added) if added else factor

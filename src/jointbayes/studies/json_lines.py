@@ -10,8 +10,6 @@ from typing import Any
 from jointbayes.errors import CaseError, WriteError, printable
 from jointbayes.own_directory import open_regular
 
-__all__ = ["append_line", "kept_lines", "read_lines"]
-
 _SHOWN = 3  # differences in a message
 
 

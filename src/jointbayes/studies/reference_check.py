@@ -10,8 +10,6 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
 from jointbayes.threads import one_blas_thread
 
-__all__ = ["CheckLine", "CheckResult", "check_posterior", "require_reference"]
-
 #: Largest relative difference of mode and reference where the data are exact.
 EXACT_TOLERANCE = 0.005
 #: Largest relative difference of k22 where they are noisy.

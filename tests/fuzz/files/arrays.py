@@ -13,8 +13,6 @@ import numpy as np
 from tests.fuzz.files.text import UNITS
 from tests.fuzz.mutations import damaged_bytes
 
-__all__ = ["damaged_hdf5", "damaged_mat", "damaged_mat73", "damaged_npz"]
-
 Block = dict[str, Any]
 _NAMES = [
     "frequency_hz",

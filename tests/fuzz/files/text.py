@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from tests.fuzz.mutations import EXTREMES, damaged_bytes, with_extreme_number
 
-__all__ = ["damaged_lvm", "damaged_table", "damaged_uff"]
-
 UNITS = [
     "g/N", "(mm/s^2)/lbf", "1/kg", "m/N", "m/s/N", "EU/EU", "N", "N*s", "((((m))))", "m^9", "mm^-9/N", "s^-1", "rad/s",
     "kHz", "rpm", "furlong", "dB", "(m/s²)/N", "1/1/1/1", "m/s^2", "deg", "rad", "ms", "V", "1", "g0", "m(s)(N)", "//",

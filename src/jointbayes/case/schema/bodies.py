@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from jointbayes.case.schema.priors import UncertainSpec
     from jointbayes.case.schema.structure import StructureSpec
 
-__all__ = ["MeasuredBodySpec", "bodies_findings", "labels_of_bodies", "unknown_size_findings"]
 
 _KIND = key_field('the kind of body, "measured"', "measured")
 _VARIANCE = Field(description="the variance of the FRFs: source")

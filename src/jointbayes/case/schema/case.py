@@ -53,8 +53,6 @@ from jointbayes.errors import CaseError
 from jointbayes.joint import Coordinate
 from jointbayes.joint.quantities import prefixed
 
-__all__ = ["CaseSpec", "needs_files", "parse_case", "parse_planned", "parse_setups"]
-
 _TITLE = Field(
     min_length=1,
     max_length=200,

@@ -8,8 +8,6 @@ from pydantic import Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from jointbayes.case.schema.fields import Ratios, Spec, key_field, not_negative
 
-__all__ = ["LAW", "DampingSpec", "LossFactorDampingSpec", "ModalDampingSpec", "RayleighDampingSpec"]
-
 LAW = key_field('the damping law, "modal", "loss_factor" or "rayleigh"', "modal")
 _RATIO = key_field("the damping ratio, a number from 0 to below 1 (0.01 is 1 %), or a list of them", 0.01)
 

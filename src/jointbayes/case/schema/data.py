@@ -26,8 +26,6 @@ from jointbayes.case.schema.limits import MOST_VALUES
 from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec
 from jointbayes.case.schema.modes import ModesSpec
 
-__all__ = ["DataSpec", "NaturalFrequenciesSpec", "NoiseSpec", "SyntheticFrfSpec", "TruthSpec"]
-
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 
 

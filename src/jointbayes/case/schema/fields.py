@@ -13,30 +13,6 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from jointbayes.case.errors import Finding, raise_findings
 from jointbayes.case.schema.limits import MOST_LABELS, MOST_RATIOS, beyond, limit_text
 
-__all__ = [
-    "FREQUENCIES",
-    "OWN",
-    "Fraction",
-    "Frequencies",
-    "Label",
-    "Labels",
-    "Positive",
-    "Ratio",
-    "Ratios",
-    "Spec",
-    "as_list",
-    "ascii_unit",
-    "at_most",
-    "count_field",
-    "either",
-    "key_field",
-    "listed",
-    "not_above",
-    "not_negative",
-    "positive",
-    "repeated",
-]
-
 
 def key_field(description: str, example: object) -> object:
     """Field with what is expected of it, and an example."""

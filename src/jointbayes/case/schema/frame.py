@@ -28,7 +28,6 @@ from jointbayes.case.schema.structure_parts import (
 if TYPE_CHECKING:
     from jointbayes.case.schema.data import TruthSpec
 
-__all__ = ["BodySpec", "FrameSpec", "MemberSpec", "PointMassSpec", "numbers_between"]
 
 _SIX = ("x", "y", "z", "rx", "ry", "rz")
 _MOST = 2000  # points, members and masses

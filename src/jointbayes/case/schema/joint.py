@@ -24,8 +24,6 @@ from jointbayes.joint import (
     spring_stiffnesses,
 )
 
-__all__ = ["K11_FIELD", "K12_FIELD", "K22_FIELD", "JointSpec", "NamedJointSpec", "StiffnessSpec", "pair_findings"]
-
 _CROOKED = 1e-6  # of the products of axes
 
 _K11, _K12, _K22 = COUPLED

@@ -8,22 +8,6 @@ from dataclasses import dataclass
 
 from jointbayes.joint import COUPLED
 
-__all__ = [
-    "LIMITS",
-    "MOST_ENSEMBLES",
-    "MOST_FILES",
-    "MOST_LABELS",
-    "MOST_PROCESSES",
-    "MOST_RATIOS",
-    "MOST_STEPS",
-    "MOST_VALUES",
-    "MOST_WALKERS",
-    "TABLE",
-    "Limits",
-    "beyond",
-    "limit_text",
-]
-
 #: Of the sampler: beyond these a run fills the memory of any computer, or never ends.
 MOST_ENSEMBLES, MOST_WALKERS, MOST_STEPS, MOST_PROCESSES = 64, 10_000, 10_000_000, 256
 #: Entries of lists: DOFs of 501 points with 5 each; ratios, each of which may be uncertain; files.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, Strict
 
+from jointbayes.arrays import Array
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.damping import (
     LAW,
@@ -28,12 +29,8 @@ from jointbayes.case.schema.structure_parts import (
 )
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from jointbayes.case.schema.data import TruthSpec
 
-__all__ = ["ChainSpec", "DamperSpec", "DampersSpec", "MatricesSpec", "MatrixDampingSpec", "SpringSpec", "asymmetry"]
 
 _GROUND = "ground"
 _MOST = 2000  # rows of a matrix, masses, springs
@@ -200,7 +197,7 @@ def _stated_damping(damping: object) -> dict[str, tuple[str, float]]:
     return {"loss_factor": ("1", damping.loss_factor)} if isinstance(damping, LossFactorDampingSpec) else {}
 
 
-def asymmetry(matrix: NDArray[np.float64]) -> str | None:
+def asymmetry(matrix: Array) -> str | None:
     """What is not symmetric about a square matrix, in words; None where it is."""
     gap = abs(matrix - matrix.T)
     row, column = divmod(int(gap.argmax()), len(gap))

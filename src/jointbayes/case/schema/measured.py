@@ -29,17 +29,6 @@ from jointbayes.case.schema.fields import (
 from jointbayes.case.schema.limits import MOST_FILES
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
 
-__all__ = [
-    "ChannelSpec",
-    "MeasuredFrequenciesSpec",
-    "MeasuredFrfSpec",
-    "MeasuredSpec",
-    "RecordsSpec",
-    "RotationSpec",
-    "VarianceSpec",
-    "rotation_findings",
-]
-
 
 def _signed(text: str) -> str:
     if not re.fullmatch(f"-?{POINT_LABEL}:(x|y|z|rx|ry|rz)", text):

@@ -12,8 +12,6 @@ from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import Label, Labels, Spec, as_list, at_most, key_field, repeated
 from jointbayes.case.schema.limits import MOST_LABELS
 
-__all__ = ["ModeShapesSpec", "ModesSpec"]
-
 _MOST_REPETITIONS, _MOST_MODES = 10_000, 1000
 
 

@@ -10,8 +10,6 @@ from pydantic import Field
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import OWN, Positive, Spec, key_field, not_above, positive
 
-__all__ = ["DiscrepancySpec", "NoiseModelSpec"]
-
 _SIGMAS = "in standard deviations of the noise"
 
 

@@ -17,22 +17,6 @@ from jointbayes.joint import (
     spring_stiffnesses,
 )
 
-__all__ = [
-    "BodyUncertainSpec",
-    "DecadesPriorSpec",
-    "FactorPriorSpec",
-    "LengthPriorSpec",
-    "LogNormalPriorSpec",
-    "LogUniformPriorSpec",
-    "NormalStiffnessPriorSpec",
-    "OffsetPriorSpec",
-    "PriorSpec",
-    "PriorsSpec",
-    "UncertainSpec",
-    "UniformPriorSpec",
-    "UniformStiffnessPriorSpec",
-]
-
 _DISTRIBUTION = key_field(
     'the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform"
 )

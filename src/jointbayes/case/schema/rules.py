@@ -17,21 +17,10 @@ from jointbayes.case.schema.noise import NoiseModelSpec
 from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
 from jointbayes.case.schema.settings import PlanSpec
 from jointbayes.case.schema.setups import ALIKE
-from jointbayes.case.schema.structure import StructureSpec, absent_dofs
+from jointbayes.case.schema.structure import StructureSpec
+from jointbayes.case.schema.structure_parts import absent_dofs
 from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.joint import COORDINATES
-
-__all__ = [
-    "dof_findings",
-    "joints_findings",
-    "noise_findings",
-    "plan_findings",
-    "prior_findings",
-    "truth_findings",
-    "truth_names_findings",
-    "uncertain_findings",
-    "virtual_test_findings",
-]
 
 _FREQUENCIES = NaturalFrequenciesSpec | ModesSpec | MeasuredFrequenciesSpec
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'

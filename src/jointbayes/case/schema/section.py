@@ -10,8 +10,6 @@ from pydantic import Field
 from jointbayes.case.errors import Finding
 from jointbayes.case.schema.fields import Spec, key_field, positive
 
-__all__ = ["BoxSpec", "CircleSpec", "RectangleSpec", "SectionSpec", "TubeSpec"]
-
 _SHAPE = key_field('the shape of the section, "circle", "tube", "rectangle" or "box"', "circle")
 
 

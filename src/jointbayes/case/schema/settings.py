@@ -24,8 +24,6 @@ from jointbayes.case.schema.limits import MOST_ENSEMBLES, MOST_PROCESSES, MOST_S
 from jointbayes.case.schema.setups import PlannedSetupSpec
 from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
 
-__all__ = ["CompareSpec", "Hypothesis", "IdentificationSpec", "PlanSpec", "ReferenceSpec", "SamplingSpec"]
-
 
 class IdentificationSpec(Spec):
     """The paper's iteration; ``threshold`` is relative to the norm of the measured FRF."""

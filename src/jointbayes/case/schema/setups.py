@@ -18,17 +18,6 @@ if TYPE_CHECKING:
     from jointbayes.case.schema.case import CaseSpec
     from jointbayes.case.schema.joint import JointSpec
 
-__all__ = [
-    "LevelSpec",
-    "PlannedSetupSpec",
-    "SetupSpec",
-    "between_setups",
-    "hypotheses_findings",
-    "integral_findings",
-    "joint_of_setup",
-    "parameter_findings",
-    "setups_findings",
-]
 
 #: What must be the same in joints that share their quantities.
 ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")

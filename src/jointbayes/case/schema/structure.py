@@ -27,7 +27,6 @@ from jointbayes.case.schema.structure_parts import (
 if TYPE_CHECKING:
     from jointbayes.case.schema.data import TruthSpec
 
-__all__ = ["BeamSpec", "StructureSpec", "absent_dofs"]
 
 _DIRECTIONS = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
 _POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])

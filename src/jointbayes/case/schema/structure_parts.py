@@ -14,18 +14,6 @@ from jointbayes.case.schema.fields import Spec, key_field, listed, not_negative
 if TYPE_CHECKING:
     from jointbayes.case.schema.data import TruthSpec
 
-__all__ = [
-    "KIND",
-    "MASS",
-    "POINT",
-    "SUPPORTS",
-    "Absence",
-    "AnyStructureSpec",
-    "absent_dofs",
-    "absent_point",
-    "changed_by",
-    "point_and_direction",
-]
 
 KIND = key_field('the kind of structure, "beam", "frame", "chain" or "matrices"', "beam")
 SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])

@@ -19,8 +19,6 @@ from jointbayes.case.schema.fields import (
     positive,
 )
 
-__all__ = ["VirtualTestSpec"]
-
 _METHOD = key_field('how the truth is measured, "frf", "impact" or "shaker"', "impact")
 _WRITES = key_field('what the file holds, "frf" or "time"', "frf")
 _ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")

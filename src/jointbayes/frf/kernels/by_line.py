@@ -5,11 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import compiled, inner
 
-__all__ = ["add_joints", "error_roots", "noise_roots"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 

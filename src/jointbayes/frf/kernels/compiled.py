@@ -1,6 +1,6 @@
 """How the hot loops are compiled, and kept for the next process."""
-# mypy: disable-error-code="attr-defined, no-untyped-call"
 
+# mypy: disable-error-code="attr-defined, no-untyped-call"
 import hashlib
 import logging
 import math
@@ -14,12 +14,10 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numba
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import WriteError
 from jointbayes.own_directory import OwnDirectory
-
-__all__ = ["LANES", "aligned_zeros", "compiled", "in_order", "inner", "lane_blocks"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -148,7 +146,7 @@ def _say(kind: str, text: str) -> None:
         logging.getLogger("jointbayes").warning("jointbayes: %s", text)
 
 
-def aligned_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
+def aligned_zeros(shape: tuple[int, ...]) -> Array:
     """Zeros that begin at a cache line: a vector load across two lines costs a third of the kernel's speed."""
     size = math.prod(shape)
     buffer = np.zeros(size + 8)
@@ -156,7 +154,7 @@ def aligned_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
     return buffer[start : start + size].reshape(shape)
 
 
-def lane_blocks(rows: NDArray[np.float64], width: int = LANES) -> NDArray[np.float64]:
+def lane_blocks(rows: Array, width: int = LANES) -> Array:
     """Rows over lines, shape (..., k, lines), as blocks of `width` lines, shape (..., blocks·k·width), zero-padded.
 
     One block holds its k rows one after the other, so that a loop reads a single stretch of memory.

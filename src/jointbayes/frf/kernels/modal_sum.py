@@ -10,11 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
-
-__all__ = ["ModalSum"]
-
-Array = NDArray[np.float64]
 
 #: A mode with λ above this many times the square of the band's end is interpolated. Its nearest singularity lies at
 #: 2·5 − 1 = 9 half-widths from the middle of the band in ω²: of what these modes contribute, which is little beside a

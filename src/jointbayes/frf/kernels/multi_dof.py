@@ -9,13 +9,11 @@ Of most joints K⁻¹ is known to nearly all digits: H = A_ab − A_aj (K⁻¹ +
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import aligned_zeros, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.springs import springs
 from jointbayes.frf.ports import as_batch
 
-__all__ = ["MultiDofCoupling", "MultiDofMisfit"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _WIDTH = 48  # lines at once: few enough for the first cache, many enough to hide the start of each loop

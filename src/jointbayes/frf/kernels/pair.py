@@ -7,13 +7,11 @@ With A the receptance without the joint, D = det(1 + A_jj K) and N = D·H are su
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
 from jointbayes.frf.kernels.springs import RIGID
 from jointbayes.frf.ports import as_batch
 
-__all__ = ["PairCoupling", "PairMisfit"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 

@@ -15,13 +15,9 @@ definite tridiagonal eigenproblem. In Numerical Linear Algebra, de Gruyter, 11-2
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import LANES, compiled, in_order
-
-__all__ = ["add_springs", "workspace"]
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 40  # a bracket that the iteration leaves is halved: never seen to need more than a dozen
 _APART = 1e-15

@@ -3,13 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import compiled
-
-__all__ = ["RIGID", "springs"]
-
-Array = NDArray[np.float64]
 
 #: A joint stiffer than this (N/m and so on) is rigid to the last bit, one softer than its inverse absent; and the
 #: determinant squared is still a number.

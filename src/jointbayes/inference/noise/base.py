@@ -15,28 +15,12 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Uniform
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import FrfMeasurement
 
-__all__ = [
-    "Absorbed",
-    "GaussianSpread",
-    "NoiseChoice",
-    "NoiseModel",
-    "Residuals",
-    "check_positive",
-    "columns_of",
-    "finite_or_impossible",
-    "from_columns",
-    "log_uniform",
-    "rows_of",
-    "squares_of",
-    "white",
-]
-
-Array = NDArray[np.float64]
 #: Residuals, complex where `parts` is 2, real where it is 1.
 Residuals = NDArray[Any]
 

@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.noise.base import (
@@ -24,10 +25,6 @@ from jointbayes.inference.noise.base import (
 from jointbayes.inference.noise.kernels import correlate, innovations, ou_log_likelihood
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import FrfMeasurement
-
-__all__ = ["CorrelatedNoise", "noise_of"]
-
-Array = NDArray[np.float64]
 
 #: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
 _SLIGHT = 0.3

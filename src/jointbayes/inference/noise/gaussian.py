@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.inference.noise import correlated
 from jointbayes.inference.noise.base import (
     GaussianSpread,
@@ -22,10 +23,6 @@ from jointbayes.inference.noise.base import (
 )
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import FrfMeasurement, Measurement
-
-__all__ = ["GaussianNoise", "IntegratedScale", "ScaledNoise", "noise_of"]
-
-Array = NDArray[np.float64]
 
 
 def noise_of(choice: NoiseChoice, parts: int, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:

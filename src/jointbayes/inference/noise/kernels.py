@@ -16,11 +16,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import compiled
 
-__all__ = ["ROWS", "correlate", "innovations", "log1p_sum", "ou_log_likelihood"]
-
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Rows filtered side by side: each one's recursion waits for its own division, several keep the processor busy.

@@ -5,18 +5,15 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, log_uniform, rows_of
 from jointbayes.inference.prior import Nuisance
 from jointbayes.inference.residuals import PURE_NOISE
 from jointbayes.measurement import FrfMeasurement, Measurement
-
-__all__ = ["ProportionalNoise", "noise_of"]
-
-Array = NDArray[np.float64]
 
 #: Sizes of the error, as fractions of |H|, between which every order of magnitude is equally probable.
 RANGE = 1e-4, 0.3

@@ -4,9 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from jointbayes.arrays import Array
 from jointbayes.inference.noise.base import (
     Absorbed,
     NoiseChoice,
@@ -23,10 +24,6 @@ from jointbayes.inference.noise.base import (
 from jointbayes.inference.noise.kernels import log1p_sum
 from jointbayes.inference.prior import Nuisance
 from jointbayes.measurement import Measurement
-
-__all__ = ["StudentNoise", "noise_of"]
-
-Array = NDArray[np.float64]
 
 
 def noise_of(choice: NoiseChoice, parts: int, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:

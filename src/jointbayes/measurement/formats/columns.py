@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.arrays.layout import even_rate
@@ -20,8 +20,6 @@ from jointbayes.measurement.formats.units import (
     scaled,
 )
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-
-__all__ = ["Column", "column_of", "column_records"]
 
 Role = Literal["frequency", "time", "real", "imaginary", "magnitude", "phase", "coherence", "other"]
 #: Words for each role; looked for at the beginning or end of a name.
@@ -84,7 +82,7 @@ def column_of(header: str) -> Column:
 
 
 def column_records(
-    columns: Sequence[Column], values: NDArray[np.float64], comments: Mapping[str, str], notes: tuple[str, ...] = ()
+    columns: Sequence[Column], values: Array, comments: Mapping[str, str], notes: tuple[str, ...] = ()
 ) -> Iterator[Record]:
     """FRFs or time histories of a table; the first column must be frequency or time.
 
@@ -172,8 +170,8 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
 def _frf(
     columns: Sequence[Column],
     parts: Mapping[Role, int],
-    values: NDArray[np.float64],
-    lines: NDArray[np.float64],
+    values: Array,
+    lines: Array,
     name: str,
     averages: int | None,
     comments: Mapping[str, str],
@@ -208,7 +206,7 @@ def _frf(
     )
 
 
-def _magnitude(values: NDArray[np.float64], unit: str, notes: list[str]) -> tuple[NDArray[np.float64], str]:
+def _magnitude(values: Array, unit: str, notes: list[str]) -> tuple[Array, str]:
     if not re.match(r"dB\b", unit, re.IGNORECASE):
         return values, unit
     reference = re.sub(r"^dB\s*(?:,|re\.?|ref\.?)?\s*1?\s*", "", unit, flags=re.IGNORECASE)
@@ -217,7 +215,7 @@ def _magnitude(values: NDArray[np.float64], unit: str, notes: list[str]) -> tupl
         return 10 ** (values / 20), reference
 
 
-def _phase(values: NDArray[np.float64], unit: str, notes: list[str]) -> NDArray[np.float64]:
+def _phase(values: Array, unit: str, notes: list[str]) -> Array:
     word = unit.strip().lower()
     if word in ("rad", "radian", "radians"):
         return values
@@ -234,7 +232,7 @@ def _phase(values: NDArray[np.float64], unit: str, notes: list[str]) -> NDArray[
 
 
 def _time_records(
-    columns: Sequence[Column], values: NDArray[np.float64], comments: Mapping[str, str], notes: tuple[str, ...]
+    columns: Sequence[Column], values: Array, comments: Mapping[str, str], notes: tuple[str, ...]
 ) -> Iterator[TimeRecord]:
     scale = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3}.get(columns[0].unit.lower())
     if scale is None:

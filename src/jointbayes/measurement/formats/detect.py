@@ -8,8 +8,6 @@ from pathlib import Path
 from jointbayes.errors import MeasurementError, path_fault
 from jointbayes.measurement.formats.limits import MOST_BYTES
 
-__all__ = ["detect_format"]
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Beginnings of files that are not measurements, with their names.
 _OTHERS: tuple[tuple[bytes, str], ...] = (

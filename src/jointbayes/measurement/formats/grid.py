@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import HIGHEST_HZ, LARGEST, FrfRecord, measurable
-
-__all__ = ["excluded_lines", "in_band", "join_frfs", "measured_lines"]
 
 #: A coherence stored in single precision may pass 1 by this much.
 _ROUNDING = 1e-6
@@ -147,7 +146,7 @@ def measured_lines(
     return [record.at_lines(~bad) for record in kept], notes
 
 
-def excluded_lines(lines: NDArray[np.float64], bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def excluded_lines(lines: Array, bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
     """Which lines lie in one of the bands, ends included."""
     inside = np.zeros(lines.shape, dtype=bool)
     for low, high in bands:
@@ -155,7 +154,7 @@ def excluded_lines(lines: NDArray[np.float64], bands: Sequence[tuple[float, floa
     return inside
 
 
-def _span(lines: NDArray[np.float64]) -> str:
+def _span(lines: Array) -> str:
     finite = lines[np.isfinite(lines)]
     return f"{finite.min():g} to {finite.max():g} Hz" if finite.size else "none"
 
@@ -199,7 +198,7 @@ def _checked(record: FrfRecord, where: str) -> FrfRecord:
     return record if record.coherence is None else replace(record, coherence=_coherence(record, place))
 
 
-def _coherence(record: FrfRecord, place: str) -> NDArray[np.float64]:
+def _coherence(record: FrfRecord, place: str) -> Array:
     coherence = record.coherence
     assert coherence is not None
     if coherence.shape != record.frequency_hz.shape:

@@ -2,8 +2,6 @@
 
 from jointbayes.errors import MeasurementError
 
-__all__ = ["LONGEST_LABEL", "MOST_AVERAGES", "MOST_BYTES", "MOST_COLUMNS", "MOST_RECORDS", "require_short"]
-
 #: Bytes of a file; the largest that was tried, a universal file of 10 000 FRFs, has 2 GB.
 MOST_BYTES = 16 * 2**30
 #: FRFs and time histories in a file; data sets of other types count in a universal file.

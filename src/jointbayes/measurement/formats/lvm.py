@@ -8,16 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import Column, column_of, column_records
 from jointbayes.measurement.formats.limits import MOST_COLUMNS, require_short
 from jointbayes.measurement.formats.table import table_columns
 from jointbayes.measurement.formats.table_text import bad_number, text_lines
 from jointbayes.measurement.records import Record, TimeRecord
-
-__all__ = ["read_lvm", "write_lvm"]
 
 _END = "***End_of_Header***"
 Lines = Iterator[tuple[int, str]]
@@ -143,7 +141,7 @@ def _segment(segment: _Segment, lines: Lines, layout: _Layout) -> tuple[_Segment
     return following, column_records([axis, *channels], values, comments)
 
 
-def _axis(segment: _Segment, count: int) -> NDArray[np.float64]:
+def _axis(segment: _Segment, count: int) -> Array:
     start, step = (segment.each(key, 1)[0].replace(",", ".") for key in ("x0", "delta_x"))
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -154,7 +152,7 @@ def _axis(segment: _Segment, count: int) -> NDArray[np.float64]:
         ) from None
 
 
-def _one_axis(names: list[str], values: NDArray[np.float64], line: int) -> tuple[list[str], NDArray[np.float64]]:
+def _one_axis(names: list[str], values: Array, line: int) -> tuple[list[str], Array]:
     """Columns with one axis where each channel has its own."""
     axes = [i for i, name in enumerate(names) if name.lower() == "x_value"]
     if not np.array_equal(values[:, axes], np.repeat(values[:, :1], len(axes), axis=1), equal_nan=True):
@@ -165,7 +163,7 @@ def _one_axis(names: list[str], values: NDArray[np.float64], line: int) -> tuple
     return [names[i] for i in keep], values[:, keep]
 
 
-def _rows(count: int, number: int, lines: Lines, layout: _Layout) -> tuple[NDArray[np.float64], _Segment | None]:
+def _rows(count: int, number: int, lines: Lines, layout: _Layout) -> tuple[Array, _Segment | None]:
     """Rows of numbers up to a blank line or the end, and the header of the next segment."""
     numbers = array("d")
     following: _Segment | None = None

@@ -18,8 +18,6 @@ from jointbayes.measurement.formats.table import read_table
 from jointbayes.measurement.formats.uff.read import read_uff
 from jointbayes.measurement.records import FrfRecord, Record
 
-__all__ = ["iter_records", "read_frf"]
-
 
 def iter_records(path: str | Path) -> Iterator[Record]:
     """FRFs and time histories of a file, one after the other, in SI units and otherwise as the file has them.

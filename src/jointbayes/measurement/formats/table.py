@@ -6,15 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.columns import Column, column_of, column_records
 from jointbayes.measurement.formats.table_text import read_text_table
 from jointbayes.measurement.formats.units import si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
-
-__all__ = ["read_table", "table_columns", "write_table"]
 
 
 def read_table(path: Path) -> Generator[Record, None, None]:
@@ -45,7 +43,7 @@ def read_table(path: Path) -> Generator[Record, None, None]:
     yield from column_records(columns, table.values, table.comments, notes)
 
 
-def table_columns(records: Sequence[Record]) -> tuple[list[str], list[NDArray[np.float64]], dict[str, str]]:
+def table_columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
     """Headers, columns and comments of a table that holds the records.
 
     Raises
@@ -73,7 +71,7 @@ def table_columns(records: Sequence[Record]) -> tuple[list[str], list[NDArray[np
     return names, [np.arange(size) / rate, *(r.values for r in times)], {"sample_rate_hz": repr(float(rate))}
 
 
-def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[NDArray[np.float64]], dict[str, str]]:
+def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dict[str, str]]:
     lines = frfs[0].frequency_hz
     names, columns = ["frequency [Hz]"], [lines]
     for r in frfs:

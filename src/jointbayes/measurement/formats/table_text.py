@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.limits import MOST_COLUMNS, require_short
-
-__all__ = ["TextTable", "bad_number", "float_of", "read_text_table", "text_lines"]
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _LONGEST_LINE = 8 * 2**20
@@ -38,7 +36,7 @@ class TextTable:
 
     header: tuple[str, ...]
     comments: dict[str, str]
-    values: NDArray[np.float64]
+    values: Array
     first_line: int
 
 
@@ -187,7 +185,7 @@ def _names(line: _HeadLine, delimiter: str, count: int) -> tuple[str, ...]:
     return tuple(name.strip() for name in names)
 
 
-def _rows(number: int, line: str, lines: Iterator[tuple[int, str]], delimiter: str, count: int) -> NDArray[np.float64]:
+def _rows(number: int, line: str, lines: Iterator[tuple[int, str]], delimiter: str, count: int) -> Array:
     """All rows from the first one on, as one array; text is not kept, so that memory stays below the file's size."""
     comma = delimiter != ","
     numbers = array("d")

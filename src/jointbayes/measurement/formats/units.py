@@ -12,22 +12,6 @@ from numpy.typing import NDArray
 from jointbayes.frf import Quantity
 from jointbayes.measurement.records import SensorQuantity
 
-__all__ = [
-    "ATOMS",
-    "FREQUENCY_HZ",
-    "G_STANDARD",
-    "MOTION_OF",
-    "Unit",
-    "frequency_factor",
-    "frf_unit",
-    "read_frf_unit",
-    "read_sensor_unit",
-    "scaled",
-    "sensor_unit",
-    "si_frf_unit",
-    "si_sensor_unit",
-]
-
 Q = TypeVar("Q")
 
 #: Standard acceleration of gravity, m/s² (exact).

@@ -15,8 +15,6 @@ from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.records import FrfRecord, Record
 from jointbayes.whole_file import whole_file
 
-__all__ = ["FORMATS", "records_of_frf", "write_frf", "write_records"]
-
 _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "uff58": lambda records, path: write_uff(records, path, binary=False),
     "uff58b": lambda records, path: write_uff(records, path, binary=True),

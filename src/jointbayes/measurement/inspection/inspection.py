@@ -7,8 +7,8 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.modal.fit import identify_modes
@@ -17,8 +17,6 @@ from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.hits import Hit, hits_of
 from jointbayes.measurement.warnings.clear_frf import pair_of, usable
 from jointbayes.measurement.warnings.warnings import WarningCollector
-
-__all__ = ["ChannelUse", "HitTrace", "Inspection", "inspect_file", "inspect_records"]
 
 #: FRFs kept whole, of drive points and of others, for resonances and figure.
 _KEPT = 3
@@ -34,8 +32,8 @@ class HitTrace:
 
     channel: str
     hit: Hit
-    time_s: NDArray[np.float64]
-    force_n: NDArray[np.float64]
+    time_s: Array
+    force_n: Array
 
 
 @dataclass(slots=True)

@@ -6,8 +6,6 @@ from typing import TypeVar
 from jointbayes.measurement.inspection.inspection import ChannelUse, Inspection
 from jointbayes.measurement.records import parse_dof
 
-__all__ = ["text_of"]
-
 T = TypeVar("T")
 
 #: Longer lists are cut here.

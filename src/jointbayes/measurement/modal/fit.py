@@ -9,6 +9,7 @@ import scipy.linalg
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.modal.pole_search import polynomial_poles, steady_poles
@@ -16,9 +17,6 @@ from jointbayes.measurement.modal.problem import ModalProblem
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance
 
-__all__ = ["ModalFit", "fit_modes", "identify_modes"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["prominent_peaks"]
-
 
 def prominent_peaks(curve: ArrayLike, least: float) -> NDArray[np.intp]:
     """Numbers of the maxima of a curve whose prominence is `least` or more.

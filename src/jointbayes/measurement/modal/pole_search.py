@@ -4,10 +4,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-__all__ = ["Poles", "polynomial_poles", "steady_poles"]
+from jointbayes.arrays import Array
 
 Complex = NDArray[np.complex128]
-Array = NDArray[np.float64]
 
 #: Poles λ of one model order, shape (n,), rad/s.
 Poles = Complex

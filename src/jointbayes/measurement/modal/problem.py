@@ -7,12 +7,10 @@ import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.modal.pole_search import polynomial_poles
 
-__all__ = ["ModalProblem"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: What modes outside the band leave inside it: powers of jω, and undamped poles at these multiples of its ends.

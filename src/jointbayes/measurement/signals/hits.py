@@ -5,14 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import TimeRecord, measurable
-
-__all__ = ["Hit", "HitSettings", "find_hits", "hits_of", "is_clipped", "is_cut_off", "reject_overloads"]
-
-Array = NDArray[np.float64]
 
 #: So many equal samples in a row at the very top are a clipped signal.
 _FLAT = 3

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.grid import join_frfs
@@ -30,9 +31,6 @@ from jointbayes.measurement.signals.windows import (
     without_added_damping,
 )
 
-__all__ = ["ImpactResult", "ImpactSettings", "corrected_frfs", "frfs_of_hits", "impact_frfs"]
-
-Array = NDArray[np.float64]
 Records = TimeRecord | Sequence[TimeRecord]
 
 

@@ -5,11 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-
-__all__ = ["effective_averages", "independent_step", "line_correlation", "lines_apart"]
-
-Array = NDArray[np.float64]
 
 
 def effective_averages(blocks: int, window: Array, hop: int) -> float:

@@ -8,26 +8,13 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import MOTION_OF, si_frf_unit
 from jointbayes.measurement.records import LARGEST, FrfRecord, TimeRecord, measurable
 from jointbayes.measurement.signals.line_thinning import effective_averages, independent_step, line_correlation
 
-__all__ = [
-    "Estimator",
-    "MadeFrfs",
-    "ShakerResult",
-    "ShakerSettings",
-    "by_force",
-    "estimate_frf",
-    "frfs_of_shaker",
-    "kept_lines",
-    "paired",
-    "shaker_frf",
-]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 Estimator = Literal["H1", "H2", "Hv"]

@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.frf.frf_set import POWER_OF_JW
-
-__all__ = ["added_decay_rate", "exponential_window", "force_window", "without_added_damping"]
-
-Array = NDArray[np.float64]
 
 _TAPER = 0.25  # of the force window's length, cosine-shaped, follows its end
 

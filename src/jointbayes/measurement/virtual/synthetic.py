@@ -1,8 +1,8 @@
 """Synthetic FRFs: of the forward model or as an analyser writes them, with seeded noise of a stated law."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.joint import AnyJoint
@@ -10,13 +10,11 @@ from jointbayes.measurement.data import FrfMeasurement
 from jointbayes.measurement.variance import NoiseLaw
 from jointbayes.structure import Structure, StructureFamily
 
-__all__ = ["channel_label", "noisy_frf", "synthesise_frf"]
-
 
 def synthesise_frf(
     structure: Structure | StructureFamily,
     joint: AnyJoint,
-    stiffness: NDArray[np.float64],
+    stiffness: Array,
     ports: Ports,
     noise: NoiseLaw,
     quantity: Quantity = "receptance",

@@ -7,15 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.virtual.synthetic import channel_label
-
-__all__ = ["ChannelNoise", "Hammer", "Rig", "half_sine", "hammer_records", "shaker_records"]
-
-Array = NDArray[np.float64]
 
 _NOMINAL_N = 100.0
 _SPREAD = 0.25  # of the logarithm of the peak force from hit to hit

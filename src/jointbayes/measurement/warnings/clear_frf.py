@@ -7,13 +7,11 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import Quantity, quantity_factor
 from jointbayes.measurement.modal.peaks import prominent_peaks
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
 
-__all__ = ["ClearFrf", "Resonance", "are_conjugates", "pair_of", "usable"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: A resonance rises above both sides by this factor, and above the noise by that.

@@ -7,15 +7,13 @@ import numpy as np
 import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import frf_unit
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, Resonance
 
-__all__ = ["conjugated_warning", "warnings_of_frf", "warnings_of_notes"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.

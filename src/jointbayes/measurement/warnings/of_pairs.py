@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.warnings.clear_frf import ClearFrf
 
-__all__ = ["Sketch", "disagreement", "sketch_of"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Lines kept of each FRF, so that a file of many thousands can be compared within little memory.

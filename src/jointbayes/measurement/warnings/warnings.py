@@ -4,16 +4,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.measurement.provenance import MeasurementWarning
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, measurable
 from jointbayes.measurement.signals.hits import hits_of, is_cut_off
 from jointbayes.measurement.warnings.clear_frf import ClearFrf, are_conjugates
 from jointbayes.measurement.warnings.of_frfs import conjugated_warning, warnings_of_frf, warnings_of_notes
 from jointbayes.measurement.warnings.of_pairs import Sketch, disagreement, sketch_of
-
-__all__ = ["WarningCollector", "find_warnings"]
 
 #: Places named in one warning; the rest are counted.
 _NAMED = 3
@@ -203,7 +201,7 @@ def _of_history(record: TimeRecord) -> Iterator[MeasurementWarning]:
     yield from _offset(x)
 
 
-def _offset(x: NDArray[np.float64]) -> Iterator[MeasurementWarning]:
+def _offset(x: Array) -> Iterator[MeasurementWarning]:
     largest = float(np.abs(x - np.median(x)).max())
     spread = float(np.median(np.abs(x - np.median(x))))
     # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike

@@ -15,8 +15,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
     Combination,
@@ -36,17 +37,6 @@ from jointbayes.posterior.identifiability import (
 )
 from jointbayes.posterior.rounding import factor
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
-
-__all__ = [
-    "NamedDirection",
-    "factor_in_words",
-    "interval_ratio",
-    "name_directions",
-    "spread_in_words",
-    "summary_sentence",
-]
-
-Array = NDArray[np.float64]
 
 _NORMAL_95 = 1.959963984540054
 _LARGEST_FACTOR = 1e3

@@ -12,15 +12,6 @@ from jointbayes.posterior.information.directions import factor_in_words
 from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
 from jointbayes.posterior.rounding import in_unit, rounded_interval
 
-__all__ = [
-    "LARGEST_CHANGE",
-    "ExactInputs",
-    "effect_sentence",
-    "inputs_taken_as_exact",
-    "listed",
-    "quantities_taken_as_exact",
-]
-
 _RANK: dict[Verdict, int] = {
     "identified": 0,
     "weakly identified": 1,

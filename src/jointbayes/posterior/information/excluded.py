@@ -17,17 +17,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from jointbayes.arrays import Array
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.rounding import number
 from jointbayes.posterior.verdicts import JudgedPosterior
-
-__all__ = ["LEVEL", "SimplerJoint", "exclusion_sentence", "known_by_bounds", "simpler_joints"]
-
-Array = NDArray[np.float64]
 
 #: Probability that the likelihood ratio of a joint that is so exceeds the limit.
 LEVEL = 1e-3

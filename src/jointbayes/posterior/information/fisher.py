@@ -10,15 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.joint import Parametrisation
-
-__all__ = ["FisherInformation", "fisher_information", "inverse_information"]
-
-Array = NDArray[np.float64]
 
 #: The least eigenvalue of an information scaled to a unit diagonal that is inverted: what rounding leaves of zero.
 _ROUNDING = 1e-15

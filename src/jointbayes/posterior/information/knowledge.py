@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Nuisance, Problem
 from jointbayes.joint.quantities import Coordinate
@@ -29,8 +29,6 @@ from jointbayes.posterior.information.uncertain_inputs import (
     uncertain_quantities,
 )
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
-
-__all__ = ["Knowledge", "assumed_words", "gather_knowledge"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +193,7 @@ def _assumed(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
     return tuple(word for name, word in words if name not in own)
 
 
-def _under_wider_priors(posterior: JudgedPosterior) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _under_wider_priors(posterior: JudgedPosterior) -> tuple[Array, Array] | None:
     """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
 
     Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.

@@ -18,11 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from jointbayes.arrays import Array
 from jointbayes.inference import LogPosterior
 
-__all__ = ["LikelihoodRegion"]
-
-Array = NDArray[np.float64]
 Ends = tuple[float, float]
 
 #: Step of differences, in standard deviations of the draws.

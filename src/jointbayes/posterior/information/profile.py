@@ -17,14 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, special
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.information.fisher import inverse_information
-
-__all__ = ["ProfileLikelihood", "profile_likelihood"]
-
-Array = NDArray[np.float64]
 
 #: An unbounded prior counts as bounded so many standard deviations from its mean.
 _UNBOUNDED = 8.0

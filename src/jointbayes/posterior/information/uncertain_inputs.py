@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.posterior.coordinates import compliance_and_scores
@@ -36,9 +36,6 @@ from jointbayes.sampling import (
 )
 from jointbayes.structure import is_mode_frequency
 
-__all__ = ["Source", "UncertainInputsRow", "effect_of_uncertain_inputs", "uncertain_quantities"]
-
-Array = NDArray[np.float64]
 Source = Literal["this run", "importance sampling", "short run", "none"]
 
 _DRAWS = 8000

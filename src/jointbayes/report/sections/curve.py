@@ -1,14 +1,12 @@
 """Stiffness over the levels of the set-ups."""
 
 from jointbayes.posterior.curve import Curve, curves_of
+from jointbayes.posterior.rounding import interval, number
 from jointbayes.posterior.verdicts import verdict_text
 from jointbayes.report import figures
-from jointbayes.report.format import interval, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
-
-__all__ = ["curve_section"]
 
 
 def curve_section(inputs: ReportInputs) -> Section | None:

@@ -11,14 +11,11 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import FrfPrediction, Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.posterior.rounding import signed
+from jointbayes.posterior.rounding import number, signed
 from jointbayes.report import figures
-from jointbayes.report.format import number
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, LinePlot, Paragraph, Section, Series, Table
-
-__all__ = ["fit_section", "frf_unit"]
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
 MOST_FIGURES, MOST_ROWS = 8, 20

@@ -7,8 +7,6 @@ from jointbayes.report import figures
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.model import Block, Figure, Section, Table
 
-__all__ = ["frequency_section"]
-
 
 def frequency_section(inputs: SetupInputs) -> Section | None:
     """Natural frequencies: measured, first guess, MAP, interval; None where the model has none."""

@@ -5,18 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.rounding import signed
+from jointbayes.posterior.rounding import number, signed
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
-from jointbayes.report.format import number
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, Section, Table
-
-__all__ = ["joint_in_modes_section"]
-
-Array = NDArray[np.float64]
 
 _STEP = 0.005  # either way, of a difference over 1 % of a stiffness
 _KNOWN_PERCENT = 0.1  # to which a test usually knows a natural frequency

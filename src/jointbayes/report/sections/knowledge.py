@@ -6,14 +6,12 @@ from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.information.directions import NamedDirection
 from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.rounding import factor, number, rounded_interval
 from jointbayes.posterior.verdicts import verdict_text
-from jointbayes.report.format import factor, number, rounded_interval
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.labels import coordinate_labels, readable
 from jointbayes.report.markup import kind_of
 from jointbayes.report.model import Block, Paragraph, Section, Table
-
-__all__ = ["freed_blocks", "knowledge_section"]
 
 
 def knowledge_section(inputs: ReportInputs) -> Section:

@@ -2,15 +2,13 @@
 
 from jointbayes.joint import Quantity
 from jointbayes.posterior.identifiability import RULE, Identifiability
+from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS
-from jointbayes.report.format import factor, number, rounded, rounded_interval
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Callout, Paragraph, Table
 from jointbayes.report.sections.measurement import mode_table
-
-__all__ = ["coupling_sentence", "lead"]
 
 _MOST_COUPLINGS = 6  # that page one says something of
 

@@ -1,11 +1,9 @@
 """Likelihood-ratio limits, which are no credible intervals."""
 
+from jointbayes.posterior.rounding import interval, number
 from jointbayes.report import figures
-from jointbayes.report.format import interval, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
-
-__all__ = ["likelihood_section"]
 
 
 def likelihood_section(inputs: ReportInputs) -> Section | None:

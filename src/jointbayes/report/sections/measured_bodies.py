@@ -3,12 +3,10 @@
 import numpy as np
 
 from jointbayes.frf import MeasuredBody
-from jointbayes.report.format import number
+from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Paragraph, Section, Table
-
-__all__ = ["measured_bodies_section"]
 
 
 def measured_bodies_section(inputs: ReportInputs) -> Section | None:

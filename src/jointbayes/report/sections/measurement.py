@@ -7,13 +7,10 @@ import numpy as np
 
 from jointbayes.measurement.channels import ChannelUse
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
-from jointbayes.posterior.rounding import signed
-from jointbayes.report.format import number
+from jointbayes.posterior.rounding import number, signed
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
-
-__all__ = ["measurement_section", "mode_table"]
 
 _MOST_CHANNELS = 40  # in the table
 

@@ -5,19 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.measurement import ModeMeasurement, Observed
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.rounding import signed
+from jointbayes.posterior.rounding import interval, number, signed
 from jointbayes.report import figures
-from jointbayes.report.format import interval, number
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Section, Table
-
-__all__ = ["modes_section"]
-
-Array = NDArray[np.float64]
 
 _DRAWS = 1000
 _MOST_ROWS, _MOST_FIGURES = 60, 8

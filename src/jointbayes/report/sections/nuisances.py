@@ -1,12 +1,10 @@
 """What was uncertain besides the joint, before and after."""
 
-from jointbayes.report.format import contraction, fixed, interval, number
+from jointbayes.posterior.rounding import contraction, fixed, interval, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.labels import readable
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Section, Table
-
-__all__ = ["nuisance_section"]
 
 
 def nuisance_section(inputs: ReportInputs) -> Section | None:

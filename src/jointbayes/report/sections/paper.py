@@ -1,12 +1,10 @@
 """The sections that only a case of Cao, Li and He has: their tables beside ours, and the audit."""
 
-from jointbayes.posterior.summary import NaturalFrequencies
-from jointbayes.report.format import interval, number
+from jointbayes.posterior.rounding import interval, number
+from jointbayes.posterior.setup_summary import NaturalFrequencies
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Block, Paragraph, Section, Table
 from jointbayes.report.paper_tables import TABLE_2, TABLE_3, TABLE_4, audit, clamped_frequencies_hz
-
-__all__ = ["audit_section", "paper_section"]
 
 
 def paper_section(inputs: ReportInputs) -> Section | None:

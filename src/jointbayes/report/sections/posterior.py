@@ -2,12 +2,10 @@
 
 import numpy as np
 
+from jointbayes.posterior.rounding import contraction, fixed, interval, number
 from jointbayes.report import figures
-from jointbayes.report.format import contraction, fixed, interval, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
-
-__all__ = ["posterior_section"]
 
 
 def posterior_section(inputs: ReportInputs) -> Section:

@@ -1,14 +1,12 @@
 """How the draws were made and how well they mixed."""
 
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.rounding import fixed, number
 from jointbayes.report import figures
-from jointbayes.report.format import fixed, number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.labels import coordinate_labels
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Figure, Section, Table
-
-__all__ = ["chain_figures", "sampling_section"]
 
 
 def sampling_section(inputs: ReportInputs) -> Section:

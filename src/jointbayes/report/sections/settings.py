@@ -4,8 +4,6 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Code, Paragraph, Section, Table
 
-__all__ = ["settings_section"]
-
 
 def settings_section(inputs: ReportInputs) -> Section:
     """Everything needed to repeat the run."""

@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jointbayes.measurement import FrfMeasurement, Measurement
-from jointbayes.report.format import number
+from jointbayes.posterior.rounding import number
 from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 from jointbayes.report.sections.measurement import mode_table
-
-__all__ = ["overview_section", "setup_section"]
 
 _MOST_DOFS = 6  # of the outputs and inputs of a set-up, in a table
 

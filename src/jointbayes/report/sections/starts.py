@@ -1,17 +1,13 @@
 """Where the mode came from: the starts of the search, and the paper's iteration."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from jointbayes.arrays import Array
 from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
+from jointbayes.posterior.rounding import number
 from jointbayes.report import figures
-from jointbayes.report.format import number
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
-
-__all__ = ["starts_section"]
 
 
 def starts_section(inputs: ReportInputs) -> Section:
@@ -45,7 +41,7 @@ def starts_section(inputs: ReportInputs) -> Section:
 
 
 def _iteration_blocks(
-    history: IterationHistory, quantities: tuple[Quantity, ...], published: NDArray[np.float64] | None
+    history: IterationHistory, quantities: tuple[Quantity, ...], published: Array | None
 ) -> list[Block]:
     norm, iterated = history.residual_norm, [quantities[i] for i in history.iterated]
     settled = ", ".join(

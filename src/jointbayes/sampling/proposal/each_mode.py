@@ -6,14 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.proposal.fit import Proposal, Start, fit_proposal
 from jointbayes.sampling.several_modes import SeveralModes
-
-__all__ = ["AboutModes", "OneOfProposals", "fit_each_mode", "joined"]
-
-Array = NDArray[np.float64]
 
 _WEIGHED = 2000  # draws of each proposal, for the share of its mode
 _CONFIRMING = 4000

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinates import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity, covariance_roots
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from jointbayes.sampling.proposal.each_mode import OneOfProposals
     from jointbayes.sampling.several_modes import SeveralModes
 
-__all__ = ["Proposal", "Start", "fit_proposal"]
-
-Array = NDArray[np.float64]
 
 _SCATTERED = 1000  # draws about each start
 _WIDER = 2.0  # than a start's covariance are these

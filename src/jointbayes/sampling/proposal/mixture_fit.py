@@ -1,14 +1,10 @@
 """Fit a mixture of Student-t distributions to weighted draws."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.student_fit import DOF
-
-__all__ = ["first_mixture", "most_likely_mixture", "split"]
-
-Array = NDArray[np.float64]
 
 _EM_STEPS = 8
 _MOST = 12  # components besides the wide one

@@ -12,8 +12,6 @@ from jointbayes.sampling.proposal.student import StudentMixture, StudentT
 from jointbayes.sampling.proposal.student_fit import good_efficiency
 from jointbayes.sampling.proposal.weights import Pool, resampled, tempered
 
-__all__ = ["GOOD_MIXTURE", "Fit", "search"]
-
 _DRAWS = 2000
 _CONFIRMING = 4000
 _LOOKED_AT_AGAIN = 2

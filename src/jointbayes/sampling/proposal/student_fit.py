@@ -3,17 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity, covariance_roots, newton_climb
 from jointbayes.sampling.proposal.student import StudentT
 from jointbayes.sampling.proposal.weights import importance_efficiency, tempered
-
-__all__ = ["DOF", "Round", "Whitened", "good_efficiency", "laplace", "refined_student", "whitened"]
-
-Array = NDArray[np.float64]
 
 DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
 _DRAWS = 2000

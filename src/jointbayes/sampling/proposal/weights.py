@@ -5,21 +5,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.sampling.coordinates import Coordinates
 from jointbayes.sampling.density import LogDensity
-
-__all__ = [
-    "Distribution",
-    "Pool",
-    "drawn_without_replacement",
-    "importance_efficiency",
-    "resampled",
-    "tempered",
-    "theta_draws",
-    "truncated",
-]
-
-Array = NDArray[np.float64]
 
 
 def importance_efficiency(log_weight: Array) -> float:

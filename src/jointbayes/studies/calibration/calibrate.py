@@ -20,8 +20,6 @@ from jointbayes.studies.tasks import run_tasks
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["CalibrationProgress", "calibrate"]
-
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:

@@ -6,18 +6,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import Problem
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.ranks import rank_statistic
 from jointbayes.studies.calibration.simulation import simulated_problem
 from jointbayes.workflow import sample
-
-__all__ = ["DENSITY", "DRAWS", "DataSet", "Job", "analyse", "analyse_packed", "quantity_names"]
-
-Array = NDArray[np.float64]
 
 #: Draws among which a truth is ranked: few beside the effective ones, so that they are as good as independent.
 DRAWS = 63

@@ -10,8 +10,6 @@ from jointbayes.studies.calibration.kept import calibration_directory
 from jointbayes.studies.calibration.report import build_calibration_report, ranks_csv
 from jointbayes.studies.calibration.result import Calibration
 
-__all__ = ["write_calibration"]
-
 
 def write_calibration(calibration: Calibration, directory: str | os.PathLike[str], case: Case | None = None) -> Path:
     """Write what a calibration found into its directory, beside the data sets that are kept there.

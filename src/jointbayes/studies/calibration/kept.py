@@ -16,8 +16,6 @@ from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.data_set import DRAWS, DataSet
 from jointbayes.studies.json_lines import append_line, kept_lines
 
-__all__ = ["KEPT", "KeptDataSets", "calibration_directory", "fingerprint"]
-
 #: Name of the file.
 KEPT = "data_sets.jsonl"
 

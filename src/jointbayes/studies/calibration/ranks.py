@@ -21,20 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 
-__all__ = [
-    "Coverage",
-    "EcdfBand",
-    "QuantityCalibration",
-    "coverage",
-    "ecdf",
-    "ecdf_band",
-    "judge",
-    "rank_statistic",
-]
-
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _BISECTIONS = 40

@@ -8,14 +8,12 @@ from importlib.metadata import version
 
 from matplotlib.figure import Figure as Canvas
 
+from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import panels, svg
-from jointbayes.report.format import number
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
 from jointbayes.studies.calibration.data_set import DRAWS
 from jointbayes.studies.calibration.ranks import QuantityCalibration
 from jointbayes.studies.calibration.result import FALSE_ALARM, SUSPICIOUS, Calibration
-
-__all__ = ["build_calibration_report", "calibration_lines", "calibration_table", "ranks_csv", "ranks_figure"]
 
 _COLUMNS = 4
 _FIGURE = "ranks"

@@ -6,13 +6,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.studies.calibration.data_set import DRAWS, DataSet
 from jointbayes.studies.calibration.ranks import QuantityCalibration, judge
-
-__all__ = ["FALSE_ALARM", "SUSPICIOUS", "Calibration"]
 
 #: Share of right analyses that fail, at most: over all quantities together, each at this over their number.
 FALSE_ALARM = 0.01
@@ -94,7 +92,7 @@ class Calibration:
             self.failed,
         )
 
-    def _column(self, field: str, i: int) -> NDArray[np.float64]:
+    def _column(self, field: str, i: int) -> Array:
         return np.array([getattr(one, field)[i] for one in self.analysed])
 
     @property

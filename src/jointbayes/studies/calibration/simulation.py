@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.inference.residuals import PURE_NOISE
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement, ModeMeasurement
-
-__all__ = ["require_simulable", "simulated_problem", "simulated_values", "with_values"]
-
-Array = NDArray[np.float64]
 
 
 def require_simulable(analysis: Problem, source: Problem) -> None:

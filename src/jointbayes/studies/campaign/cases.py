@@ -11,15 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.joint import COORDINATES, Parametrisation, parametrisation_named
 from jointbayes.studies.campaign.reweighting import JointDraws
-
-__all__ = ["DONE", "INDEX", "CampaignDraws", "CaseRow", "in_order", "read_draws", "read_index"]
-
-Array = NDArray[np.float64]
 
 #: File by which the directory of a campaign is known.
 INDEX = "index.parquet"

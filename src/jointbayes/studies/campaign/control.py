@@ -15,9 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FALSE_ALARM", "FEWEST", "SIGMAS", "ControlChart", "control_chart", "outlier_limit"]
-
-Array = NDArray[np.float64]
+from jointbayes.arrays import Array
 
 #: Joints below which scatter by medians says too little to call one of them an outlier.
 FEWEST = 8

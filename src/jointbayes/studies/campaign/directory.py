@@ -12,7 +12,6 @@ from jointbayes.studies.campaign.cases import DONE, INDEX
 if TYPE_CHECKING:
     from jointbayes.posterior import Posterior
 
-__all__ = ["Campaign", "campaign_directory"]
 
 _KIND = "a campaign"
 

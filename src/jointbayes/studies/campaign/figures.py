@@ -12,15 +12,13 @@ from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
+from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
-from jointbayes.report.format import number
 from jointbayes.report.markup import format_numbers
 from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
 from jointbayes.studies.campaign.findings import ChartedQuantity
 
-__all__ = ["MOST_INTERVALS", "control_figure", "control_plot", "population_figure", "ranking_figure"]
-
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Curve = tuple[Array, Array, Array, Array]
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.studies.campaign.cases import DONE, CampaignDraws, CaseRow, in_order, read_draws, read_index
 from jointbayes.studies.campaign.control import FEWEST, ControlChart, control_chart, outlier_limit
 from jointbayes.studies.campaign.hierarchical import (
@@ -19,9 +20,6 @@ from jointbayes.studies.campaign.hierarchical import (
     weighted_quantiles,
 )
 
-__all__ = ["FEWEST_JOINTS", "CampaignFindings", "ChartedQuantity", "Look", "PopulationFindings", "examine_campaign"]
-
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: Joints below which nothing is said of a population.

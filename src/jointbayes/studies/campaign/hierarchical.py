@@ -18,26 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint import Parametrisation
 from jointbayes.sampling import LogDensity, Proposal, SamplerSettings, StudentT, fit_proposal, run_ensembles
 from jointbayes.sampling.density import newton_climb
 from jointbayes.sampling.proposal.weights import resampled
 from jointbayes.studies.campaign.reweighting import JointDraws, Reweighting
-
-__all__ = [
-    "FEWEST_POPULATIONS",
-    "LEAST_EFFECTIVE",
-    "RESOLVED",
-    "Population",
-    "PopulationPrior",
-    "PopulationStiffness",
-    "hierarchical_posterior",
-    "population_stiffness",
-    "weighted_quantiles",
-]
-
-Array = NDArray[np.float64]
 
 #: Effective draws below which a joint's reweighted draws are not to be trusted: its median is then uncertain by more
 #: than a quarter of its standard deviation.

@@ -17,8 +17,6 @@ from jointbayes.studies.campaign.cases import INDEX
 from jointbayes.studies.json_lines import append_line, read_lines
 from jointbayes.whole_file import whole_file
 
-__all__ = ["FAILED", "KILLED", "LINES", "Index", "Row", "kept_rows"]
-
 FAILED, KILLED = "failed", "killed its worker"  # and `DONE`
 LINES = "index.new.jsonl"
 

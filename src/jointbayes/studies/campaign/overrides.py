@@ -16,8 +16,6 @@ from jointbayes.case.schema.case import CaseSpec
 from jointbayes.case.toml_text import key_parts
 from jointbayes.errors import CaseError
 
-__all__ = ["BaseCase", "read_base"]
-
 _MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
 
 

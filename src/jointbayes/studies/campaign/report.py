@@ -14,8 +14,6 @@ from jointbayes.studies.campaign.sections import campaign_lead, campaign_section
 from jointbayes.studies.campaign.summary import campaign_summary, joints_csv
 from jointbayes.whole_file import write_whole_file
 
-__all__ = ["build_campaign_report", "write_campaign_report"]
-
 _OURS = ("population", "control-", "ranking-")  # figures of an earlier report have such names
 
 

@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint import Parametrisation
-
-__all__ = ["JointDraws", "Reweighting"]
-
-Array = NDArray[np.float64]
 
 _AT_ONCE = 4_000_000  # weights in memory
 _LN_2PI = float(np.log(2 * np.pi))

@@ -24,7 +24,6 @@ from jointbayes.whole_file import swept
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["CampaignProgress", "campaign", "case_seed", "run_cases"]
 
 _FORM = 1  # of what a case is reduced to: raised where all cases must be done again
 #: What workers have from the start: all that a case needs.

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint import Coordinate
-from jointbayes.report.format import interval, number
+from jointbayes.posterior.rounding import interval, number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, Section, Table
 from jointbayes.studies.campaign.cases import DONE
@@ -27,10 +28,6 @@ from jointbayes.studies.campaign.findings import (
     PopulationFindings,
 )
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
-
-__all__ = ["campaign_lead", "campaign_sections"]
-
-Array = NDArray[np.float64]
 
 _MOST_LOOKS = 40
 _RANKED = 6  # from either end of a ranking

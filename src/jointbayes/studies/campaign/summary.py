@@ -6,17 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.posterior import package_versions
 from jointbayes.studies.campaign.cases import DONE
 from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
 from jointbayes.studies.campaign.findings import CampaignFindings, ChartedQuantity, PopulationFindings
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
-
-__all__ = ["SCHEMA_VERSION", "campaign_summary", "joints_csv"]
-
-Array = NDArray[np.float64]
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 1

@@ -19,8 +19,6 @@ from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError, path_fault
 from jointbayes.studies.campaign.overrides import read_base
 
-__all__ = ["CampaignCase", "read_cases"]
-
 _OWN = ("key", "serial", "date", "case")  # columns that are no keys of a case file
 _MOST_BYTES, _MOST_CASES = 100_000_000, 200_000
 _MOST_FAULTS = 20

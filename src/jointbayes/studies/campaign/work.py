@@ -7,8 +7,6 @@ from pathlib import Path
 from jointbayes.code_version import code_version
 from jointbayes.posterior.brief import Cell
 
-__all__ = ["CaseWork", "do_case"]
-
 
 @dataclass(frozen=True, slots=True)
 class CaseWork:

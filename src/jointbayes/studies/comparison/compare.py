@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
@@ -19,10 +19,6 @@ from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_o
 from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
 from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import find_map
-
-__all__ = ["HYPOTHESES", "Candidate", "Comparison", "PriorEdge", "compare", "require_same_data", "hypothesis_problem"]
-
-Array = NDArray[np.float64]
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need
 _EDGE = 0.05  # of a prior's interval

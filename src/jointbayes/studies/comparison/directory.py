@@ -10,8 +10,6 @@ from jointbayes.report.run_directory import json_text, require_writable, write_w
 from jointbayes.studies.comparison.report import build_comparison_report
 from jointbayes.studies.comparison.result import Comparison
 
-__all__ = ["COMPARISON_MARK", "write_comparison"]
-
 #: File by which the directory of a comparison is known.
 COMPARISON_MARK = "compare.json"
 

@@ -4,16 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.arviz_bridge import loo_pointwise
-
-__all__ = ["LeaveOneOut", "leave_one_out"]
-
-Array = NDArray[np.float64]
 
 _FEWEST = 30  # values that a standard error of a sum can be taken from
 _MOST_NUMBERS = 5_000_000  # log densities in memory at once

@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.joint.quantities import without_damping
 from jointbayes.posterior.evidence import PARETO_LIMIT
+from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import margin_labels, panels, svg
-from jointbayes.report.format import number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table
 from jointbayes.studies.comparison.result import GRADES
-
-__all__ = ["build_comparison_report", "evidence_table"]
 
 Row = dict[str, Any]
 
@@ -132,7 +130,7 @@ def _figure(summary: dict[str, Any]) -> Figure:
     )
 
 
-def _evidences(labels: Sequence[str], log_z: NDArray[np.float64], error: NDArray[np.float64]) -> str:
+def _evidences(labels: Sequence[str], log_z: Array, error: Array) -> str:
     """ln Z of candidates from the best down, with twice its error; an arrow for what lies far below.
 
     Lines mark the ends of grades of evidence against the best.

@@ -4,16 +4,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.joint import COUPLED, RIGID, Quantity
 from jointbayes.posterior import package_versions
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
 from jointbayes.studies.comparison.leave_one_out import LeaveOneOut
-
-__all__ = ["GRADES", "Candidate", "Comparison", "PriorEdge", "bayes_factor_words", "model_probabilities"]
-
-Array = NDArray[np.float64]
 
 #: Ends of 2 ln B, and evidence up to there in the words of Kass and Raftery.
 GRADES = (
@@ -240,7 +237,7 @@ def bayes_factor_words(two_log_b: float) -> str:
     return next((words for limit, words in GRADES if two_log_b <= limit), _STRONGEST)
 
 
-def model_probabilities(log_z: ArrayLike) -> NDArray[np.float64]:
+def model_probabilities(log_z: ArrayLike) -> Array:
     """Posterior probability of each model under equal prior probability, shape (n,), from ln Z, shape (n,).
 
     Examples

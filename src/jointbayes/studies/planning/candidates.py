@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor, receptance_model
 from jointbayes.inference import NoiseModel, Nuisance, Problem
@@ -16,9 +17,6 @@ from jointbayes.inference.setup import columns_of_names
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
 
-__all__ = ["Candidate", "CandidateKind", "StatedVariance", "VarianceLaw", "estimated_law", "present", "repeated"]
-
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 CandidateKind = Literal["accelerometer", "hammer", "pair", "averages", "band", "mass", "setup"]
 

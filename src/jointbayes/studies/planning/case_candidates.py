@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.case.build import noise_law, recipe_of
 from jointbayes.case.case import Case
 from jointbayes.case.errors import show_key
@@ -21,9 +21,6 @@ from jointbayes.structure import StructureFamily, StructureRecipe, family_of_rec
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
 from jointbayes.studies.planning.proposed import proposed_setups
 
-__all__ = ["candidates_of"]
-
-Array = NDArray[np.float64]
 _G = 1e-3
 _DOFS = ("outputs", "inputs")
 

@@ -10,8 +10,6 @@ from jointbayes.studies.planning.plan import Plan
 from jointbayes.studies.planning.race import plan_directory
 from jointbayes.studies.planning.report import build_plan_report
 
-__all__ = ["write_plan"]
-
 
 def write_plan(plan: Plan, case: Case, directory: str | os.PathLike[str]) -> Path:
     """Write a plan into its directory, beside the simulations that are kept there.

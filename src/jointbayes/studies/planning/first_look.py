@@ -18,17 +18,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.own_quantities import WithOwn, own_of
 
-__all__ = ["FirstLook", "Linearised", "measurement_information", "sd_of", "sets_of", "worth_simulating"]
-
-Array = NDArray[np.float64]
 Names = tuple[str, ...]
 
 #: Sets are chosen among all there are up to this number, beyond it one by one.

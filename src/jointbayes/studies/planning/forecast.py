@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.posterior.identifiability import Verdict
 
-__all__ = ["MOST_LOST", "RANGE", "Method", "SimulatedPosterior", "Simulation", "predictive_range"]
-
-Array = NDArray[np.float64]
 Method = Literal["reweighting", "importance sampling"]
 
 #: A candidate of which more than this share of the simulated posteriors was not found is not ranked.

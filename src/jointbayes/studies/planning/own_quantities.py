@@ -11,13 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.inference import Nuisance, Problem
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.studies.planning.candidates import Candidate
-
-__all__ = ["WithOwn", "own_of"]
-
-Array = NDArray[np.float64]
 
 #: The present set-up beside others, if it has no name: one that no set-up of a case can have.
 _PRESENT = "(present)"

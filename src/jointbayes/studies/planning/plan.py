@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.case.case import Case
 from jointbayes.case.errors import show_key
@@ -27,9 +26,6 @@ from jointbayes.studies.planning.simulation import Simulator, assumed_truth, sta
 from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import sample
 
-__all__ = ["Plan", "PlannedMeasurement", "plan"]
-
-Array = NDArray[np.float64]
 Names = tuple[str, ...]
 
 #: Simulated truths of each candidate, and of those few that could still come first after that.

@@ -24,8 +24,6 @@ from jointbayes.joint import as_joints
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.studies.planning.candidates import Candidate, estimated_law
 
-__all__ = ["proposed_setups"]
-
 #: So many of a set-up's changes are named in a sentence.
 _NAMED = 3
 

@@ -17,8 +17,6 @@ from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.simulation import Simulator
 
-__all__ = ["KEPT", "KeptSimulations", "Race", "could_come_first", "plan_directory", "plan_fingerprint"]
-
 Names = tuple[str, ...]
 
 #: Name of the file of simulations that are done.

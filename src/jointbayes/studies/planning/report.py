@@ -9,13 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.posterior.information.directions import spread_in_words
+from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
-from jointbayes.report.format import number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
 from jointbayes.studies.planning.plan import Plan
-
-__all__ = ["build_plan_report", "candidate_table", "plan_lines"]
 
 Entry = Mapping[str, Any]
 

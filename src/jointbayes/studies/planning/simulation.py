@@ -17,9 +17,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize
 
+from jointbayes.arrays import Array
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.coordinates import coordinate_systems
@@ -31,10 +32,6 @@ from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.first_look import measurement_information
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
 from jointbayes.studies.planning.own_quantities import WithOwn, own_of
-
-__all__ = ["LEAST_EFFECTIVE", "Simulator", "WithFurther", "assumed_truth", "stated_joint"]
-
-Array = NDArray[np.float64]
 
 #: Fewer effective draws than this say too little about a standard deviation: 5 % of it at this number.
 LEAST_EFFECTIVE = 200.0

@@ -10,8 +10,6 @@ from jointbayes.code_version import code_version
 from jointbayes.errors import JointBayesError, WorkerError
 from jointbayes.threads import one_blas_thread
 
-__all__ = ["Call", "Crew", "Event", "Reply", "attempt", "other_version", "packed"]
-
 Call = bytes
 """A function, by the name of its module, and its arguments, as they are sent to a worker."""
 

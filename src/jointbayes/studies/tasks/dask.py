@@ -15,7 +15,6 @@ from jointbayes.studies.tasks.crew import Call, Event, Reply, attempt, other_ver
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["DaskCrew"]
 
 _LOOK = 0.5  # seconds between two looks at which workers there are
 _CONNECT = 10.0  # seconds to wait for a scheduler

@@ -7,8 +7,6 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from jointbayes.errors import WorkerError
 from jointbayes.studies.tasks.crew import Call, Event, Reply, attempt
 
-__all__ = ["ExecutorCrew"]
-
 
 class ExecutorCrew:
     """The workers of an executor.

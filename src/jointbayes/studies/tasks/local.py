@@ -17,8 +17,6 @@ from typing import Any
 from jointbayes.errors import WorkerError
 from jointbayes.studies.tasks.crew import Call, Event, Reply, attempt
 
-__all__ = ["LocalCrew"]
-
 _GRACE = 5.0  # seconds in which a worker that is told to end may remove what it has half written
 _STILLBORN = 3  # workers that may die in a row before any of them was ready
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

@@ -15,7 +15,6 @@ from jointbayes.studies.tasks.crew import Crew, Event, other_version, packed
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["Outcome", "run_tasks"]
 
 _TICK = 0.5  # seconds between two calls of `watch`
 _FORGIVEN = 5.0  # times as many deaths as expected are taken for chance

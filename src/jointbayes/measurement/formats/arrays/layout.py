@@ -7,13 +7,12 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.limits import MOST_AVERAGES, MOST_RECORDS
 from jointbayes.measurement.formats.units import read_frf_unit, read_sensor_unit, scaled, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, Record, SensorQuantity, TimeRecord
-
-__all__ = ["Arrays", "arrays_of", "records_of"]
 
 Arrays = Mapping[str, Any]
 
@@ -172,7 +171,7 @@ def _frf_records(block: _Block) -> Iterator[FrfRecord]:
             )
 
 
-def _lines(block: _Block) -> tuple[NDArray[np.float64], list[str]]:
+def _lines(block: _Block) -> tuple[Array, list[str]]:
     if block.has("frequency_hz"):
         return block.numbers("frequency_hz").ravel(), []
     if block.has("omega"):
@@ -302,7 +301,7 @@ def _rate(block: _Block, samples: int) -> float:
     return even_rate(time, block.where("time"))
 
 
-def even_rate(time: NDArray[np.float64], where: str) -> float:
+def even_rate(time: Array, where: str) -> float:
     """Sampling rate in Hz of evenly spaced instants in s.
 
     Raises

@@ -24,8 +24,6 @@ from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.arrays import reader_process
 from jointbayes.measurement.formats.arrays.layout import Arrays
 
-__all__ = ["read_isolated", "read_npz"]
-
 #: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
 #: files have headers and constant coherences, which pack well.
 _RATIO, _ALWAYS = 20, 2**20

@@ -19,8 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["REFUSED", "main"]
-
 #: Exit code for a file that is refused, with the reason on standard output.
 REFUSED = 3
 #: Groups within groups, groups and arrays in one file, and characters of a name: no export comes near.

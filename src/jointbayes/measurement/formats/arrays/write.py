@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["write_hdf5", "write_mat73", "write_matlab", "write_npz"]
-
 _MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
 
 

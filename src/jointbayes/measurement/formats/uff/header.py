@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 from jointbayes.measurement.records import Dof
 
-__all__ = ["Axis", "FieldError", "FunctionHeader", "body_bytes", "function_header"]
-
 #: Ordinate types: real single, real double, complex single, complex double.
 _TYPES = (2, 4, 5, 6)
 #: No FRF has more values, and no count beyond it is worth a multiplication.

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.arrays.layout import even_rate
 from jointbayes.measurement.formats.limits import MOST_RECORDS
@@ -23,8 +23,6 @@ from jointbayes.measurement.formats.uff.units import FileUnits, frf_meaning, sen
 from jointbayes.measurement.formats.uff.values import Function, LineError, decode
 from jointbayes.measurement.formats.units import frequency_factor, scaled
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord, dof_label
-
-__all__ = ["CORRECTIONS", "read_uff"]
 
 #: Type of the data set of ours that restores the digits which columns 20 wide cannot hold; other programs pass over it.
 CORRECTIONS = 58017
@@ -200,7 +198,7 @@ def _frf_record(
     )
 
 
-def _in_hertz(abscissa: NDArray[np.float64], header: FunctionHeader, notes: list[str]) -> NDArray[np.float64]:
+def _in_hertz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
     unit = header.abscissa.unit
     factor = frequency_factor(unit) if unit else 1.0
     if factor is None:

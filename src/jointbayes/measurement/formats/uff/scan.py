@@ -8,8 +8,6 @@ from typing import BinaryIO
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.uff.header import FieldError, FunctionHeader, body_bytes, function_header
 
-__all__ = ["DataSet", "line_of", "scan"]
-
 _CHUNK = 1 << 16
 _LONGEST_LINE = 4096
 _DELIMITER = re.compile(rb"[ \t]*-1[ \t]*\r?\n?")

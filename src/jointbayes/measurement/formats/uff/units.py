@@ -12,8 +12,6 @@ from jointbayes.measurement.formats.uff.values import LineError
 from jointbayes.measurement.formats.units import MOTION_OF, frf_unit, sensor_unit, si_frf_unit, si_sensor_unit
 from jointbayes.measurement.records import SensorQuantity
 
-__all__ = ["AXIS_TYPES", "FileUnits", "frf_meaning", "sensor_meaning", "units_of"]
-
 Q = TypeVar("Q")
 
 #: Specific data types of the format.

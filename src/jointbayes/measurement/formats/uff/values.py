@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.measurement.formats.table_text import bad_number
 from jointbayes.measurement.formats.uff.header import FunctionHeader, body_bytes
-
-__all__ = ["LineError", "Function", "decode"]
 
 #: With these alone, NumPy reads a field as we do; it would also take 1_000 for a number.
 _OF_NUMBERS = b"0123456789eE+-. \r\n"
@@ -30,8 +29,8 @@ class LineError(Exception):
 class Function:
     """Abscissa and ordinate, shape (count,)."""
 
-    abscissa: NDArray[np.float64]
-    ordinate: NDArray[np.float64] | NDArray[np.complex128]
+    abscissa: Array
+    ordinate: Array | NDArray[np.complex128]
 
 
 def decode(header: FunctionHeader, body: bytes) -> Function:
@@ -64,7 +63,7 @@ def decode(header: FunctionHeader, body: bytes) -> Function:
     return Function(abscissa, ordinate)
 
 
-def _binary(header: FunctionHeader, body: bytes) -> NDArray[np.float64]:
+def _binary(header: FunctionHeader, body: bytes) -> Array:
     kind = header.byte_order + ("f8" if header.is_double else "f4")
     if len(body) == header.count * header.per_value * int(kind[-1]):
         return np.frombuffer(body, dtype=kind).astype(float)
@@ -74,7 +73,7 @@ def _binary(header: FunctionHeader, body: bytes) -> NDArray[np.float64]:
     return np.concatenate([rows["x"][:, None].astype(float), rows["y"].astype(float)], axis=1)
 
 
-def _text(header: FunctionHeader, body: bytes) -> NDArray[np.float64]:
+def _text(header: FunctionHeader, body: bytes) -> Array:
     expected = header.count * header.per_value
     # each number takes a digit and, but for columns that touch, a blank: a count beyond that is wrong
     if expected > len(body):
@@ -95,7 +94,7 @@ def _widths(header: FunctionHeader) -> tuple[int, ...]:
     return (13, 20, 20) if header.is_complex else (13, 20) * 2
 
 
-def _columns(header: FunctionHeader, body: bytes, expected: int) -> NDArray[np.float64] | None:
+def _columns(header: FunctionHeader, body: bytes, expected: int) -> Array | None:
     """All numbers at once where every full line is as long as the first; None where one differs.
 
     Nothing but one column at a time is copied, so that memory stays near the size of the text.
@@ -123,7 +122,7 @@ def _columns(header: FunctionHeader, body: bytes, expected: int) -> NDArray[np.f
     return out
 
 
-def _numbers(header: FunctionHeader, body: bytes, expected: int, skipped: int = 0) -> NDArray[np.float64]:
+def _numbers(header: FunctionHeader, body: bytes, expected: int, skipped: int = 0) -> Array:
     """Numbers by the format's columns, or separated by blanks where the columns do not hold numbers."""
     numbers = array("d")
     line = skipped

@@ -8,13 +8,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats.uff.read import CORRECTIONS
 from jointbayes.measurement.formats.uff.units import AXIS_TYPES
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
 from jointbayes.measurement.records import Dof, FrfRecord, Record, SensorQuantity, TimeRecord, dof_label, parse_dof
-
-__all__ = ["write_uff"]
 
 _AXIS_NAMES = {8: "Displacement", 11: "Velocity", 12: "Acceleration", 13: "Force", 17: "Time", 18: "Frequency"}
 
@@ -75,7 +74,7 @@ def _function(
     pair: tuple[str, str],
     ids: Sequence[str],
     axes: Sequence[tuple[int, str]],
-    abscissa: NDArray[np.float64],
+    abscissa: Array,
     ordinate: NDArray[Any],
     binary: bool,
     *,
@@ -146,7 +145,7 @@ def _short(value: float) -> str:
     return next((text for digits in range(12, 0, -1) if len(text := f"{value:.{digits}G}") <= 12), f"{value:.5E}")
 
 
-def _spacing(abscissa: NDArray[np.float64]) -> tuple[bool, str, str]:
+def _spacing(abscissa: Array) -> tuple[bool, str, str]:
     """True with minimum and increment in the header's columns where they give the lines back exactly."""
     if abscissa.size > 1 and np.isfinite(abscissa).all():
         minimum, increment = _short(abscissa[0]), _short((abscissa[-1] - abscissa[0]) / (abscissa.size - 1))
@@ -156,7 +155,7 @@ def _spacing(abscissa: NDArray[np.float64]) -> tuple[bool, str, str]:
     return False, "0.00000E+00", "0.00000E+00"
 
 
-def _text(columns: NDArray[np.float64], even: bool) -> tuple[bytes, NDArray[np.float64]]:
+def _text(columns: Array, even: bool) -> tuple[bytes, Array]:
     """Lines of 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12, and the numbers as they will be read from them."""
     wide = [_cell(value) for value in columns.ravel()]
     rows, per_value = columns.shape
@@ -172,7 +171,7 @@ def _cell(value: float) -> str:
     return f"{value:20.12E}" if math.isfinite(value) else f"{value:20}"
 
 
-def _corrections(file: BinaryIO, true: NDArray[np.float64], read: NDArray[np.float64]) -> None:
+def _corrections(file: BinaryIO, true: Array, read: Array) -> None:
     """Steps in units of the last place from what is read to what is true, where there are any."""
     steps = true.view(np.int64) - np.asarray(read, float).view(np.int64)
     steps[np.isnan(true)] = 0
