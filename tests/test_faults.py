@@ -16,17 +16,18 @@ import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.own_directory import MARK
 from jointbayes.sampling import checkpoint
-from tests.conftest import cheap_frequencies_text, edited
+from tests.conftest import cheap_frequencies_text, cheap_text, edited
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
 
 SMALL = (("max_steps = 20000", "max_steps = 200"),)
-#: Commands on `clamp.toml`; `compare` writes its directory as `run` does, and `plan` as `calibrate` does.
+#: Commands on `clamp.toml`, and on `frf.toml`, as a plan is one of FRFs; `compare` writes its directory as `run` does.
 COMMANDS = {
     "sample": ("sample", "clamp.toml", "--out", "out"),
     "run": ("run", "clamp.toml", "--out", "out"),
     "calibrate": ("calibrate", "clamp.toml", "--n", "2", "--workers", "1", "--out", "out"),
     "campaign": ("campaign", "clamp.toml", "--workers", "1", "--out", "out"),
+    "plan": ("plan", "frf.toml", "--out", "out"),
 }
 LONG = [pytest.param(name, marks=pytest.mark.science) for name in COMMANDS if name != "sample"]
 
@@ -44,6 +45,7 @@ def _every_block(monkeypatch):
 def folder(place, monkeypatch):
     place.mkdir(parents=True)
     (place / "clamp.toml").write_text(edited(cheap_frequencies_text(), *SMALL), encoding="utf-8")
+    (place / "frf.toml").write_text(edited(cheap_text(), *SMALL), encoding="utf-8")
     monkeypatch.chdir(place)
     return place
 
@@ -91,7 +93,11 @@ def test_nothing_is_written_through_a_link_at_any_name(tmp_path, monkeypatch, co
     with each_change(first, note):
         cli(*arguments)
     marks = {parent: text for parent, text in marks.items() if not parent.name.startswith(".")}
-    written = [p for p in names_written(folder(tmp_path / "second", monkeypatch), arguments) if p.name != "clamp.toml"]
+    written = [
+        p
+        for p in names_written(folder(tmp_path / "second", monkeypatch), arguments)
+        if p.name not in ("clamp.toml", "frf.toml")
+    ]
     assert len(written) >= 4
     through = []
     for number, name in enumerate(written):

@@ -401,6 +401,23 @@ def test_a_disk_that_is_full_costs_no_draws_and_says_so_once(begin, undisturbed,
     assert told == [f"{tmp_path / 'run'}: no checkpoint could be written (No space left on device); going on without"]
 
 
+@pytest.mark.parametrize("name", ["blocks", "draws"])
+def test_a_second_name_that_appears_during_a_run_costs_no_draws(begin, undisturbed, tmp_path, name):
+    """A backup by hard links gives a file of the checkpoint a second name."""
+
+    def progress(told):
+        if told.steps == 300:
+            os.link(tmp_path / "run" / name, tmp_path / "copy")
+
+    told = []
+    same(begun(begin, tmp_path / "run", told, progress=progress), undisturbed)
+    assert len(told) == 1
+    assert told[0].startswith(f"{tmp_path / 'run'}: no checkpoint could be written ({tmp_path / 'run' / name}: found ")
+    assert told[0].endswith("; going on without")
+    copied = (tmp_path / "copy").stat().st_size
+    assert 0 < copied == (tmp_path / "run" / name).stat().st_size
+
+
 def test_a_disk_that_was_full_for_a_while_is_written_to_again(begin, undisturbed, tmp_path, monkeypatch):
     fsync, calls = os.fsync, []
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from jointbayes.errors import CheckpointError
+from jointbayes.errors import CheckpointError, WriteError
 from jointbayes.own_directory import OwnDirectory, sync_directory
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount
@@ -320,9 +320,10 @@ class UnfinishedRun:
         begun = time.monotonic()
         try:
             yield
-        except OSError as error:
+        except (OSError, WriteError) as error:
+            reason = getattr(error, "strerror", None) or error
             if not self._failed:
-                self._tell(f"{self.path}: no checkpoint could be written ({error.strerror or error}); going on without")
+                self._tell(f"{self.path}: no checkpoint could be written ({reason}); going on without")
             self._failed = True
         self._saved = time.monotonic()
         self._cost = self._saved - begun
