@@ -59,6 +59,15 @@ def test_a_right_list_is_not_doubted(ky, krz):
         assert find_numbering(bar(measured(ky, krz, 1, 5, seed=seed)).problem) is None
 
 
+@pytest.mark.parametrize(("ky", "krz"), [(2e3, 2.0), (1e5, 1e3), (1e9, 1e6)])
+def test_frequencies_in_rad_per_s_are_named(ky, krz):
+    frequency = np.array(measured(ky, krz, 1, 5))
+    (warning,) = bar((2 * np.pi * frequency).tolist()).warnings
+    assert "fit far better divided by 2π, as if they were in rad/s" in warning.text
+    assert warning.key == "data.frequencies_hz"
+    assert bar(frequency.tolist()).warnings == ()
+
+
 def test_a_length_two_per_cent_wrong_is_no_doubt_of_the_numbers():
     frequency = [f * 1.04 for f in measured(1e7, 1e4, 1, 5, sd=1e-3)]
     assert find_numbering(bar(frequency, sd=1e-3).problem) is None

@@ -131,6 +131,12 @@ diameter_mm=>width_mm ;; structure.section.width_mm ;; with shape = "rectangle"
 "circle" =>"rectangle" # && diameter_mm=>width_mm = 9\n@height_mm = 0 # ;; structure.section.height_mm ;; along y) in mm
 "circle" =>"box" # && diameter_mm=>width_mm = 9\nheight_mm = 5\n@wall_mm = 2.5 # ;; structure.section.wall_mm ;; below 2.5 mm
 "modal" =>"model"  ;; structure.damping.law ;; did you mean "modal"?
+"modal" =>"hysteretic"  ;; structure.damping.law ;; did you mean "loss_factor"?
+length_mm = 383.0=>length_mm = 383.0\n@zeta = 0.01 ;; structure.zeta ;; write ratio in [structure.damping] with law = "modal"
+length_mm = 383.0=>length_mm = 383.0\n@eta = 0.01 ;; structure.eta ;; write loss_factor in [structure.damping] with law = "loss_factor"
+[sampling]=>[uncertain.density]\nsd_percent = 1.0\n@mean = 7800.0\n[sampling] ;; uncertain.density.mean ;; remove it: the middle is that of density_kg_m3 in [structure]
+[sampling]=>[uncertain.gain]\nsd_percent = 1.0\n@mean = 1.0\n[sampling] ;; uncertain.gain.mean ;; remove it: the middle is the nominal value
+k11 = 5.05e9=>k11_n_per_m = 5.05e9 ;; data.truth.k11_n_per_m ;; did you mean "k11"? rename it
 ratio = 0.01=>ratio = 1.0 ;; structure.damping.ratio ;; below 1
 ratio = 0.01=>ratio = [\n0.01, # 1 %\n@-0.02] ;; structure.damping.ratio ;; as entry 2
 ratio = 0.01=>ratio = [] ;; structure.damping.ratio ;; an empty list

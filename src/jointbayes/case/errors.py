@@ -34,6 +34,11 @@ _SYMBOLS = {
     "eta": "loss_factor",
     "kappa": "shear_coefficient",
 }
+#: Law and key of [structure.damping] for a symbol that stands in [structure].
+_OF_DAMPING = {"zeta": ("modal", "ratio"), "eta": ("loss_factor", "loss_factor")}
+_MIDDLES = ("mean", "median", "value", "nominal")
+#: Texts that mean one of the allowed ones.
+_SYNONYMS = {"hysteretic": "loss_factor", "structural": "loss_factor"}
 
 
 @dataclass(frozen=True)
@@ -232,6 +237,8 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
     homes = [] if surely else list(dict.fromkeys(_homes(root, key)))[:3]
     hints = [f"it belongs in {' or '.join(homes)}"] if homes else []
     expected = f"one of {', '.join(known)}"
+    if not meant and (elsewhere := _elsewhere(place.path, root)):
+        hints = [elsewhere]
     if meant:
         expected = f"{meant} ({known[meant].description})"
         twin, clash = place.siblings.get(meant), meant in place.siblings
@@ -242,6 +249,18 @@ def _unknown_wording(fault: _Fault, root: type[BaseModel]) -> tuple[str, str, st
         hints.insert(0, f'did you mean "{meant}"? {rename}')
     found = f"unknown {'table' if isinstance(place.value, Mapping) else 'key'}"
     return found, f"expected {expected}", ", or ".join(hints) or "remove it"
+
+
+def _elsewhere(path: KeyPath, root: type[BaseModel]) -> str:
+    """What to write instead of a key whose meaning is stated in another table under another name; or empty."""
+    key = str(path[-1])
+    if path[:-1] == ("structure",) and key in _OF_DAMPING:
+        return 'write {1} in [structure.damping] with law = "{0}"'.format(*_OF_DAMPING[key])
+    if path[0] == "uncertain" and len(path) == 3 and key in _MIDDLES:
+        tables = _models(root.model_fields["structure"].annotation)
+        stated = same_stem(str(path[1]), [name for table in tables for name in table.model_fields])
+        return f"remove it: the middle is {f'that of {stated} in [structure]' if stated else 'the nominal value'}"
+    return ""
 
 
 def _converted(place: _Place, meant: str) -> str:
@@ -286,7 +305,9 @@ def _value_remedy(place: _Place) -> str:
         is_array = isinstance(value, list) and value and isinstance(value[0], dict)
         return f"write {'single brackets' if is_array else 'a table'}: [{show_key(place.path)}]"
     if isinstance(value, str):
-        choice = similar(value, [c for f in fields for c in _choices(f.annotation)])
+        choices = [c for f in fields for c in _choices(f.annotation)]
+        synonym = _SYNONYMS.get(value.lower())
+        choice = similar(value, choices) or (synonym if synonym in choices else None)
         if choice:
             return f'did you mean "{choice}"?'
         if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", value) and example[0] not in '"[':

@@ -1,5 +1,6 @@
-"""Whether measured natural frequencies fit better when their modes are counted from another number."""
+"""Whether measured natural frequencies fit better with their modes counted from another number, or as rad/s."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,24 +17,30 @@ SHIFTS = (*range(-3, 0), *range(1, 7))
 #: A numbering is doubted where another one has a sum of squares lower by this, and by this factor.
 LEAST_GAIN, LEAST_FACTOR = 20.0, 4.0
 _DRAWS, _CLIMBS, _STEP = 300, 3, 1e-4
+_RAD_PER_S = 1 / (2 * math.pi)  # Hz
 _FAR = 1e6  # a residual where a joint outside the prior has no natural frequency
 
 
 @dataclass(frozen=True, slots=True)
 class Renumbered:
-    """A numbering that fits better than the stated one: both, and the sums of squared residuals over their sd."""
+    """A numbering that fits better than the stated one: both, and the sums of squared residuals over their sd.
+
+    With `rad_per_s` it is the stated numbering of frequencies that were divided by 2π.
+    """
 
     stated: tuple[int, ...]
     better: tuple[int, ...]
     stated_squares: float
     better_squares: float
+    rad_per_s: bool = False
 
 
 def find_numbering(problem: Problem) -> Renumbered | None:
     """Look for a numbering that fits natural frequencies far better than the stated one; None where none does.
 
-    For each shift of all numbers the joint is fitted anew, within its prior and from the best of draws of it, with what
-    else is uncertain at its middle.
+    For each shift of all numbers, and for frequencies that are 2π times too high, the joint is fitted anew, within its
+    prior and from the best of draws of it, with what else is uncertain at its middle. Default priors follow the
+    measured frequencies: of frequencies in rad/s the springs may be softer by (2π)².
 
     Parameters
     ----------
@@ -54,25 +61,33 @@ def find_numbering(problem: Problem) -> Renumbered | None:
             return None
         possible = [shift for shift in SHIFTS if numbers.min() + shift >= 1 and numbers.max() + shift <= most]
         each = {shift: _least_squares(problem, measured, numbers + shift, draws) for shift in possible}
+        each[0] = _least_squares(problem, measured, numbers, draws, _RAD_PER_S)
     except (JointBayesError, ArithmeticError, np.linalg.LinAlgError):  # the run itself will say it
         return None
-    best = min(each, key=lambda shift: each[shift], default=0)
-    if not each or stated - each[best] < LEAST_GAIN or each[best] * LEAST_FACTOR > stated:
+    best = min(each, key=lambda shift: each[shift])
+    if stated - each[best] < LEAST_GAIN or each[best] * LEAST_FACTOR > stated:
         return None
-    return Renumbered(tuple(numbers.tolist()), tuple((numbers + best).tolist()), stated, each[best])
+    return Renumbered(tuple(numbers.tolist()), tuple((numbers + best).tolist()), stated, each[best], best == 0)
 
 
-def _least_squares(problem: Problem, measured: ModalMeasurement, numbers: NDArray[np.int_], draws: Array) -> float:
+def _least_squares(
+    problem: Problem, measured: ModalMeasurement, numbers: NDArray[np.int_], draws: Array, unit_hz: float = 1.0
+) -> float:
     """Sum of squared residuals of the best joint, for modes of these numbers, climbing from the best of draws."""
     prior = problem.prior
     joint = len(prior.marginals)
     rest, scale = draws[0, joint:], np.maximum([marginal.sd for marginal in prior.marginals], 1e-12)
-    low, high = np.array([marginal.support for marginal in prior.marginals]).T / scale
+    softer = np.array([2 * math.log(unit_hz) * axis.logarithmic for axis in prior.parametrisation.axes])
+    low, high = np.array([marginal.support for marginal in prior.marginals]).T
+    low, high = (low + softer) / scale, high / scale
+    draws = np.vstack([draws, draws + np.append(softer, 0 * rest)]) if softer.any() else draws
 
     def residuals(theta: Array) -> Array:
         stiffness, factors = prior.stiffness(theta), prior.factors(theta)
         predicted = problem.natural_frequencies_hz(stiffness, int(numbers.max()), factors)[:, numbers - 1]
-        return np.nan_to_num((measured.frequency_hz - predicted) / measured.sd_hz, nan=_FAR, posinf=_FAR, neginf=-_FAR)
+        return np.nan_to_num(
+            (measured.frequency_hz - predicted / unit_hz) / measured.sd_hz, nan=_FAR, posinf=_FAR, neginf=-_FAR
+        )
 
     def fit(x: Array) -> Array:
         return residuals(np.concatenate([x * scale, rest])[None])[0]

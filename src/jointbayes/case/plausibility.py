@@ -141,18 +141,23 @@ def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputW
 
 
 def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: bool) -> tuple[InputWarning, ...]:
-    """A doubt of the numbers of measured modes, as `jointbayes.case.numbering` finds it."""
+    """A doubt of the numbers of measured modes, or of their unit, as `jointbayes.case.numbering` finds it."""
     if doubt is None:
         return ()
+    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
+    squares = (
+        f"squared residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, "
+        "the joint fitted anew for each"
+    )
+    if doubt.rad_per_s:
+        found = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
+        return _placed([Finding(loc, found, "natural frequencies in Hz", "divide them by 2π")], text)
     stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
     found = (
-        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: squared "
-        f"residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, the joint "
-        "fitted anew for each"
+        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: {squares}"
     )
     expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
     remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
-    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
     return _placed([Finding(loc, found, expected, remedy)], text)
 
 
