@@ -86,7 +86,7 @@ def assemble_measurement(
     known, contradicted = _with_quantity(mapped.records, plan, where)
     notes = [*made.notes, *dict.fromkeys(note for record in known for note in record.notes)]
     if plan.conjugate:
-        known = [replace(record, values=record.values.conj()) for record in known]
+        known = [record.conjugate for record in known]
         notes.append("The complex conjugates of the FRFs were taken, as conjugate = true asks.")
     notes += [
         f"Channel {use.channel} points the other way than the mapped one: it was taken for {use.dof} with a factor "

@@ -69,6 +69,11 @@ class FrfRecord:
         coherence = None if self.coherence is None else self.coherence[which]
         return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
 
+    @property
+    def conjugate(self) -> "FrfRecord":
+        """The same for the other time factor, exp(−iωt)."""
+        return replace(self, values=self.values.conj())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeRecord:

@@ -107,12 +107,8 @@ def inspect_file(path: Path, mass_kg: float | None = None, *, conjugate: bool = 
     from jointbayes.measurement.formats import detect_format, iter_records
 
     form = detect_format(path)
-    records = (_conjugate(r) if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path))
+    records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path))
     return replace(inspect_records(records, mass_kg), source=str(path), form=form)
-
-
-def _conjugate(record: FrfRecord) -> FrfRecord:
-    return replace(record, values=record.values.conj())
 
 
 def inspect_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
@@ -134,7 +130,7 @@ def _inspected(records: Iterable[Record], mass_kg: float | None) -> Inspection:
     fitted = kept
     if seen.warnings.conjugated:
         seen.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
-        fitted = tuple(map(_conjugate, kept))
+        fitted = tuple(record.conjugate for record in kept)
     modes, modes_of, modes_note = _modes(fitted) if kept else ((), (), note)
     known = seen.coherence
     return Inspection(
