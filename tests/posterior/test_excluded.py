@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,16 +10,19 @@ from scipy import stats
 
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
+from jointbayes.inference import Uniform
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.excluded import (
     LEVEL,
     SimplerJoint,
+    _greatest,
     exclusion_sentence,
     known_by_bounds,
     simpler_joints,
 )
 from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow
+from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph
 from jointbayes.report.sections.lead import lead
@@ -120,7 +124,11 @@ def test_terminal_page_one_and_summary_say_what_is_excluded(bounded, capsys):
     said, summary = inputs.knowledge.bounds_sentence, inputs.summary.to_json()["identifiability"]
     assert said.startswith("The data exclude that the joint is rigid (")
     assert "and do not exclude that the joint is uncoupled" in said
-    assert "Best known: flexibility at a lever arm of " in said
+    best = inputs.knowledge.directions[0]
+    assert f"Best known: {best.sentence} (median {rounded(best.median)}, 95 % credible interval " in said
+    assert best.interval95[0] < best.median < best.interval95[1]
+    assert f"{rounded_interval(best.interval95, best.interval95_error, ' to ')}, SI units)" in said
+    assert summary["directions"][0]["median"] == best.median
     assert summary["bounds_sentence"] == said
     assert [one["excluded"] for one in summary["simpler_joints"]] == [True, True, False]
     assert f"**{said}**" in [block.text for block in lead(inputs) if isinstance(block, Paragraph)]
@@ -145,9 +153,37 @@ def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_chang
     run = UncertainInputsRow((), "this run", known)
     knowledge = replace(knowledge, freed=(run, UncertainInputsRow(("length", "density"), "short run", known)))
     assert knowledge.exact == {}
-    assert ("Best known, with length and density exactly known: " in knowledge.bounds_sentence) == condition
+    said = knowledge.bounds_sentence
+    assert said.startswith("With length and density exactly known: the data exclude that the joint is") == condition
+    assert ("Best known, on the same condition: " in said) == condition
     assert knowledge.directions_sentence.startswith("With length and density exactly known: ") == condition
-    assert "Best known: " in replace(knowledge, freed=(run,)).bounds_sentence
+    said = replace(knowledge, freed=(run,)).bounds_sentence
+    assert said.startswith("The data exclude")
+    assert "Best known: " in said
+
+
+def test_of_a_run_that_did_not_converge_nothing_is_excluded(bounded):
+    failed = replace(bounded, record=replace(bounded.record, converged=False))
+    assert gather_knowledge(failed).bounds_sentence == ""
+
+
+def test_every_mode_is_climbed_from(monkeypatch):
+    """About the second mode the draws fit worse than about the first, while its best joint fits better."""
+    theta = np.concatenate([np.linspace(-1, 1, 40), [10.0]])[:, None]
+
+    def log_likelihood(_posterior, points, _put):
+        x = points[:, 0]
+        return np.where(x < 5, -3 - x**2, -50 * (x - 10.5) ** 2)
+
+    monkeypatch.setattr("jointbayes.posterior.information.excluded._log_likelihood", log_likelihood)
+    modes = tuple((np.array([x]), np.eye(1) / 100) for x in (0.0, 10.0))
+    posterior = SimpleNamespace(
+        estimate=SimpleNamespace(starts_for_draws=modes),
+        solutions=SimpleNamespace(nearest=lambda points: (points[:, 0] > 5).astype(int)),
+        problem=SimpleNamespace(prior=SimpleNamespace(all_marginals=(Uniform(-20.0, 20.0),))),
+    )
+    assert log_likelihood(None, theta, None).argmax() < 40
+    assert _greatest(posterior, {}, theta) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_of_joints_that_are_known_nothing_is_said(cheap_posterior):

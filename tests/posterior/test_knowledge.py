@@ -23,7 +23,7 @@ from jointbayes.report.labels import nuisance_label
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Callout, Paragraph, Table
 from jointbayes.report.sections.knowledge import freed_blocks
-from tests.conftest import CONFIGS, cheap_text, of_case
+from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
@@ -148,6 +148,30 @@ def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_giv
     for name in ("k11", "k12", "k22"):
         assert freed.known[name].sd_log == pytest.approx(sampled.identifiability(name).sd_log, rel=0.15)
         assert freed.verdict[name] == sampled.identifiability(name).verdict
+
+
+BOUNDS_OF_K11 = (
+    'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\n'
+    "low = 1.0e6\nhigh = 1.0e11\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("prior", "reason"),
+    [
+        ('distribution = "log_normal"\nmedian = 9.0e9\nsd_log = 0.47\n', "rests on the prior: weakly identified with"),
+        ('distribution = "log_uniform"\nlow = 1.0e6\nhigh = 1.0e10\n', "the prior's upper bound 1e10 N/m limits it"),
+    ],
+)
+def test_a_freed_row_is_judged_against_wider_priors_as_a_run_is(prior, reason):
+    text = edited(cheap_text(), (BOUNDS_OF_K11, prior))
+    sampled = jb.sample(case_from_text("held", text), settings=TO_CONVERGE)
+    assert sampled.converged
+    uncertain = case_from_text("gain", text + "\n[uncertain.gain]\nsd_percent = 0.5\n").problem
+    run, freed = effect_of_uncertain_inputs(sampled, uncertain)
+    assert run.known["k11"].verdict_reason.startswith(reason)
+    assert freed.known["k11"].verdict_reason.startswith(reason)
+    assert freed.verdict == run.verdict
 
 
 def test_each_quantity_can_be_looked_at_alone(uncertain):

@@ -8,17 +8,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 import jointbayes as jb
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
 from jointbayes.joint.parametrisation import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
-from jointbayes.posterior.identifiability import assess
+from jointbayes.posterior.identifiability import WEAK_RATIO, assess
+from jointbayes.posterior.information.knowledge import _profiles
 from jointbayes.posterior.information.limits import LikelihoodRegion
 from jointbayes.posterior.information.profile import profile_likelihood
+from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval
 from jointbayes.posterior.verdicts import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LEAST_EXCLUDED, verdict_line
-from jointbayes.report.sections.lead import verdict_sentences
+from jointbayes.report.sections.lead import coupling_sentence, verdict_sentences
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE
 from tests.posterior.test_verdicts import widened_by, with_cached
 
@@ -69,6 +72,21 @@ def test_limits_of_a_correlated_gaussian_are_those_of_its_marginals():
         for ends, fall in ((found[0], FALL_TWO_SIDED), (found[1], FALL_PRINTED)):
             reach = math.sqrt(2 * fall) * sd[index]
             assert np.log(ends) == pytest.approx([centre[index] - reach, centre[index] + reach], abs=2e-3)
+
+
+def test_a_climb_that_stops_short_of_the_limit_and_of_every_edge_goes_on(monkeypatch):
+    centre, sd = np.log([2e7, 5e6]), 0.2
+    problem = springs(lambda theta: -0.5 * (((theta - centre) / sd) ** 2).sum(axis=1))
+    region = LikelihoodRegion(problem, problem.draws())
+    minimize, calls = optimize.minimize, []
+
+    def stopped(*arguments, options, **more):
+        calls.append(1)
+        return minimize(*arguments, options=options | ({"maxiter": 1} if len(calls) <= 6 else {}), **more)
+
+    monkeypatch.setattr(optimize, "minimize", stopped)
+    limits, _ = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    assert np.log(limits) == pytest.approx([centre[0] - Z95 * sd, centre[0] + Z95 * sd], abs=2e-3)
 
 
 def test_limits_on_an_open_ridge_are_those_of_the_flexibility_that_was_measured():
@@ -181,6 +199,21 @@ def test_limits_equal_the_ends_of_profiles(cheap_posterior):
         assert np.log(limits[0]) == pytest.approx(profile.interval, abs=1e-3 * np.ptp(profile.interval))
 
 
+def test_the_likelihood_limits_of_the_report_are_those_of_the_verdicts(cheap_posterior):
+    limits = {"k11": (2e9, math.nan), "k12": (2.9e7, 7e7), "k22": (math.nan, 1.6e6)}
+
+    def of_index(index, _fall, _printed):
+        return limits[PAIR.stiffness_names[index]], (math.nan, math.nan)
+
+    changed = with_cached(cheap_posterior, likelihood_region=SimpleNamespace(limits=of_index))
+    low, high = cheap_posterior.problem.prior.support
+    for index, profile in enumerate(_profiles(changed.problem, changed)):
+        expected = limits[profile.name]
+        assert (profile.open_below, profile.open_above) == tuple(np.isnan(expected))
+        ends = np.where(np.isnan(expected), (low[index], high[index]), np.log(expected))
+        assert profile.interval == pytest.approx(tuple(ends))
+
+
 # ---- what is printed
 
 
@@ -208,6 +241,20 @@ def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
     assert identified.verdict == "identified"
     assert np.isnan([identified.likelihood95, identified.printed95]).all()
     assert identified.interval() == rounded_interval(identified.interval95, identified.interval95_error)
+
+
+@pytest.mark.parametrize("wider", [1.001, 1.5, 3.0])
+def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider):
+    low, high = cheap_posterior.interval("k12")
+    changed = with_limits(cheap_posterior, (low, high), (low / wider, high))
+    known = changed.identifiability("k12")
+    assert known.verdict == "weakly identified"
+    printed = known.printed95[1] / known.printed95[0]
+    assert printed == pytest.approx(wider * high / low)
+    limit = f"at most {WEAK_RATIO:g}" if printed <= WEAK_RATIO else f"by the draws alone at most {WEAK_RATIO:g}"
+    assert known.verdict_reason == f"the upper end is {ratio_in_words(printed)} times the lower end, {limit}"
+    said = coupling_sentence(changed.summary(), *PAIR.quantities[1:])
+    assert f"its 95 % interval spans a factor of {ratio_in_words(printed)} ({known.interval()} N)" in said
 
 
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):

@@ -11,8 +11,9 @@ from benchmarks import several_modes as study
 import jointbayes as jb
 from jointbayes.posterior.information.excluded import known_by_bounds
 from jointbayes.posterior.information.uncertain_inputs import effect_of_uncertain_inputs
-from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _parted, further_measurement
+from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, further_measurement
 from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED
+from jointbayes.posterior.widened import _drawn_anew, widened_prior
 from jointbayes.report.sections.lead import _banners
 from tests.conftest import CONFIGS, TO_CONVERGE
 
@@ -100,6 +101,24 @@ def test_solutions_of_a_model_that_fails_do_not_explain_the_data(portal):
     assert Solutions(misfit).sentence.startswith("Two solutions fit the data best (probability 0.5")
 
 
+def test_wider_priors_are_drawn_about_every_solution(portal):
+    wide = widened_prior(portal.problem.prior)
+    theta, effective, reliable = _drawn_anew(portal, np.random.default_rng(1), wide)
+    assert reliable
+    assert effective > 1000
+    shares = np.bincount(portal.solutions.nearest(theta), minlength=2) / len(theta)
+    assert shares == pytest.approx([0.5, 0.5], abs=0.05)
+
+
+def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(portal):
+    failed = dataclasses.replace(portal, record=dataclasses.replace(portal.record, converged=False))
+    sentence = failed.solutions.sentence
+    assert sentence.startswith("Two solutions explain the data (their probabilities are not settled, as the sampler")
+    assert "(probability" not in sentence
+    assert sentence.partition("): ")[2] == portal.solutions.sentence.partition("): ")[2]
+    assert "probability" not in failed.identifiability("A.kx").verdict_reason
+
+
 def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
     solutions = cheap_posterior.solutions
     assert solutions.shares.tolist() == [1.0]
@@ -124,14 +143,14 @@ def test_a_mode_that_no_interval_reaches_is_no_solution(portal):
 def test_halves_of_one_ridge_are_not_two_solutions():
     rng = np.random.default_rng(1)
     flat, bell = rng.uniform(0, 1, 20_000), rng.normal(size=20_000)
-    assert not _parted(flat[flat < 0.5], flat[flat >= 0.5])
-    assert not _parted(flat[flat < 0.05], flat[flat >= 0.05])
-    assert not _parted(bell[bell < 0], bell[bell >= 0])
-    assert not _parted(bell[bell < 1.5], bell[bell >= 1.5])
-    assert not _parted(bell, bell + 3)  # the intervals meet
-    assert _parted(bell, bell + 6)
-    assert _parted(bell, 6 + 0.1 * bell)
-    assert _parted(bell, 6 + 0.01 * bell[:600])
+    assert not _are_apart(flat[flat < 0.5], flat[flat >= 0.5])
+    assert not _are_apart(flat[flat < 0.05], flat[flat >= 0.05])
+    assert not _are_apart(bell[bell < 0], bell[bell >= 0])
+    assert not _are_apart(bell[bell < 1.5], bell[bell >= 1.5])
+    assert not _are_apart(bell, bell + 3)  # the intervals meet
+    assert _are_apart(bell, bell + 6)
+    assert _are_apart(bell, 6 + 0.1 * bell)
+    assert _are_apart(bell, 6 + 0.01 * bell[:600])
 
 
 def test_where_no_single_sensor_tells_them_apart_it_says_so():

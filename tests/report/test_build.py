@@ -80,14 +80,14 @@ def test_the_sentence_on_the_coupling_carries_the_summary_s_numbers(whole, cheap
     _, sentence, explains = of_kind(whole.lead, Paragraph)
     assert explains.text.replace("*", "") == summary["check"]["sentence"]
     found = re.fullmatch(
-        r"\*\*The coupling stiffness k12 is (?P<verdict>[a-z ]+)\*\*: its 95 % credible interval spans a factor of "
+        r"\*\*The coupling stiffness k12 is (?P<verdict>[a-z ]+)\*\*: its 95 % interval spans a factor of "
         r"(?P<factor>\S+) \((?P<low>\S+) … (?P<high>\S+) N\); the relative standard deviation is (?P<sd12>\S+) %, "
         r"(?P<times>\S+) times that of k22 \((?P<sd22>\S+) %\)\.",
         sentence.text,
     )
     assert found["verdict"] == k12["verdict"] == "weakly identified"
-    low, high = k12["interval95"]
-    assert f"{found['low']} … {found['high']}" == rounded_interval((low, high), k12["interval95_error"])
+    low, high = k12["printed95"]
+    assert f"{found['low']} … {found['high']}" == cheap_posterior.identifiability("k12").interval()
     for group, exact, digits in (
         ("factor", high / low, 3),
         ("sd12", 100 * k12["sd_log"], 2),

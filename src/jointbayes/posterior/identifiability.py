@@ -152,8 +152,16 @@ class Identifiability:
         return f"the prior's volume speaks: {', '.join(said)}" if said else ""
 
 
-def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:
+def ratio_of(ends: tuple[float, float]) -> float:
+    """Upper over lower end of an interval of |k|; infinite where it holds zero."""
+    low, high = ends
+    return max(high / low, low / high) if low * high > 0 else math.inf
+
+
+def verdict_by_rule(ratio: float, contraction: float, printed: float | None = None) -> tuple[Verdict, str]:
     """Verdict on a stiffness and the reason for it, from the ends' ratio and the contraction.
+
+    The reason states the ratio of the ends that are printed beside it where these are not those of the draws.
 
     Examples
     --------
@@ -165,11 +173,14 @@ def verdict_by_rule(ratio: float, contraction: float) -> tuple[Verdict, str]:
         return "not identified", f"{shrunk}; {100 * LEAST_CONTRACTION:g} % is needed"
     if math.isinf(ratio):
         return "not identified", "its 95 % credible interval contains zero"
-    spread = f"the upper end is {factor(ratio)} times the lower end"
-    if ratio <= IDENTIFIED_RATIO:
-        return "identified", f"{spread}, at most {IDENTIFIED_RATIO:g}"
-    if ratio <= WEAK_RATIO:
-        return "weakly identified", f"{spread}, at most {WEAK_RATIO:g}"
+    shown = ratio if printed is None else printed
+    spread = f"the upper end is {factor(shown)} times the lower end"
+    if math.isinf(shown):
+        spread = "its 95 % interval contains zero"
+    limits: tuple[tuple[Verdict, float], ...] = (("identified", IDENTIFIED_RATIO), ("weakly identified", WEAK_RATIO))
+    for verdict, most in limits:
+        if ratio <= most:
+            return verdict, f"{spread}, {'' if shown <= most else 'by the draws alone '}at most {most:g}"
     return "not identified", f"{spread}, more than {WEAK_RATIO:g}"
 
 
@@ -189,7 +200,7 @@ def assess(posterior: Array, prior: Array) -> Identifiability:
     low, median, high = (float(q) for q in np.quantile(posterior, [0.025, 0.5, 0.975]))
     one_sign = bool((posterior > 0).all() or (posterior < 0).all())
     if one_sign:
-        ratio = max(high / low, low / high)
+        ratio = ratio_of((low, high))
         sd_log = float(np.log(np.abs(posterior)).std())
         contraction = 1 - (sd_log / float(np.log(np.abs(prior)).std())) ** 2
     else:

@@ -66,7 +66,7 @@ class Solutions:
         likely = np.flatnonzero(self.shares >= LEAST_SHARE).tolist()
         groups: list[list[int]] = []
         for mode in sorted(likely, key=lambda mode: float(np.median(self._draws(name, [mode])))):
-            if groups and not _parted(self._draws(name, groups[-1]), self._draws(name, [mode])):
+            if groups and not _are_apart(self._draws(name, groups[-1]), self._draws(name, [mode])):
                 groups[-1].append(mode)
             else:
                 groups.append([mode])
@@ -107,11 +107,13 @@ class Solutions:
         """What the solutions are and what measurement would tell them apart; empty where there is one."""
         if not self.split:
             return ""
-        shares = ", ".join(f"{self.shares[modes].sum():.2f}" for modes in self._distinct)
+        shares = f"probability {', '.join(f'{self.shares[modes].sum():.2f}' for modes in self._distinct)}"
+        if not self._posterior.converged:
+            shares = "their probabilities are not settled, as the sampler has not converged"
         # of a model that does not explain the data the solutions only fit best
         fit = "explain the data" if self._posterior.check.explains else "fit the data best"
         text = (
-            f"{_count(len(self._distinct)).capitalize()} solutions {fit} (probability {shares}): "
+            f"{_count(len(self._distinct)).capitalize()} solutions {fit} ({shares}): "
             f"{', '.join(self.split)} differ between them."
         )
         theta = np.array([self._posterior.estimate.starts_for_draws[modes[0]][0] for modes in self._distinct])
@@ -174,7 +176,7 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     return f"{text}, {number(difference[best] / noise, 2)} times the noise." if noise else f"{text}."
 
 
-def _parted(left: Array, right: Array) -> bool:
+def _are_apart(left: Array, right: Array) -> bool:
     """Whether draws of two modes, the lower first, have a gap between them, and are not halves of one ridge."""
     (start, low), (high, end) = np.quantile(left, INTERVAL), np.quantile(right, INTERVAL)
     if not low < high:

@@ -11,8 +11,9 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.special import chdtri
@@ -20,7 +21,7 @@ from scipy.special import chdtri
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.posterior.draws import PosteriorDraws
-from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, verdict_by_rule
+from jointbayes.posterior.identifiability import CERTAINTY, Identifiability, Verdict, assess, ratio_of, verdict_by_rule
 from jointbayes.posterior.information.limits import LikelihoodRegion
 from jointbayes.posterior.rounding import in_unit, number, rounded
 from jointbayes.posterior.solutions import Solutions
@@ -39,6 +40,8 @@ IF_MODEL_RIGHT = "if the model were right"
 FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED = (float(chdtri(1, p)) / 2 for p in (0.05, 0.10, 0.025))
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
 MOST_UNKNOWNS = 10
+
+Error = Callable[[float], float]
 
 _REGION_DRAWS = 4000
 _LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
@@ -133,7 +136,9 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
         return _with_likelihood(posterior, name, known) if name in posterior.stiffness_names else known
     if name in posterior.stiffness_names:
         if posterior.widened is not None:
-            known = _with_wider_priors(posterior, posterior.widened, name, known)
+            known = with_wider_priors(
+                posterior, posterior.widened, name, known, posterior.values(name), partial(quantile_error, draws)
+            )
         known = _with_likelihood(posterior, name, known)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow:
@@ -204,26 +209,47 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
     return interval[0] <= value <= interval[1]
 
 
-def _with_wider_priors(
-    posterior: JudgedPosterior, wide: WidenedPosterior, name: str, known: Identifiability
+def with_wider_priors(
+    posterior: JudgedPosterior, wide: WidenedPosterior, name: str, known: Identifiability, values: Array, error: Error
 ) -> Identifiability:
-    """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason."""
+    """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason.
+
+    Parameters
+    ----------
+    posterior
+        The run, whose priors of the joint are those that were widened.
+    wide
+        Draws under wider priors.
+    name
+        Of the stiffness.
+    known
+        What its draws say.
+    values
+        These draws, any shape.
+    error
+        Monte Carlo standard error of their quantile at a probability.
+    """
     place = posterior.stiffness_names.index(name)
-    values = wide.prior.stiffness(wide.theta)[:, place]
-    wider = assess(values, wide.prior.stiffness(wide.prior_theta)[:, place])
+    beyond = wide.prior.stiffness(wide.theta)[:, place]
+    wider = assess(beyond, wide.prior.stiffness(wide.prior_theta)[:, place])
     if not wide.reliable:
         return _less_certain(
             known, "not identified", f"rests on the prior: the posterior with {_WIDER} could not be computed"
         )
-    below, above = _beyond_bounds(posterior, wide, name)
+    low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
+    below, above = float((beyond < low).mean()), float((beyond > high).mean())
+    if below > BEYOND and above > BEYOND:
+        both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
+        return replace(known, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
     if below > BEYOND or above > BEYOND:
-        return _bounded(posterior, name, known, wider.verdict, below, above)
+        side: Side = "upper" if above > BEYOND else "lower"
+        return _bounded(posterior, name, known, wider.verdict, side, values, error)
     if not _holds(known.interval95, wider.median):
-        ratio = _joined_ratio(known.interval95, wider.interval95)
-        verdict, _ = verdict_by_rule(ratio, known.contraction)
+        ends = [*known.interval95, *wider.interval95]
+        verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), known.contraction)
         moved = f"its median goes from {rounded(known.median)} to {rounded(wider.median)} with {_WIDER}"
         return replace(known, verdict=verdict, verdict_reason=f"rests on the prior: {moved}")
-    if _same_verdict(known, wider, _log_ratio_error(known, wider, values, wide.effective)):
+    if _same_verdict(known, wider, _log_ratio_error(known, wider, beyond, wide.effective)):
         return known
     which = "default priors, which no one stated" if posterior.has_default_prior(name) else "priors as stated"
     changed = f"rests on the prior: {known.verdict} with the {which}, {wider.verdict} with {_WIDER}"
@@ -235,45 +261,29 @@ def _less_certain(known: Identifiability, verdict: Verdict, reason: str) -> Iden
     return replace(known, verdict=worst, verdict_reason=reason)
 
 
-def _beyond_bounds(posterior: JudgedPosterior, wide: WidenedPosterior, name: str) -> tuple[float, float]:
-    """Mass of the wider posterior below and above the stated bounds of a stiffness; 0 where it has none."""
-    bounds = posterior.problem.prior.bounds_of(name)
-    if bounds is None:
-        return 0.0, 0.0
-    values = wide.prior.stiffness(wide.theta)[:, posterior.stiffness_names.index(name)]
-    return float((values < bounds[0]).mean()), float((values > bounds[1]).mean())
-
-
 def _bounded(
-    posterior: JudgedPosterior, name: str, known: Identifiability, wider: Verdict, below: float, above: float
+    posterior: JudgedPosterior,
+    name: str,
+    known: Identifiability,
+    wider: Verdict,
+    side: Side,
+    values: Array,
+    error: Error,
 ) -> Identifiability:
-    """What the draws say of a stiffness that a bound of its prior holds: a limit to the other side."""
-    if below > BEYOND and above > BEYOND:
-        both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return replace(known, verdict="not identified", verdict_reason=f"{both} limit it on both sides")
-    side: Side = "upper" if above > BEYOND else "lower"
-    reason = f"{_bound_in_words(posterior, name, side)} limits it"
-    known = replace(known, unit=posterior.unit(name))
-    known = with_limit(known, posterior.values(name), posterior.prior_values(name), side, reason)
-    if not known.limit:
-        return known
-    reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
-    error = quantile_error(posterior.by_ensemble(name), _LIMIT[side])
-    return replace(known, verdict_reason=reason, limit95_error=error)
-
-
-def with_limit(known: Identifiability, values: Array, prior: Array, side: Side, reason: str) -> Identifiability:
-    """A stiffness that a bound of its prior limits on one side: its 95 % limit to the other side, where it has one.
+    """What the draws say of a stiffness that a bound of its prior holds: a 95 % limit to the other side.
 
     Draws that exclude next to nothing of the prior's draws give none.
     """
-    limit = float(np.quantile(values, _LIMIT[side]))
+    reason = f"{_bound_in_words(posterior, name, side)} limits it"
+    limit, prior = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
     excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
         reason += f", and the data exclude only {100 * excluded:.0f} % of the prior"
         return replace(known, verdict="not identified", verdict_reason=reason)
+    reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
     verdict: Verdict = "bounded below" if side == "upper" else "bounded above"
-    return replace(known, verdict=verdict, verdict_reason=reason, limit95=limit)
+    known = replace(known, unit=posterior.unit(name), verdict=verdict, verdict_reason=reason)
+    return replace(known, limit95=limit, limit95_error=error(_LIMIT[side]))
 
 
 def _with_likelihood(posterior: JudgedPosterior, name: str, known: Identifiability) -> Identifiability:
@@ -292,6 +302,9 @@ def _with_likelihood(posterior: JudgedPosterior, name: str, known: Identifiabili
             reason = f"{known.verdict_reason}, and by likelihood the data exclude {100 * excluded:.0f} % of the prior"
             known = replace(known, verdict="not identified", verdict_reason=reason, limit95=math.nan)
             return _with_likelihood(posterior, name, known)
+    elif known.verdict_reason == verdict_by_rule(known.ratio, known.contraction)[1]:
+        _, reason = verdict_by_rule(known.ratio, known.contraction, ratio_of((low, high)))
+        known = replace(known, verdict_reason=reason)
     return replace(known, unit=posterior.unit(name), likelihood95=at95, printed95=(low, high))
 
 
@@ -304,12 +317,6 @@ def _bound_in_words(posterior: JudgedPosterior, name: str, side: Side) -> str:
         end = in_unit(number(bounds[side == "upper"]), posterior.unit(name))
         return f"the default range, {reach} {end}, which no one stated,"
     return f"the prior's {side} bound {in_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
-
-
-def _joined_ratio(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Upper over lower end of the smallest interval that holds both."""
-    low, high = min(one[0], other[0]), max(one[1], other[1])
-    return max(high / low, low / high) if low * high > 0 else math.inf
 
 
 def _log_ratio_error(known: Identifiability, wider: Identifiability, values: Array, effective: float) -> float:

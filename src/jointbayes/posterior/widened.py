@@ -2,22 +2,28 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.identification import refine
-from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Uniform
+from jointbayes.identification import refine, refine_where_possible
+from jointbayes.identification.mode_search import local_modes
+from jointbayes.inference import JointPrior, LogPosterior, Marginal, Normal, OfStiffness, Problem, Uniform
 from jointbayes.joint import Coordinate
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.evidence import WeightedDraws
-from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.sampling import Chains, Proposal, SamplerSettings, fit_each_mode, fit_proposal, run_ensembles
 from jointbayes.threads import one_blas_thread
 
 Side = Literal["lower", "upper"]
+#: Draws of θ, how many independent ones they are worth, and whether they may be trusted.
+DrawsOfWorth = tuple[Array, float, bool]
+DrawnAnew = Callable[[JointPrior], DrawsOfWorth]
 
 #: By how much each bound of ln k is moved out.
 DECADE = math.log(10)
@@ -62,6 +68,13 @@ class WidenedPosterior:
     def __post_init__(self) -> None:
         self.theta.setflags(write=False)
         self.prior_theta.setflags(write=False)
+
+
+def with_prior(problem: Problem, prior: JointPrior) -> Problem:
+    """The problem under another prior; its likelihood is not built anew."""
+    out = dataclasses.replace(problem, prior=prior)
+    out.__dict__["log_posterior"] = LogPosterior(prior, problem.log_posterior.likelihood, problem.extra_log_likelihood)
+    return out
 
 
 def widened_prior(prior: JointPrior) -> JointPrior:
@@ -143,40 +156,57 @@ def widen_posterior(posterior: PosteriorDraws) -> WidenedPosterior | None:
     Kallioinen, N. et al. (2024). Detecting and diagnosing prior and likelihood sensitivity with power-scaling.
     Statistics and Computing 34, 57. DOI 10.1007/s11222-023-10366-5
     """
-    problem = posterior.problem
-    prior, wide = problem.prior, widened_prior(problem.prior)
+
+    def effective() -> float:
+        return min(float(e) for e in posterior.record.sampler["ess"].values())
+
+    rng = np.random.default_rng([posterior.record.seed, _STREAM])
+    return widen(posterior.problem.prior, posterior.theta, effective, rng, partial(_drawn_anew, posterior, rng))
+
+
+def widen(
+    prior: JointPrior, theta: Array, effective: Callable[[], float], rng: np.random.Generator, drawn_anew: DrawnAnew
+) -> WidenedPosterior | None:
+    """The same for draws θ, shape (n, d), that are worth so many independent ones.
+
+    `drawn_anew` gives those under a wider prior.
+    """
+    wide = widened_prior(prior)
     if wide.marginals == prior.marginals:
         return None
-    rng = np.random.default_rng([posterior.record.seed, _STREAM])
-    theta = posterior.theta
-    if bounds_within_reach(prior, theta):
-        return _drawn_anew(posterior, wide, rng)
-    weighted = WeightedDraws(theta, wide.log_density(theta) - prior.log_density(theta))
-    share = weighted.effective / len(theta)
-    if share > _UNCHANGED_SHARE:
-        return None
-    if share < _ENOUGH_SHARE:
-        return _drawn_anew(posterior, wide, rng)
-    effective = max(1.0, share * min(float(e) for e in posterior.record.sampler["ess"].values()))
-    return _widened(wide, weighted.resample(rng, _DRAWS), effective, rng)
+    if not bounds_within_reach(prior, theta):
+        weighted = WeightedDraws(theta, wide.log_density(theta) - prior.log_density(theta))
+        share = weighted.effective / len(theta)
+        if share > _UNCHANGED_SHARE:
+            return None
+        if share >= _ENOUGH_SHARE:
+            draws = weighted.resample(rng, _DRAWS)
+            return WidenedPosterior(wide, draws, wide.sample(rng, _PRIOR_DRAWS), max(1.0, share * effective()))
+    draws, worth, reliable = drawn_anew(wide)
+    return WidenedPosterior(wide, draws, wide.sample(rng, _PRIOR_DRAWS), worth, reliable)
 
 
-def _drawn_anew(posterior: PosteriorDraws, wide: JointPrior, rng: np.random.Generator) -> WidenedPosterior:
+def _drawn_anew(posterior: PosteriorDraws, rng: np.random.Generator, wide: JointPrior) -> DrawsOfWorth:
     """Importance draws from a proposal fitted to the wider posterior; a short run of the ensembles where they fail."""
-    problem = dataclasses.replace(posterior.problem, prior=wide)
-    log_posterior = LogPosterior(wide, posterior.problem.log_posterior.likelihood, problem.extra_log_likelihood)
-    mode, _ = refine(log_posterior, posterior.mode_theta)
-    covariance = np.atleast_2d(np.cov(posterior.theta.T))
-    # The mode may stand at the end of a plateau, where no curvature tells its size; the middle of the draws does not.
-    away = (posterior.theta - np.median(posterior.theta, axis=0)) / np.sqrt(np.diag(covariance))
-    middle = posterior.theta[np.argmin((away**2).sum(axis=1))]
-    proposal = fit_proposal(log_posterior, coordinate_systems(problem), [(mode, covariance), (middle, covariance)], rng)
+    problem = with_prior(posterior.problem, wide)
+    log_posterior, systems = problem.log_posterior, coordinate_systems(problem)
+    ends = [refine(log_posterior, posterior.mode_theta)]
+    if len(posterior.estimate.modes) > 1:
+        ends += [refine_where_possible(log_posterior, mode.theta) for mode in posterior.estimate.modes]
+    modes = local_modes(log_posterior, ends) if len(ends) > 1 else ()
+    if len(modes) > 1:
+        proposal = fit_each_mode(log_posterior, systems, [mode.start for mode in modes], None, rng)
+    else:
+        covariance = np.atleast_2d(np.cov(posterior.theta.T))
+        # The mode may stand at the end of a plateau, where no curvature tells its size; the middle of the draws not.
+        away = (posterior.theta - np.median(posterior.theta, axis=0)) / np.sqrt(np.diag(covariance))
+        middle = posterior.theta[np.argmin((away**2).sum(axis=1))]
+        proposal = fit_proposal(log_posterior, systems, [(ends[0][0], covariance), (middle, covariance)], rng)
     weighted = WeightedDraws(*proposal.weighted_draws(log_posterior, rng, _DRAWS))
     if weighted.effective >= _LEAST_EFFECTIVE:
-        return _widened(wide, weighted.resample(rng, _DRAWS), weighted.effective, rng)
+        return weighted.resample(rng, _DRAWS), weighted.effective, True
     chains = _short_run(log_posterior, proposal, np.concatenate([weighted.theta, posterior.theta]), rng)
-    theta = chains.draws().theta.reshape(-1, len(problem.names))
-    return _widened(wide, theta, float(chains.ess.min()), rng, reliable=chains.converged)
+    return chains.draws().theta.reshape(-1, len(problem.names)), float(chains.ess.min()), chains.converged
 
 
 def _short_run(log_posterior: LogPosterior, proposal: Proposal, around: Array, rng: np.random.Generator) -> Chains:
@@ -189,9 +219,3 @@ def _short_run(log_posterior: LogPosterior, proposal: Proposal, around: Array, r
     return run_ensembles(
         log_posterior, start, rng, settings, coordinates=proposal.coordinates, proposal=proposal, quantities=quantities
     )
-
-
-def _widened(
-    wide: JointPrior, theta: Array, effective: float, rng: np.random.Generator, *, reliable: bool = True
-) -> WidenedPosterior:
-    return WidenedPosterior(wide, theta, wide.sample(rng, _PRIOR_DRAWS), effective, reliable)

@@ -35,7 +35,7 @@ from jointbayes.posterior.identifiability import (
     assess,
     verdict_by_rule,
 )
-from jointbayes.posterior.rounding import factor
+from jointbayes.posterior.rounding import factor, rounded, rounded_interval
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 
 _NORMAL_95 = 1.959963984540054
@@ -74,6 +74,8 @@ class NamedDirection:
         Monte Carlo standard errors of the two ends; NaN for a combination.
     limit
         For a stiffness that is bounded below or above: its one-sided limit in words; else empty.
+    median
+        Of the quantity over the draws, SI units.
     """
 
     quantity: str
@@ -84,6 +86,13 @@ class NamedDirection:
     sentence: str
     interval95_error: tuple[float, float] = (math.nan, math.nan)
     limit: str = ""
+    median: float = math.nan
+
+    @property
+    def value(self) -> str:
+        """Median and interval in words."""
+        ends = rounded_interval(self.interval95, self.interval95_error, " to ")
+        return f"median {rounded(self.median)}, 95 % credible interval {ends}, SI units"
 
 
 def interval_ratio(sd: float) -> float:
@@ -333,8 +342,9 @@ def _named(quantity: str, known: Identifiability, moving: str = "") -> NamedDire
             spread += f", and {known.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
     verb = "has" if known.verdict == "no verdict" else "is"  # a failed run
     sentence = f"{quantity} {verb} {known.verdict}: {spread}{moving}"
+    errors, spread_log = known.interval95_error, known.sd_log
     return NamedDirection(
-        quantity, (low, high), known.ratio, known.sd_log, known.verdict, sentence, known.interval95_error, known.limit
+        quantity, (low, high), known.ratio, spread_log, known.verdict, sentence, errors, known.limit, known.median
     )
 
 

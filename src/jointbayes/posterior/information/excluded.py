@@ -82,7 +82,8 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
     if problem.parametrisation.damped or problem.extra_log_likelihood is not None:
         return ()
     out = []
-    theta = np.vstack([posterior.estimate.theta, posterior.mode_theta, posterior.thinned(_TRIED)])
+    modes = [posterior.estimate.theta, posterior.mode_theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
+    theta = np.vstack([*modes, posterior.thinned(_TRIED)])
     for joint in known_by_bounds(posterior):
         own = [i for i, q in enumerate(problem.quantities) if q.name.rpartition(".")[0] == joint]
         couplings = [i for i in own if problem.quantities[i].may_be_negative]
@@ -134,15 +135,25 @@ def _log_likelihood(posterior: JudgedPosterior, theta: Array, put: dict[int, flo
 
 
 def _greatest(posterior: JudgedPosterior, put: dict[int, float], theta: Array) -> float:
-    """The greatest of it, searched for from the best of these points, within the priors."""
-    from scipy.optimize import minimize
-
+    """The greatest of it within the priors, searched for from the best of these points about each mode."""
     tried = _log_likelihood(posterior, theta, put)
     if np.ptp(tried) <= 1e-9 * max(1.0, abs(float(tried.max()))):
         return float(tried.max())  # nothing else matters
-    start, scale = theta[int(tried.argmax())], np.maximum(theta.std(axis=0), 1e-8)
+    starts, nearest = posterior.estimate.starts_for_draws, posterior.solutions.nearest(theta)
+    greatest = [float(tried.max())]
+    for mode, (_, covariance) in enumerate(starts):
+        about = np.where(nearest == mode, tried, -np.inf)
+        spread = theta.std(axis=0) if len(starts) == 1 else np.sqrt(np.diag(covariance))
+        greatest.append(_climbed(posterior, put, theta[int(about.argmax())], np.maximum(spread, 1e-8)))
+    return max(greatest)
+
+
+def _climbed(posterior: JudgedPosterior, put: dict[int, float], start: Array, scale: Array) -> float:
+    """The greatest of it that a climb from one point, shape (d,), reaches in steps of this scale, shape (d,)."""
+    from scipy.optimize import minimize
+
     low, high = np.array([one.support for one in posterior.problem.prior.all_marginals]).T
-    bounds = np.clip((np.array([low, high]) - start) / scale, -_REACH, _REACH).T
+    bounds = list(zip(*(np.clip((end - start) / scale, -_REACH, _REACH).tolist() for end in (low, high)), strict=True))
     steps = _STEP * np.vstack([np.eye(len(start)), -np.eye(len(start))])
 
     def cost(x: Array) -> tuple[float, Array]:
@@ -151,5 +162,4 @@ def _greatest(posterior: JudgedPosterior, put: dict[int, float], theta: Array) -
         up, down = np.split(values[1:], 2)
         return -float(values[0]), -(up - down) / (2 * _STEP)
 
-    found = minimize(cost, np.zeros(len(start)), jac=True, method="L-BFGS-B", bounds=bounds)
-    return max(float(tried.max()), -float(found.fun))
+    return -float(minimize(cost, np.zeros(len(start)), jac=True, method="L-BFGS-B", bounds=bounds).fun)

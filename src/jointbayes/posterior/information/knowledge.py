@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from jointbayes.posterior.information.uncertain_inputs import (
     effect_of_uncertain_inputs,
     uncertain_quantities,
 )
-from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, JudgedPosterior
+from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED, IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +81,11 @@ class Knowledge:
         """What is known of joints of which each stiffness is known by bounds at most; empty where there are none."""
         if not self.simpler:
             return ""
-        best = next((d.sentence for d in self.directions if d.verdict in CERTAINTY), "")
-        known = f"Best known{self._condition and f', with {self._condition}'}: {best}."
+        best = next((f"{d.sentence} ({d.value})" for d in self.directions if d.verdict in CERTAINTY), "")
+        known = f"Best known{self._condition and ', on the same condition'}: {best}."
         said = f"{exclusion_sentence(self.simpler)}{f' {known}' if best else ''}"
+        if self._condition:
+            said = f"With {self._condition}: {said[0].lower()}{said[1:]}"
         return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
 
     @property
@@ -121,6 +123,7 @@ class Knowledge:
             "directions": [
                 {
                     "quantity": d.quantity,
+                    "median": d.median,
                     "interval95": list(d.interval95),
                     "ratio": d.ratio,
                     "sd_log": d.sd_log,
@@ -228,10 +231,23 @@ def _profiles(problem: Problem, posterior: JudgedPosterior) -> tuple[ProfileLike
     profiles = []
     for name in problem.parametrisation.names:
         try:
-            profiles.append(profile_likelihood(problem, posterior.estimate.theta, name))
+            profile = profile_likelihood(problem, posterior.estimate.theta, name)
         except ModelError:
             continue  # no residual depends on it: its prior is all there is, and the verdict says so
+        if name in posterior.stiffness_names and len(problem.names) <= MOST_UNKNOWNS:
+            profile = _with_limits(profile, posterior)
+        profiles.append(profile)
     return tuple(profiles)
+
+
+def _with_limits(profile: ProfileLikelihood, posterior: JudgedPosterior) -> ProfileLikelihood:
+    """A profile of a stiffness with the limits that its verdict has, which know of every mode."""
+    index = posterior.stiffness_names.index(profile.name)
+    limits, _ = posterior.likelihood_region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
+    is_open = np.isnan(limits)
+    support = np.array(posterior.problem.prior.support)[:, posterior.problem.names.index(profile.name)]
+    low, high = np.where(is_open, support, np.log(limits)).tolist()
+    return replace(profile, interval=(low, high), open_below=bool(is_open[0]), open_above=bool(is_open[1]))
 
 
 def _profile_from(kept: Mapping[str, Any]) -> ProfileLikelihood:

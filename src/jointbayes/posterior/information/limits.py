@@ -29,6 +29,7 @@ _STEP = 1e-3
 _SLACK = 0.01
 _HIGHER = 1e-4  # standard deviations of a quantity that one unit of ln L is worth: of equal ends the likeliest
 _EDGE = 1e-9  # of the support's width: at its very ends ρ is no positive definite joint
+_AT_EDGE = 1e-6  # the same of a point that a climb has led to its edge
 _FARTHEST = 40.0  # prior standard deviations from its mean
 _FAR_DRAWS = 10  # for each unknown, of which the covariance at an end is worth a try
 _WORST = -1e9  # in place of a log likelihood that is not finite
@@ -98,12 +99,25 @@ class LikelihoodRegion:
         key = index, fall, fall_printed
         if key not in self._limits:
             near = self._extremes(index, fall, (self._top, self._top))
+            if any(self._stopped_short(end, fall) for end in near):
+                near = self._extremes(index, fall, near)
             far = self._extremes(index, fall_printed, near)
-            is_open = self._height(np.array(near)) > self._height(self._top[None]) - fall + _SLACK
+            is_open = [self._is_above(end, fall) for end in near]
             low, high = np.where(is_open, math.nan, self._prior.stiffness(near)[:, index]).tolist()
             low_printed, high_printed = self._prior.stiffness(far)[:, index].tolist()
             self._limits[key] = (low, high), (low_printed, high_printed)
         return self._limits[key]
+
+    def _is_above(self, end: Array, fall: float) -> bool:
+        """Whether ln L has not fallen so far at an extreme, shape (d,)."""
+        return bool(self._height(end[None])[0] > self._height(self._top[None])[0] - fall + _SLACK)
+
+    def _stopped_short(self, end: Array, fall: float) -> bool:
+        """Whether that is so although the support does not end there: the climb did."""
+        edges = [np.abs(end - self._low), np.abs(self._high - end)] / (self._high - self._low)
+        cones = [cone.normal(end.size) @ end for cone in self._prior.parametrisation.cones]
+        at_edge = edges.min() < _AT_EDGE or max(cones, default=-1.0) > -_AT_EDGE
+        return bool(not at_edge and self._is_above(end, fall))
 
     def _extremes(self, index: int, fall: float, near: tuple[Array, Array]) -> tuple[Array, Array]:
         """Points θ with the least and the greatest value of a quantity, from one near each and the farthest draws."""

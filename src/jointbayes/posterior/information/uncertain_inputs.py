@@ -5,7 +5,7 @@ out held at their stated values. It is sampled by importance from a proposal fit
 be trusted by a short run of the ensemble sampler. Where neither settles it nothing is said.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -20,8 +20,8 @@ from jointbayes.posterior.identifiability import Identifiability, Verdict, asses
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.posterior.solutions import LEAST_SHARE
-from jointbayes.posterior.verdicts import BEYOND, JudgedPosterior, with_limit
-from jointbayes.posterior.widened import DECADE, Side, bounds_within_reach
+from jointbayes.posterior.verdicts import JudgedPosterior, with_wider_priors
+from jointbayes.posterior.widened import WidenedPosterior, widen, with_prior
 from jointbayes.sampling import (
     INTERVAL,
     Coordinates,
@@ -44,8 +44,6 @@ _LEAST_EFFECTIVE = 400
 #: Efficiency of a proposal that will do: twice `_LEAST_EFFECTIVE` of the draws, or a start for a short run. A better
 #: one takes longer to find than the longer run that makes up for it.
 _ENOUGH = 0.1
-#: Of a decade: the strips before a bound in which draws are counted.
-_STRIP = 0.2
 #: Draws of the run among which a first point is looked for.
 _TRIED = 200
 #: A short run: long enough to tell a factor of 3 from one of 1.25, not for an end's second digit.
@@ -124,7 +122,29 @@ def effect_of_uncertain_inputs(
 def _row(
     posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
-    """Draws of the problem with only these quantities uncertain, and what they say."""
+    """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
+    theta, source, effective = _sampled(posterior, problem, uncertain, rng)
+    if theta is None:
+        return UncertainInputsRow(uncertain, "none", {})
+    (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
+
+    def drawn_anew(wide: JointPrior) -> tuple[Array, float, bool]:
+        draws, _, worth = _sampled(posterior, with_prior(problem, wide), uncertain, random)
+        return wide.sample(random, _DRAWS) if draws is None else draws, worth, draws is not None
+
+    wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
+    known = {}
+    for quantity, values in zip(problem.quantities, problem.prior.stiffness(theta).T, strict=True):
+        found = _judged(posterior, quantity.name, values, effective, wider)
+        conditional = not posterior.check.explains and found.verdict != "not identified"
+        known[quantity.name] = replace(found, unit=quantity.unit, if_model_right=conditional)
+    return UncertainInputsRow(uncertain, source, known)
+
+
+def _sampled(
+    posterior: JudgedPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+) -> tuple[Array | None, Source, float]:
+    """Draws of all coordinates, shape (n, d), where they come from, and how many independent ones they are worth."""
     part = _Part(problem, uncertain)
     try:
         starts = [(start, part.covariance(start)) for start in part.starts(posterior)]
@@ -135,58 +155,23 @@ def _row(
             proposal = fit_proposal(part.log_density, systems, starts, rng, enough=_ENOUGH)
         draws, source, effective = _draws(part.log_density, proposal, rng)
     except (JointBayesError, np.linalg.LinAlgError):
-        draws, source, effective = None, "none", 0.0
-    if draws is None:
-        return UncertainInputsRow(uncertain, "none", {})
-    theta = part.whole(draws)
-    held = _bounds_that_hold(problem.prior, theta)
-    known = {}
-    for quantity, values in zip(problem.quantities, problem.prior.stiffness(theta).T, strict=True):
-        sides = [side for one, side in held if one == quantity.name]
-        found = _judged(posterior, quantity.name, values, sides)
-        conditional = not posterior.check.explains and found.verdict != "not identified"
-        low, high = (quantile_spread(values, probability, effective) for probability in INTERVAL)
-        known[quantity.name] = replace(
-            found, unit=quantity.unit, if_model_right=conditional, interval95_error=(low, high)
-        )
-    return UncertainInputsRow(uncertain, source, known)
+        return None, "none", 0.0
+    return None if draws is None else part.whole(draws), source, effective
 
 
-def _bounds_that_hold(prior: JointPrior, theta: Array) -> list[tuple[str, Side]]:
-    """Bounds within reach beyond which a wider prior would hold more than `BEYOND`, by the density before them.
+def _judged(
+    posterior: JudgedPosterior, name: str, values: Array, effective: float, wider: WidenedPosterior | None
+) -> Identifiability:
+    """One stiffness by its draws and those under wider priors."""
 
-    The density beyond is taken to go on for a decade as it changes over the last two fifths of one before the bound.
-    """
-    found = []
-    names = prior.parametrisation.names
-    for name, side in bounds_within_reach(prior, theta):
-        low, high = prior.marginals[names.index(name)].support
-        column = theta[:, names.index(name)]
-        before = (column - low if side == "lower" else high - column) / DECADE
-        last, earlier = (float(((before >= a) & (before < a + _STRIP)).mean()) for a in (0.0, _STRIP))
-        change = min(last / earlier, 1.0) if earlier else 1.0
-        steps = np.arange(1, round(1 / _STRIP) + 1)
-        beyond = last * float((change**steps).sum())
-        if beyond / (1 + beyond) > BEYOND:
-            found.append((name, side))
-    return found
+    def error(probability: float) -> float:
+        return quantile_spread(values, probability, effective)
 
-
-def _judged(posterior: JudgedPosterior, name: str, values: Array, held: Sequence[Side]) -> Identifiability:
-    """One stiffness by its draws; where they reach a bound of the prior, a limit to the other side.
-
-    As for a run, but without draws under wider priors.
-    """
-    prior = posterior.prior_values(name).ravel()
-    found = assess(values, prior)
+    found = assess(values, posterior.prior_values(name).ravel())
+    found = replace(found, interval95_error=(error(INTERVAL[0]), error(INTERVAL[1])))
     if name in posterior.solutions.split:
         return replace(found, verdict="not identified", verdict_reason="several solutions")
-    if not held:
-        return found
-    which = "default range, which no one stated," if posterior.has_default_prior(name) else "prior"
-    if len(held) > 1:
-        return replace(found, verdict="not identified", verdict_reason=f"both bounds of its {which} limit it")
-    return with_limit(found, values, prior, held[0], f"the {held[0]} bound of its {which} limits it")
+    return found if wider is None else with_wider_priors(posterior, wider, name, found, values, error)
 
 
 class _Part:

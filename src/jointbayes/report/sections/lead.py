@@ -1,7 +1,9 @@
 """Page one: banners, verdicts with their reasons, and what is said of the coupling stiffness."""
 
+import math
+
 from jointbayes.joint import Quantity
-from jointbayes.posterior.identifiability import RULE, Identifiability
+from jointbayes.posterior.identifiability import RULE, ratio_of
 from jointbayes.posterior.rounding import factor, number, rounded, rounded_interval
 from jointbayes.posterior.summary import Summary
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS
@@ -132,10 +134,6 @@ def _verdict_table(inputs: ReportInputs) -> Table:
     )
 
 
-def _interval(known: Identifiability) -> str:
-    return rounded_interval(known.interval95, known.interval95_error)
-
-
 def verdict_sentences(summary: Summary) -> str:
     """Each stiffness's verdict with its reason, a sentence each."""
     sentences = []
@@ -162,15 +160,17 @@ def coupling_sentence(summary: Summary, coupling: Quantity, rotation: Quantity) 
     """What the data say of a coupling against the stiffness of the rotation, in words with its numbers."""
     k12, k22 = (summary.parameters[quantity.name].known for quantity in (coupling, rotation))
     verdict = summary.parameters[coupling.name].verdict
-    low, high = k12.interval95
-    if low <= 0 <= high:
+    ends = k12.interval95 if any(map(math.isnan, k12.printed95)) else k12.printed95
+    interval = "95 % interval" if any(k12.by_likelihood) and not k12.limit else "95 % credible interval"
+    shown = f"{rounded_interval(k12.interval95, k12.interval95_error) if k12.limit else k12.interval()} {coupling.unit}"
+    if ends[0] <= 0 <= ends[1]:
         return (
-            f"**The coupling stiffness {coupling.name} is {verdict}**: its 95 % credible interval, "
-            f"{_interval(k12)} {coupling.unit}, contains zero, so that not even its sign is known."
+            f"**The coupling stiffness {coupling.name} is {verdict}**: its {interval}, "
+            f"{shown}, contains zero, so that not even its sign is known."
         )
     text = (
-        f"**The coupling stiffness {coupling.name} is {verdict}**: its 95 % credible interval spans a factor of "
-        f"{factor(max(high / low, low / high))} ({_interval(k12)} {coupling.unit})"
+        f"**The coupling stiffness {coupling.name} is {verdict}**: its {interval} spans a factor of "
+        f"{factor(ratio_of(ends))} ({shown})"
     )
     if k12.sd_log > 0 and k22.sd_log > 0:
         ratio = k12.sd_log / k22.sd_log
