@@ -24,12 +24,11 @@ from typing import Any
 
 import h5py
 import numpy as np
-import pandas as pd
 import psutil
-from pyarrow import parquet
 
 from benchmarks.record import ROOT, environment
-from jointbayes.studies.campaign.run import CampaignProgress, campaign
+from jointbayes.studies.campaign.campaign_run import CampaignProgress, campaign
+from jointbayes.studies.campaign.index import INDEX
 
 RESULTS = ROOT / "benchmarks" / "campaign.json"
 PAGE = ROOT / "docs" / "campaigns.md"
@@ -136,14 +135,17 @@ def measured(
 
 def results(directory: Path) -> dict[str, tuple[str, Any]]:
     """Row and digest of the draws of each case by key; a case that is not done has neither."""
-    rows = parquet.read_table(directory / "index.parquet").to_pylist()
     found: dict[str, tuple[str, Any]] = {}
-    for row in rows:
+    for row in _rows(directory):
         assert row["key"] not in found, f"{row['key']} is in the index twice"
         if row["status"] == "done":
             cells = {name: cell for name, cell in row.items() if name not in _NOT_COMPARED}
             found[row["key"]] = draws_digest(directory / row["file"]), cells
     return found
+
+
+def _rows(directory: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (directory / INDEX).read_text(encoding="utf-8").splitlines()]
 
 
 def draws_digest(file: Path) -> str:
@@ -160,17 +162,17 @@ def draws_digest(file: Path) -> str:
 def counted(directory: Path, n: int, expected: dict[str, tuple[str, Any]]) -> dict[str, Any]:
     """Cases that are done, lost, double, left half written, and equal to those of `expected`."""
     found = results(directory)
-    rows = pd.read_parquet(directory / "index.parquet")
+    rows = _rows(directory)
     names = {f"{key}.nc" for key in found}
     both = found.keys() & expected.keys()
     return {
         "cases": n,
         "done": len(found),
         "lost": n - len(rows),
-        "set_aside": int((rows["status"] != "done").sum()),
-        "double": len(rows) - rows["key"].nunique(),
+        "set_aside": sum(row["status"] != "done" for row in rows),
+        "double": len(rows) - len({row["key"] for row in rows}),
         "left_over": sum(file.name not in names for file in (directory / "cases").iterdir()),
-        "begun": int(rows["attempts"].sum()),
+        "begun": sum(row["attempts"] for row in rows),
         "compared": len(both),
         "equal": sum(found[key] == expected[key] for key in both),
     }
@@ -188,9 +190,9 @@ def run_part(
         took = measured(table, directory, seconds, cases, workers=2)
     else:
         took = measured(table, directory, workers=1 if part == "serial" else 2)
-    serial = results(place / "serial") if (place / "serial" / "index.parquet").exists() else {}
+    serial = results(place / "serial") if (place / "serial" / INDEX).exists() else {}
     found = {**took, **counted(directory, n, serial), "killed_every": seconds}
-    if part == "dask" and (place / "local" / "index.parquet").exists():
+    if part == "dask" and (place / "local" / INDEX).exists():
         found["equal_to_local"] = counted(directory, n, results(place / "local"))["equal"]
     return {**found, "environment": environment()}
 

@@ -30,7 +30,7 @@ import jointbayes.workflow  # noqa: F401  (children are forked with all of it lo
 from benchmarks.disk_faults import each_change, killed_at
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
-from jointbayes.studies.json_lines import append_line, read_lines
+from jointbayes.studies.study_directory import append_line, read_lines
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "resume.md"
 CASE = Path(__file__).resolve().parents[1] / "configs" / "clamped_beam_frequencies_360mm.toml"

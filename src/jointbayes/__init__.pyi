@@ -90,9 +90,9 @@ from jointbayes.structure import chain as chain
 from jointbayes.studies.calibration.calibrate import calibrate as calibrate
 from jointbayes.studies.calibration.directory import write_calibration as write_calibration
 from jointbayes.studies.calibration.result import Calibration as Calibration
-from jointbayes.studies.campaign.directory import Campaign as Campaign
-from jointbayes.studies.campaign.report import write_campaign_report as write_campaign_report
-from jointbayes.studies.campaign.run import campaign as campaign
+from jointbayes.studies.campaign.campaign_report import write_campaign_report as write_campaign_report
+from jointbayes.studies.campaign.campaign_run import campaign as campaign
+from jointbayes.studies.campaign.index import Campaign as Campaign
 from jointbayes.studies.comparison.compare import compare as compare
 from jointbayes.studies.comparison.result import Comparison as Comparison
 from jointbayes.studies.planning.directory import write_plan as write_plan

@@ -20,7 +20,7 @@ from jointbayes.report.inspect_figure import inspect_figure
 from jointbayes.studies.calibration.data_set import DataSet
 from jointbayes.studies.calibration.report import build_calibration_report
 from jointbayes.studies.calibration.result import Calibration
-from jointbayes.studies.campaign.report import write_campaign_report
+from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.comparison.report import build_comparison_report
 from jointbayes.studies.comparison.result import Candidate, Comparison
 from jointbayes.studies.planning.case_candidates import candidates_of

@@ -1,16 +1,16 @@
 """Campaign directories as a campaign leaves them, with posteriors whose truth is known: nothing is sampled."""
 
 import datetime
+import json
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import pyarrow
 from numpy.typing import NDArray
-from pyarrow import parquet
 
 from jointbayes.joint import parametrisation_named
+from jointbayes.studies.campaign.index import INDEX
 
 #: ln k11, ln k12, ln k22 of the paper's joint.
 MEAN = np.log([5.05e9, 3.44e7, 1.52e6])
@@ -78,9 +78,8 @@ def write_case(file: Path, theta: NDArray[np.float64], coordinates: str = "log",
 def write_index(directory: Path, rows: list[dict[str, Any]]) -> None:
     """The index of a campaign."""
     directory.mkdir(parents=True, exist_ok=True)
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    columns = {name: [row.get(name) for row in rows] for name in names}
-    parquet.write_table(pyarrow.table(columns), directory / "index.parquet")
+    lines = [json.dumps(row, default=datetime.datetime.isoformat) + "\n" for row in rows]
+    (directory / INDEX).write_text("".join(lines), encoding="utf-8")
 
 
 def campaign_directory(directory: Path, joints: int, seed: int = 1, draws: int = 300) -> list[dict[str, Any]]:

@@ -1,6 +1,5 @@
 import dataclasses
 import datetime
-import json
 import os
 import subprocess
 import sys
@@ -10,17 +9,13 @@ import numpy as np
 import pandas
 import pytest
 from click.testing import CliRunner
-from pyarrow import parquet
 
 import jointbayes as jb
 from jointbayes.case.toml_writer import toml_text
 from jointbayes.cli.commands import main
-from jointbayes.studies.campaign.cases import INDEX
-from jointbayes.studies.campaign.directory import campaign_directory
-from jointbayes.studies.campaign.index import LINES, Index, kept_rows
-from jointbayes.studies.campaign.run import case_seed, run_cases
-from jointbayes.studies.campaign.table import read_cases
-from jointbayes.studies.campaign.work import CaseWork, do_case
+from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, run_cases
+from jointbayes.studies.campaign.case_table import read_cases
+from jointbayes.studies.campaign.index import INDEX, Index, campaign_directory, kept_rows
 from tests.conftest import CONFIGS
 from tests.studies.task_functions import pretend_case
 
@@ -235,36 +230,37 @@ class TestDriver:
         assert list(index["serial"].items()) == [("b", "two"), ("a", "one")]
         assert tries(tmp_path, "a") == tries(tmp_path, "b") == 1
 
-    def test_rows_that_were_not_yet_in_the_index_are_known_after_a_kill(self, tmp_path):
-        """As after SIGKILL of the driver: an older index, rows in lines, the last of them torn."""
+    def test_rows_of_a_driver_that_was_killed_are_known(self, tmp_path):
+        """As after SIGKILL: rows in the order in which cases ended, the last of them torn."""
         rows = "key,title\n" + "".join(f"c{i},go\n" for i in range(4))
         index = pretend(tmp_path, rows)
-        out = tmp_path / "out"
-        found = kept_rows(out)
-        Index(out, [found["c0"]])
-        lines = "".join(
-            json.dumps(found[key], default=datetime.datetime.isoformat) + "\n" for key in ("c1", "c2")
-        )  # fmt: skip
-        (out / LINES).write_text(lines + json.dumps(found["c3"], default=str)[:40])
+        file = tmp_path / "out" / INDEX
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join([lines[2], lines[0], lines[1], lines[3][:40]]))
+        assert kept_rows(tmp_path / "out").keys() == {"c0", "c1", "c2"}
         assert pretend(tmp_path, rows).equals(index)
         assert [tries(tmp_path, f"c{i}") for i in range(4)] == [1, 1, 1, 2]
-        assert not (out / LINES).exists()
 
     def test_row_behind_a_torn_one_is_known_after_another_kill(self, tmp_path):
-        (tmp_path / LINES).write_text('{"key": "c0", "sta')
-        Index(tmp_path).add({"key": "c0", "status": "done", "order": 0, "date": None})
+        index = Index(tmp_path)
+        (tmp_path / INDEX).write_text('{"key": "c0", "sta')
+        index.add({"key": "c0", "status": "done", "order": 0, "date": None})
         assert kept_rows(tmp_path).keys() == {"c0"}
 
-    def test_index_that_is_written_now_and_then_loses_nothing(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("jointbayes.studies.campaign.index._APART", 0.0)
-        monkeypatch.setattr("jointbayes.studies.campaign.index._SHARE", 0.0)
+    def test_index_is_on_the_disk_row_by_row_and_in_the_order_of_the_table_at_the_end(self, tmp_path):
         index = Index(tmp_path)
         for i in range(5):
             index.add({"key": f"c{i}", "status": "done", "order": 4 - i, "x.median": float(i), "date": None})
-            assert parquet.read_table(tmp_path / INDEX).num_rows == i + 1
-            assert (tmp_path / LINES).stat().st_size == 0
+            assert list(kept_rows(tmp_path)) == [f"c{k}" for k in range(i + 1)]
         index.close()
-        assert parquet.read_table(tmp_path / INDEX)["key"].to_pylist() == ["c4", "c3", "c2", "c1", "c0"]
+        assert list(kept_rows(tmp_path)) == ["c4", "c3", "c2", "c1", "c0"]
+
+    def test_index_of_an_older_version_is_named_and_nothing_is_done_again(self, tmp_path):
+        pretend(tmp_path, "key,title\na,go\n")
+        (tmp_path / "out" / INDEX).rename(tmp_path / "out/index.parquet")
+        with pytest.raises(jb.MeasurementError, match=r"index\.parquet: found an index of an older .*convert it as"):
+            pretend(tmp_path, "key,title\na,go\n")
+        assert tries(tmp_path, "a") == 1
 
     def test_interrupted_campaign_keeps_what_is_done(self, tmp_path):
         rows = "key,title\n" + "".join(f"c{i},go\n" for i in range(6))
@@ -295,14 +291,14 @@ class TestDriver:
 class TestDirectory:
     def test_directory_with_other_files_is_refused(self, tmp_path):
         (tmp_path / "x").mkdir()
-        (tmp_path / "x/index.parquet").touch()  # an older one of ours, or anybody's
+        (tmp_path / "x/index.jsonl").touch()  # an older one of ours, or anybody's
         with pytest.raises(jb.WriteError, match=r"holds other files, and no mark.*write 'jointbayes: a campaign' into"):
             campaign_directory(tmp_path / "x").__enter__()
         with pytest.raises(jb.WriteError, match="found a file"):
-            campaign_directory(tmp_path / "x/index.parquet").__enter__()
+            campaign_directory(tmp_path / "x/index.jsonl").__enter__()
         with pytest.raises(jb.WriteError, match="cannot be written"):
-            campaign_directory(tmp_path / "x/index.parquet/below").__enter__()
-        assert [p.name for p in (tmp_path / "x").iterdir()] == ["index.parquet"]
+            campaign_directory(tmp_path / "x/index.jsonl/below").__enter__()
+        assert [p.name for p in (tmp_path / "x").iterdir()] == ["index.jsonl"]
         for line in ("jointbayes: a campaign\n", "jointbayes: a campaign", "jointbayes: a campaign\r\n"):  # by hand
             (tmp_path / "x/.jointbayes").write_text(line, newline="")
             with campaign_directory(tmp_path / "x"):
@@ -311,7 +307,7 @@ class TestDirectory:
     @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
     def test_one_process_at_a_time(self, tmp_path):
         program = (
-            "import sys; from jointbayes.studies.campaign.directory import campaign_directory\n"
+            "import sys; from jointbayes.studies.campaign.index import campaign_directory\n"
             "with campaign_directory(sys.argv[1]): print('in', flush=True)"
         )
         with campaign_directory(tmp_path / "x"):
@@ -325,7 +321,7 @@ class TestDirectory:
             pass
 
     def test_campaign_without_index_or_case_says_so(self, tmp_path):
-        with pytest.raises(jb.MeasurementError, match="no such file"):
+        with pytest.raises(jb.MeasurementError, match="found no case, or no such file"):
             jb.Campaign(tmp_path).index  # noqa: B018
         pretend(tmp_path, ROWS)
         done = jb.Campaign(tmp_path / "out")
@@ -333,7 +329,7 @@ class TestDirectory:
             done.posterior("x")
         with pytest.raises(jb.MeasurementError, match="case 'c2': found that it failed: c2: found no start"):
             done.posterior("c2")
-        (tmp_path / "out" / INDEX).write_bytes(b"PAR1")
+        (tmp_path / "out" / INDEX).write_bytes(b"[1]\n")
         with pytest.raises(jb.MeasurementError, match="found no index of a campaign in it"):
             pretend(tmp_path, ROWS)
 
@@ -353,7 +349,7 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
     assert ended.exit_code == 3, ended.output
     assert "3 cases: 3 done, 0 failed, 0 not converged" in ended.stdout
     assert "NOT CONVERGED: the population of all joints: ensembles of walkers: not converged after" in ended.stdout
-    assert f"Index: {tmp_path / 'out' / 'index.parquet'}" in ended.stdout
+    assert f"Index: {tmp_path / 'out' / 'index.jsonl'}" in ended.stdout
     assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
     campaign = jb.Campaign(tmp_path / "out")
     (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]

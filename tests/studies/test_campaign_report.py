@@ -12,12 +12,11 @@ import pytest
 from jointbayes.cli.campaign import _exit_by
 from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.joint import parametrisation_named
-from jointbayes.studies.campaign import findings as findings_module
-from jointbayes.studies.campaign import report as report_module
-from jointbayes.studies.campaign.cases import in_order, read_draws, read_index
-from jointbayes.studies.campaign.directory import Campaign
-from jointbayes.studies.campaign.findings import examine_campaign
-from jointbayes.studies.campaign.report import write_campaign_report
+from jointbayes.studies.campaign import campaign_findings as findings_module
+from jointbayes.studies.campaign.campaign_findings import examine_campaign
+from jointbayes.studies.campaign.campaign_report import write_campaign_report
+from jointbayes.studies.campaign.index import Campaign, in_order, read_index
+from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (
     HIGH,
@@ -31,7 +30,7 @@ from tests.studies.campaign_directory import (
 )
 
 JOINTS = 40
-FILES = {"report.html", "report.pdf", "summary.json", "joints.csv", "index.parquet", "cases", "figures"}
+FILES = {"report.html", "report.pdf", "summary.json", "joints.csv", "index.jsonl", "cases", "figures"}
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +180,7 @@ def test_a_report_that_fails_leaves_the_last_one(copy, monkeypatch):
     def fails(_report):
         raise RuntimeError("no PDF")
 
-    monkeypatch.setattr(report_module, "render_pdf", fails)
+    monkeypatch.setattr("jointbayes.report.run_directory.render_pdf", fails)
     with pytest.raises(RuntimeError):
         write_campaign_report(copy)
     assert (copy / "report.html").read_bytes() == before
@@ -312,8 +311,8 @@ def test_what_is_no_campaign_is_refused_in_one_line(tmp_path, content):
     if content == "table":
         write_index(tmp_path, [{"name": "x"}])
     elif content is not None:
-        (tmp_path / "index.parquet").write_bytes(content)
-    with pytest.raises(MeasurementError, match=r"index.parquet: .*expected the index") as caught:
+        (tmp_path / "index.jsonl").write_bytes(content)
+    with pytest.raises(MeasurementError, match=r"index.jsonl: .*expected the index") as caught:
         write_campaign_report(tmp_path)
     assert "\n" not in str(caught.value)
 

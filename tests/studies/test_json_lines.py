@@ -5,7 +5,7 @@ import datetime
 import pytest
 
 from jointbayes.errors import WriteError
-from jointbayes.studies.json_lines import append_line, read_lines
+from jointbayes.studies.study_directory import append_line, read_lines
 
 
 def test_lines_read_back_as_they_were_and_dates_as_text(tmp_path):

@@ -1,7 +1,6 @@
 import itertools
 import multiprocessing
 import os
-import pickle
 import shutil
 import signal
 import subprocess
@@ -16,9 +15,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.code_version import code_version
-from jointbayes.studies.tasks import run_tasks
-from jointbayes.studies.tasks.crew import Event, Reply, attempt, packed
-from jointbayes.studies.tasks.run import _Driver
+from jointbayes.studies.crews import Event, Reply, Task, attempt, packed
+from jointbayes.studies.tasks import _Driver, run_tasks
 from tests.studies.task_functions import (
     fail_some,
     hang_some,
@@ -190,7 +188,7 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
     ],
 )
 def test_settings_that_cannot_work_are_refused(settings, message, monkeypatch):
-    monkeypatch.setattr("jointbayes.studies.tasks.dask._CONNECT", 1.0)
+    monkeypatch.setattr("jointbayes.studies.dask_crew._CONNECT", 1.0)
     with pytest.raises(jb.WorkerError, match=message):
         list(run_tasks(square, numbered(3), **settings))
 
@@ -236,7 +234,7 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
 
 @pytest.mark.filterwarnings("ignore:.*it gets nothing to do:RuntimeWarning")  # of the first of two workers
 def test_workers_of_another_version_get_nothing_to_do(cluster, monkeypatch):
-    monkeypatch.setattr("jointbayes.studies.tasks.crew.code_version", lambda: "0.1.0+other")
+    monkeypatch.setattr("jointbayes.studies.crews.code_version", lambda: "0.1.0+other")
     with pytest.raises(jb.WorkerError, match=r"found jointbayes 0\.1\.0\+[0-9a-f]{12}; expected 0\.1\.0\+other"):
         list(run_tasks(square, numbered(4), scheduler=cluster.scheduler_address))
 
@@ -271,7 +269,7 @@ if __name__ == "__main__":
 
 def test_what_another_version_of_a_worker_would_compute_is_refused(monkeypatch):
     call = packed(square, (3,))
-    monkeypatch.setattr("jointbayes.studies.tasks.crew.code_version", lambda: "0.1.0+other")
+    monkeypatch.setattr("jointbayes.studies.crews.code_version", lambda: "0.1.0+other")
     assert attempt(call) == Reply(other_version="0.1.0+other")
 
 
@@ -303,12 +301,12 @@ class OneWorker:
     def __init__(self, killer: str, rng: np.random.Generator) -> None:
         self.now, self.free, self._killer, self._rng = 0.0, 1, killer, rng
 
-    def start(self, ticket: int, call: bytes) -> None:
-        key, self.free = pickle.loads(pickle.loads(call)[1])[1][0], 0
-        own, chance = 2.0 if key == self._killer else 60.0, self._rng.exponential(80.0)
-        died = key == self._killer or chance < own
-        self.now += min(own, chance)
-        self._event = Event(ticket, None, "its worker ended by itself") if died else Event(ticket, Reply(key))
+    def start(self, task: Task, call: bytes) -> None:
+        self.free = 0
+        needed, chance = 2.0 if task.key == self._killer else 60.0, self._rng.exponential(80.0)
+        died = task.key == self._killer or chance < needed
+        self.now += min(needed, chance)
+        self._event = Event(task, None, "its worker ended by itself") if died else Event(task, Reply(task.key))
 
     def wait(self, seconds: float) -> list[Event]:
         self.free = 1
@@ -320,7 +318,7 @@ class OneWorker:
 def test_kills_from_outside_are_no_fault_of_a_task_and_a_task_that_kills_is_still_set_aside(monkeypatch):
     """Each of 30 tasks of a minute outlives a worker with probability 0.47: two deaths in a row would condemn eight."""
     crew = OneWorker("task 5", np.random.default_rng(3))
-    monkeypatch.setattr("jointbayes.studies.tasks.run.time.monotonic", lambda: crew.now)
+    monkeypatch.setattr("jointbayes.studies.tasks.time.monotonic", lambda: crew.now)
     driver = _Driver(square, ((f"task {i}", (f"task {i}",)) for i in range(30)), 2, None)
     ended = by_key(driver.outcomes(lambda: crew))
     assert {key for key, outcome in ended.items() if outcome.killed_worker} == {"task 5"}

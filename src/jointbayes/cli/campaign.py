@@ -23,8 +23,8 @@ from jointbayes.cli.progress import show_phase
 from jointbayes.errors import WorkerError
 
 if TYPE_CHECKING:
-    from jointbayes.studies.campaign.directory import Campaign
-    from jointbayes.studies.campaign.run import CampaignProgress
+    from jointbayes.studies.campaign.campaign_run import CampaignProgress
+    from jointbayes.studies.campaign.index import Campaign
 
 _TABLES = (".csv", ".tsv", ".txt")
 _SHOWN = 10  # cases that are named on the terminal
@@ -60,7 +60,7 @@ def campaign(
     Started again on the same directory it goes on: what is done is not done again.
     """
     show_phase("reading the cases", on_terminal_only=True)
-    from jointbayes.studies.campaign.run import campaign as sample_all
+    from jointbayes.studies.campaign.campaign_run import campaign as sample_all
 
     target = out or Path("reports") / (cases[0].stem if cases[0].suffix.lower() in _TABLES else "campaign")
     kept = click.get_current_context().meta
@@ -82,7 +82,7 @@ def campaign(
 
 
 def _write_report(ended: "Campaign") -> None:
-    from jointbayes.studies.campaign.report import write_campaign_report
+    from jointbayes.studies.campaign.campaign_report import write_campaign_report
 
     show_phase("looking at all cases together, and writing the report")
     note_written(write_campaign_report(ended.directory))
@@ -90,17 +90,19 @@ def _write_report(ended: "Campaign") -> None:
 
 def _exit_by(ended: "Campaign") -> None:
     """Print what became of the cases, and end with the exit code that says so."""
-    rows = ended.index
-    failed = rows[rows["status"] != "done"]
-    doubtful = rows[(rows["status"] == "done") & ~rows["converged"].fillna(False).astype(bool)]
+    from jointbayes.studies.campaign.index import DONE, INDEX, read_index
+
+    rows = read_index(ended.directory)
+    failed = [row for row in rows if row.status != DONE]
+    doubtful = [row for row in rows if row.status == DONE and not row.converged]
     say(f"{len(rows)} cases: {len(rows) - len(failed)} done, {len(failed)} failed, {len(doubtful)} not converged")
-    for _, row in failed.head(_SHOWN).iterrows():
-        say(f"{row['status'].upper()}: {row['key']}: {row['error']}")
-    for _, row in doubtful.head(_SHOWN).iterrows():
-        say(f"NOT CONVERGED: {row['key']}: {row['reason']}")
+    for row in failed[:_SHOWN]:
+        say(f"{row.status.upper()}: {row.key}: {row.error}")
+    for row in doubtful[:_SHOWN]:
+        say(f"NOT CONVERGED: {row.key}: {row.reason}")
     if max(len(failed), len(doubtful)) > _SHOWN:
         say(f"The first {_SHOWN} are shown; all stand in the index.")
-    say(f"Index: {ended.directory / 'index.parquet'}")
+    say(f"Index: {ended.directory / INDEX}")
     say(f"Report: {ended.directory / 'report.html'} and {ended.directory / 'report.pdf'}")
     population = json.loads((ended.directory / "summary.json").read_text(encoding="utf-8"))["population"]
     doubted = population is not None and not population["converged"]

@@ -14,7 +14,7 @@ from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.calibration.data_set import DRAWS, DataSet
-from jointbayes.studies.json_lines import append_line, kept_lines
+from jointbayes.studies.study_directory import append_line, kept_lines
 
 #: Name of the file.
 KEPT = "data_sets.jsonl"

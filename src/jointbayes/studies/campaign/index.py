@@ -1,35 +1,45 @@
-"""The index of a campaign: one row a case in a Parquet file, and the rows that are not in it yet in a file of lines.
+"""The directory of a campaign: one row a case in a file of JSON lines, and one posterior file a case.
 
 A row is on the disk as soon as its case is: appended to the lines, which costs the same for the first case and the
-last. The index is written anew, whole, now and then.
+last. At the end the index is written anew, whole, in the order of the table.
 """
 
 import datetime
+import json
 import os
-import time
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import MeasurementError
-from jointbayes.own_directory import open_regular
-from jointbayes.studies.campaign.cases import INDEX
-from jointbayes.studies.json_lines import append_line, read_lines
-from jointbayes.whole_file import whole_file
+from jointbayes.own_directory import MARK, OwnDirectory
+from jointbayes.studies.study_directory import append_line, read_lines
+from jointbayes.whole_file import write_whole_file
 
-FAILED, KILLED = "failed", "killed its worker"  # and `DONE`
-LINES = "index.new.jsonl"
+if TYPE_CHECKING:
+    from jointbayes.posterior import Posterior
 
-_KINDS = {
-    "key": "string", "file": "string", "status": "string", "attempts": "int64", "error": "string", "serial": "string",
-    "date": "timestamp[us]", "order": "int64", "seed": "int64", "converged": "bool", "reason": "string",
-    "seconds": "double", "explains": "bool", "misfit_p_value": "double", "fingerprint": "string", "code": "string",
-}  # fmt: skip
-_TEXTS = ("unit", "verdict")  # what of a quantity is no number
-_APART = 5.0  # seconds between two writings of the index, or
-_SHARE = 20.0  # so many times what the last one took: of thousands of cases it is not the work
+#: File by which the directory of a campaign is known; and that of older versions.
+INDEX, _OLD_INDEX = "index.jsonl", "index.parquet"
+DONE, FAILED, KILLED = "done", "failed", "killed its worker"
+
+#: Columns that an index has whatever its cases are.
+_COLUMNS = (
+    "key", "file", "status", "attempts", "error", "serial", "date", "order", "seed", "converged", "reason", "seconds",
+    "explains", "misfit_p_value", "fingerprint", "code",
+)  # fmt: skip
+_KIND = "a campaign"
+_EXPECTED = "expected the index that `jointbayes campaign` writes"
 
 Row = dict[str, Any]
+
+
+def campaign_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
+    """The directory of a campaign, new or of an earlier start; entered, it keeps other processes out."""
+    remedy = f"choose another --out; of one that an older jointbayes made, write 'jointbayes: {_KIND}' into its {MARK}"
+    return OwnDirectory(directory, _KIND, remedy)
 
 
 class Index:
@@ -49,84 +59,194 @@ class Index:
     """
 
     def __init__(self, directory: Path, rows: Iterable[Row] = ()) -> None:
-        self._file, self._lines = directory / INDEX, directory / LINES
-        self._tables = [_as_table(list(rows))]  # a tenth of what the rows take as dictionaries
-        self._new: list[Row] = []
-        self.write()
+        self._directory = directory
+        self._write(rows)
 
     def add(self, row: Row) -> None:
         """Add the row of a case that has ended, and put it on the disk."""
-        append_line(self._lines, row)
-        self._new.append(row)
-        if time.monotonic() - self._written > max(_APART, _SHARE * self._took):
-            self.write()
-            lines = open_regular(self._lines, os.O_WRONLY)
-            os.truncate(lines, 0)
-            os.close(lines)
-
-    def write(self) -> None:
-        """Write the index, whole, in the order of the campaign's table."""
-        import pyarrow
-        from pyarrow import parquet
-
-        begin = time.monotonic()
-        if self._new:
-            self._tables.append(_as_table(self._new))
-            self._new = []
-        table = pyarrow.concat_tables(self._tables, promote_options="default").combine_chunks()
-        self._tables = [table]
-        with whole_file(self._file) as scratch:
-            try:
-                parquet.write_table(table.sort_by("order"), scratch)
-            except pyarrow.ArrowException as error:
-                raise OSError(str(error)) from error
-        self._written = time.monotonic()
-        self._took = self._written - begin
+        append_line(self._directory / INDEX, row)
 
     def close(self) -> None:
-        """Write what is not written, and remove the lines, which say no more than the index."""
-        self.write()
-        self._lines.unlink(missing_ok=True)
+        """Write all rows in the order of the campaign's table."""
+        self._write(kept_rows(self._directory).values())
+
+    def _write(self, rows: Iterable[Row]) -> None:
+        lines = [json.dumps(row, default=datetime.datetime.isoformat) + "\n" for row in sorted(rows, key=_order)]
+        write_whole_file(self._directory / INDEX, "".join(lines).encode())
+
+
+def _order(row: Row) -> int:
+    return int(row["order"])
 
 
 def kept_rows(directory: Path) -> dict[str, Row]:
-    """Rows of an earlier start of a campaign by key; none where there was none.
+    """Rows of an earlier start of a campaign by key, without one that was cut off; none where there was none.
 
     Raises
     ------
     MeasurementError
-        If the index cannot be read.
+        If the index cannot be read, or is one of an older version.
     """
-    import pyarrow
-    from pyarrow import parquet
+    file, old = directory / INDEX, directory / _OLD_INDEX
+    if not file.exists() and old.exists():
+        raise MeasurementError(
+            f"{old}: found an index of an older version; expected {INDEX}; convert it as docs/campaigns.md says"
+        )
+    lines = read_lines(file)
+    rows = [row for row in lines if isinstance(row, dict) and {"key", "status", "order"} <= row.keys()]
+    if not rows and any(line is not None for line in lines):
+        raise MeasurementError(
+            f"{file}: found no index of a campaign in it; {_EXPECTED}; give another directory, or remove the file, "
+            "and all cases are done again"
+        )
+    return {str(row["key"]): row for row in rows}
 
-    rows: list[Row] = []
-    if (directory / INDEX).exists():
-        try:
-            rows = parquet.read_table(directory / INDEX).to_pylist()
-        except (pyarrow.ArrowException, OSError, ValueError) as error:
+
+@dataclass(frozen=True, slots=True)
+class CaseRow:
+    """What the index says of one case.
+
+    Parameters
+    ----------
+    key, file, status, attempts, error, serial, date, order, converged, reason, explains
+        As in the index; None where it says nothing.
+    verdicts
+        Verdict on each stiffness by name; empty unless the case is done.
+    """
+
+    key: str
+    file: str
+    status: str
+    attempts: int
+    error: str
+    serial: str | None
+    date: datetime.datetime | None
+    order: int
+    converged: bool
+    reason: str
+    explains: bool | None
+    verdicts: Mapping[str, str]
+
+    @property
+    def label(self) -> str:
+        """Serial number of the joint, or the key of its case."""
+        return self.serial or self.key
+
+
+def read_index(directory: str | os.PathLike[str]) -> tuple[CaseRow, ...]:
+    """Read the index of a campaign, in the order of its table.
+
+    Raises
+    ------
+    MeasurementError
+        If there is none, or it is no index of a campaign.
+    """
+    try:
+        return tuple(_case_row(row) for row in _rows_of_campaign(Path(directory)))
+    except (KeyError, TypeError, ValueError) as error:
+        raise MeasurementError(
+            f"{Path(directory) / INDEX}: found no index in it ({type(error).__name__}); {_EXPECTED}; give another "
+            "directory"
+        ) from error
+
+
+def _rows_of_campaign(directory: Path) -> list[Row]:
+    rows = kept_rows(directory)
+    if not rows:
+        raise MeasurementError(f"{directory / INDEX}: found no case, or no such file; {_EXPECTED}; give its directory")
+    return sorted(rows.values(), key=_order)
+
+
+def _case_row(row: Row) -> CaseRow:
+    suffix = ".verdict"
+    explains = row.get("explains")
+    return CaseRow(
+        key=str(row["key"]),
+        file=str(row.get("file") or ""),
+        status=str(row["status"]),
+        attempts=int(row.get("attempts") or 0),
+        error=str(row.get("error") or ""),
+        serial=None if row.get("serial") in (None, "") else str(row["serial"]),
+        date=_date(row.get("date")),
+        order=int(row["order"]),
+        converged=bool(row.get("converged")),
+        reason=str(row.get("reason") or ""),
+        explains=None if explains is None else bool(explains),
+        verdicts={name.removesuffix(suffix): str(v) for name, v in row.items() if name.endswith(suffix) and v},
+    )
+
+
+def _date(text: str | None) -> datetime.datetime | None:
+    """A date without its time zone: those of one table are compared with each other only."""
+    date = datetime.datetime.fromisoformat(text) if text else None
+    return date.astimezone(datetime.UTC).replace(tzinfo=None) if date is not None and date.tzinfo else date
+
+
+def in_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
+    """Cases in the order of a control chart, and what that is: by date, by serial number or as in the table.
+
+    By date if every case has one that is not the same for all, else by serial number if every case has one, in which
+    numbers count as numbers, else as they stand in the table.
+    """
+    if rows and all(row.date is not None for row in rows) and len({row.date for row in rows}) > 1:
+        return tuple(sorted(rows, key=lambda row: (row.date or datetime.datetime.min, row.order))), "date"
+    if rows and all(row.serial for row in rows):
+        return tuple(sorted(rows, key=lambda row: (_natural(row.serial or ""), row.order))), "serial number"
+    return tuple(sorted(rows, key=lambda row: row.order)), "order in the table"
+
+
+def _natural(text: str) -> list[tuple[int, float, str]]:
+    return [(0, float(p), "") if p.isdigit() else (1, 0.0, p) for p in re.split(r"(\d+)", text[:200]) if p]
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """A campaign on the disk.
+
+    Parameters
+    ----------
+    directory
+        Its directory.
+    """
+
+    directory: Path
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "directory", Path(self.directory))  # a path may be given as text
+
+    @property
+    def index(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
+        """The index as a pandas.DataFrame, one row a case in the order of the table; see docs/campaigns.md.
+
+        Raises
+        ------
+        MeasurementError
+            If there is none.
+        """
+        import pandas
+
+        rows = _rows_of_campaign(self.directory)
+        names = dict.fromkeys((*_COLUMNS, *(name for row in rows for name in row)))
+        table = pandas.DataFrame(rows, columns=list(names))
+        table["date"] = pandas.to_datetime(table["date"])
+        return table.set_index("key", drop=False)
+
+    def posterior(self, key: str) -> "Posterior":
+        """Posterior of one case.
+
+        Raises
+        ------
+        MeasurementError
+            If the case is not done, or there is no such case.
+        """
+        from jointbayes.workflow import load_posterior
+
+        rows = {row.key: row for row in read_index(self.directory)}
+        if key not in rows:
             raise MeasurementError(
-                f"{directory / INDEX}: found no index of a campaign in it ({type(error).__name__}); expected the one "
-                "that was written there; remove it, and all cases are done again, or choose another --out"
-            ) from error
-    rows += read_lines(directory / LINES)  # of a line that was cut off the case is done again
-    return {row["key"]: row for row in rows if isinstance(row, dict) and "key" in row and "status" in row}
-
-
-def _as_table(rows: list[Row]) -> Any:  # noqa: ANN401 (pyarrow has no types)
-    import pyarrow
-
-    names = dict.fromkeys(_KINDS) | {name: None for row in rows for name in row}
-    schema = pyarrow.schema([(name, _kind(name)) for name in names])
-    return pyarrow.Table.from_pylist([_ready(row) for row in rows], schema=schema)
-
-
-def _kind(name: str) -> str:
-    if name in _KINDS:
-        return _KINDS[name]
-    return "string" if name.rpartition(".")[2] in _TEXTS else "double"
-
-
-def _ready(row: Mapping[str, Any]) -> Row:
-    date = row.get("date")
-    return {**row, "date": datetime.datetime.fromisoformat(date) if isinstance(date, str) else date}
+                f"{self.directory / INDEX}: found no case {key!r}; expected one of its {len(rows)} keys"
+            )
+        row = rows[key]
+        if row.status != DONE:
+            raise MeasurementError(f"{self.directory / INDEX}: case {key!r}: found that it {row.status}: {row.error}")
+        return load_posterior(self.directory / row.file)

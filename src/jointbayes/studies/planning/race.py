@@ -12,10 +12,10 @@ from jointbayes.case.case import Case
 from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.identifiability import Verdict
-from jointbayes.studies.json_lines import append_line, kept_lines
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.forecast import Method, SimulatedPosterior, Simulation
 from jointbayes.studies.planning.simulation import Simulator
+from jointbayes.studies.study_directory import append_line, kept_lines
 
 Names = tuple[str, ...]
 

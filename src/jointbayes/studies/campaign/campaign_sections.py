@@ -11,23 +11,23 @@ from jointbayes.joint import Coordinate
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, Section, Table
-from jointbayes.studies.campaign.cases import DONE
-from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
-from jointbayes.studies.campaign.figures import (
-    MOST_INTERVALS,
-    control_figure,
-    control_plot,
-    population_figure,
-    ranking_figure,
-)
-from jointbayes.studies.campaign.findings import (
+from jointbayes.studies.campaign.campaign_findings import (
     FEWEST_JOINTS,
     CampaignFindings,
     ChartedQuantity,
     Look,
     PopulationFindings,
 )
+from jointbayes.studies.campaign.charts import (
+    MOST_INTERVALS,
+    control_figure,
+    control_plot,
+    population_figure,
+    ranking_figure,
+)
+from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
+from jointbayes.studies.campaign.index import DONE
 
 _MOST_LOOKS = 40
 _RANKED = 6  # from either end of a ranking

@@ -1,129 +1,23 @@
-"""A campaign's directory as it is read: the row of each case in the index, and the draws of those that are done."""
+"""The draws of a campaign's cases as they are read from its directory, all in the same coordinates."""
 
-import datetime
 import math
 import os
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.errors import ModelError
 from jointbayes.joint import COORDINATES, Parametrisation, parametrisation_named
+from jointbayes.studies.campaign.index import DONE, CaseRow
 from jointbayes.studies.campaign.reweighting import JointDraws
-
-#: File by which the directory of a campaign is known.
-INDEX = "index.parquet"
-DONE = "done"
 
 _NUMBERS = 1_200_000  # draws of all joints together that are looked at
 _MOST, _FEWEST = 2000, 50  # of each joint
 _EDGE, _PILED = 0.05, 2.0  # a strip of a prior's range, and how much more than the prior has there is a pile
-
-
-@dataclass(frozen=True, slots=True)
-class CaseRow:
-    """What the index says of one case.
-
-    Parameters
-    ----------
-    key, file, status, attempts, error, serial, date, order, converged, reason, explains
-        As in the index; None where it says nothing.
-    verdicts
-        Verdict on each stiffness by name; empty unless the case is done.
-    """
-
-    key: str
-    file: str
-    status: str
-    attempts: int
-    error: str
-    serial: str | None
-    date: datetime.datetime | None
-    order: int
-    converged: bool
-    reason: str
-    explains: bool | None
-    verdicts: Mapping[str, str]
-
-    @property
-    def label(self) -> str:
-        """Serial number of the joint, or the key of its case."""
-        return self.serial or self.key
-
-
-def read_index(directory: str | os.PathLike[str]) -> tuple[CaseRow, ...]:
-    """Read the index of a campaign, in the order of its table.
-
-    Raises
-    ------
-    MeasurementError
-        If there is none, or it is no index of a campaign.
-    """
-    import pyarrow
-    from pyarrow import parquet
-
-    file = Path(directory) / INDEX
-    remedy = "expected the index that `jointbayes campaign` writes; give the directory of a campaign"
-    if not file.is_file():
-        raise MeasurementError(f"{file}: no such file; {remedy}")
-    try:
-        columns = parquet.read_table(file).to_pydict()
-        rows = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-        found = [_row(row) for row in rows]
-    except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        raise MeasurementError(f"{file}: found no index in it ({type(error).__name__}); {remedy}") from error
-    return tuple(sorted(found, key=lambda row: row.order))
-
-
-def _row(row: Mapping[str, Any]) -> CaseRow:
-    suffix = ".verdict"
-    explains = row.get("explains")
-    return CaseRow(
-        key=str(row["key"]),
-        file=str(row.get("file") or ""),
-        status=str(row["status"]),
-        attempts=int(row.get("attempts") or 0),
-        error=str(row.get("error") or ""),
-        serial=None if row.get("serial") in (None, "") else str(row["serial"]),
-        date=_date(row.get("date")),
-        order=int(row["order"]),
-        converged=bool(row.get("converged")),
-        reason=str(row.get("reason") or ""),
-        explains=None if explains is None else bool(explains),
-        verdicts={name.removesuffix(suffix): str(v) for name, v in row.items() if name.endswith(suffix) and v},
-    )
-
-
-def _date(value: object) -> datetime.datetime | None:
-    """A date without its time zone: those of one table are compared with each other only."""
-    if isinstance(value, datetime.datetime):
-        return value.astimezone(datetime.UTC).replace(tzinfo=None) if value.tzinfo else value
-    if isinstance(value, datetime.date):
-        return datetime.datetime.combine(value, datetime.time())
-    return None
-
-
-def in_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
-    """Cases in the order of a control chart, and what that is: by date, by serial number or as in the table.
-
-    By date if every case has one that is not the same for all, else by serial number if every case has one, in which
-    numbers count as numbers, else as they stand in the table.
-    """
-    if rows and all(row.date is not None for row in rows) and len({row.date for row in rows}) > 1:
-        return tuple(sorted(rows, key=lambda row: (row.date or datetime.datetime.min, row.order))), "date"
-    if rows and all(row.serial for row in rows):
-        return tuple(sorted(rows, key=lambda row: (_natural(row.serial or ""), row.order))), "serial number"
-    return tuple(sorted(rows, key=lambda row: row.order)), "order in the table"
-
-
-def _natural(text: str) -> list[tuple[int, float, str]]:
-    return [(0, float(p), "") if p.isdigit() else (1, 0.0, p) for p in re.split(r"(\d+)", text[:200]) if p]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

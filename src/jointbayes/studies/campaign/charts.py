@@ -17,7 +17,7 @@ from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import format_numbers
 from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
-from jointbayes.studies.campaign.findings import ChartedQuantity
+from jointbayes.studies.campaign.campaign_findings import ChartedQuantity
 
 Flags = NDArray[np.bool_]
 Curve = tuple[Array, Array, Array, Array]

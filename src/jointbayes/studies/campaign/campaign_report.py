@@ -1,17 +1,30 @@
-"""The numbers of a campaign: ``summary.json`` with what is said of all joints, ``joints.csv`` with every joint."""
+"""The report of a campaign and its numbers, each file whole, beside the cases that they are about."""
 
 import csv
+import datetime
 import io
 import math
+import os
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jointbayes.posterior import package_versions
-from jointbayes.studies.campaign.cases import DONE
+from jointbayes.report import Figure, Report
+from jointbayes.report.markup import foreign
+from jointbayes.report.run_directory import json_text, write_into
+from jointbayes.studies.campaign.campaign_findings import (
+    CampaignFindings,
+    ChartedQuantity,
+    PopulationFindings,
+    examine_campaign,
+)
+from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaign_sections
 from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
-from jointbayes.studies.campaign.findings import CampaignFindings, ChartedQuantity, PopulationFindings
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
+from jointbayes.studies.campaign.index import DONE
 
 #: Raised when a reader of the older form would misread the newer one.
 SCHEMA_VERSION = 1
@@ -146,3 +159,67 @@ def _ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_OURS = ("population", "control-", "ranking-")  # figures of an earlier report have such names
+
+
+def build_campaign_report(name: str, findings: CampaignFindings, date: datetime.date) -> Report:
+    """Build the report of a campaign, verdict first.
+
+    Parameters
+    ----------
+    name
+        Of the campaign.
+    findings
+        What `examine_campaign` found.
+    date
+        Date of the report.
+    """
+    return Report(
+        title=f"Campaign {foreign(name)}",
+        subtitle="Stiffness of many joints, and of the population they come from",
+        lead=campaign_lead(findings),
+        sections=campaign_sections(findings),
+        date=date,
+        version=version("jointbayes"),
+    )
+
+
+def write_campaign_report(directory: str | os.PathLike[str], seed: int = 1) -> Path:
+    """Write the report of a campaign into its directory.
+
+    Everything is made before the first file is replaced, and each file is whole or as it was: a campaign that is
+    restarted replaces its report, one that is cut off keeps the last.
+
+    Parameters
+    ----------
+    directory
+        Of the campaign: ``index.jsonl`` and ``cases/*.nc``, as `jointbayes campaign` leaves them.
+    seed
+        Of the random numbers that the population is drawn with.
+
+    Returns
+    -------
+    Path
+        The directory, now with ``report.html``, ``report.pdf``, ``summary.json``, ``joints.csv`` and
+        ``figures/*.svg``.
+
+    Raises
+    ------
+    MeasurementError
+        If there is no campaign in the directory.
+    WriteError
+        If a file cannot be written.
+    """
+    target = Path(directory)
+    findings = examine_campaign(target, seed)
+    name = target.resolve().name or "campaign"
+    report = build_campaign_report(name, findings, datetime.datetime.now(datetime.UTC).date())
+    files = {"joints.csv": joints_csv(findings), "summary.json": json_text(campaign_summary(name, findings))}
+    write_into(target, report, files)
+    drawn = {f"{block.identifier}.svg" for block in report.blocks() if isinstance(block, Figure)}
+    for old in (target / "figures").glob("*.svg"):
+        if old.name not in drawn and old.name.startswith(_OURS):
+            old.unlink()
+    return target

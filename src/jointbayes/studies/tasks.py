@@ -1,6 +1,8 @@
-"""The driver: hands out tasks, tries those again whose worker died, and names those that go on killing."""
+"""Many independent tasks on processes, a Dask cluster or any executor: workers may die, tasks are not lost.
 
-import itertools
+Tasks whose worker died are tried again, and those that go on killing are named.
+"""
+
 import os
 import time
 from collections import deque
@@ -10,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import WorkerError
-from jointbayes.studies.tasks.crew import Crew, Event, other_version, packed
+from jointbayes.studies.crews import Crew, Event, ExecutorCrew, ProcessCrew, Task, packed
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -45,18 +47,6 @@ class Outcome:
     error: str | None
     attempts: int
     killed_worker: bool
-
-
-@dataclass(slots=True)
-class _Task:
-    key: str
-    arguments: tuple[Any, ...]
-    attempts: int = 0
-    alone: bool = False  # something died beside it: what it does is seen only where nothing else runs
-    began: float = 0.0
-    worked: float = 0.0  # seconds, of all attempts
-    kills: int = 0
-    reason: str = ""  # of the last
 
 
 def run_tasks(
@@ -121,16 +111,12 @@ def run_tasks(
 
     def crew() -> Crew:
         if executor is not None:
-            from jointbayes.studies.tasks.executors import ExecutorCrew
-
             return ExecutorCrew(executor, workers)
         if scheduler is not None:
-            from jointbayes.studies.tasks.dask import DaskCrew
+            from jointbayes.studies.dask_crew import DaskCrew
 
             return DaskCrew(scheduler, workers, seconds)
-        from jointbayes.studies.tasks.local import LocalCrew
-
-        return LocalCrew(workers or _processors(), preload, seconds)
+        return ProcessCrew(workers or _processors(), preload, seconds)
 
     return _Driver(function, iter(tasks), attempts, watch).outcomes(crew)
 
@@ -153,13 +139,12 @@ class _Driver:
     ) -> None:
         self._function, self._source, self._attempts = function, source, attempts
         self._watch = watch or (lambda _keys: None)
-        self._again: deque[_Task] = deque()
-        self._killed: deque[_Task] = deque()  # tried again at the end
+        self._again: deque[Task] = deque()
+        self._killed: list[Task] = []  # tried again at the end
         self._set_aside: list[Outcome] = []
         self._worked = 0.0  # seconds of all attempts
         self._deaths = self._innocent = 0  # of workers: in all, and of those at tasks that ended well
-        self._running: dict[int, _Task] = {}
-        self._tickets = itertools.count()
+        self._running: list[Task] = []
         self._warm = False
 
     def outcomes(self, crew: Callable[[], Crew]) -> Iterator[Outcome]:
@@ -167,7 +152,7 @@ class _Driver:
         at_work = crew()
         try:
             while self._hand_out(at_work):
-                self._watch(tuple(task.key for task in self._running.values()))
+                self._watch(tuple(task.key for task in self._running))
                 ended = [outcome for event in at_work.wait(_TICK) if (outcome := self._judged(event))]
                 if ended:
                     self._hand_out(at_work)  # workers go on while the caller looks at the outcomes
@@ -178,43 +163,36 @@ class _Driver:
 
     def _hand_out(self, crew: Crew) -> bool:
         """Start what can be started; tell whether anything runs, or has still to."""
-        while crew.free > 0 and not (self._running and (not self._warm or self._one_alone())):
+        while True:
             task = self._next()
             if task is None:
-                break
-            if task.alone and self._running:
+                return bool(self._running)
+            apart = task.alone or not self._warm or any(other.alone for other in self._running)
+            if crew.free <= 0 or (self._running and apart):
                 self._again.appendleft(task)
-                break
-            ticket = next(self._tickets)
+                return True
             task.attempts += 1
             task.began = time.monotonic()
-            self._running[ticket] = task
-            crew.start(ticket, packed(self._function, task.arguments))
-        return bool(self._running or self._again or self._peek())
+            self._running.append(task)
+            crew.start(task, packed(self._function, task.arguments))
 
-    def _one_alone(self) -> bool:
-        return any(task.alone for task in self._running.values())
-
-    def _next(self) -> _Task | None:
+    def _next(self) -> Task | None:
+        """The next task; in the end one whose worker died and that is to be tried again, and the others set aside."""
         if self._again:
             return self._again.popleft()
         fresh = next(self._source, None)
-        return _Task(*fresh) if fresh is not None else self._next_killed()
-
-    def _next_killed(self) -> _Task | None:
-        """A task whose worker died and that is to be tried again; those that are not are set aside in the end."""
+        if fresh is not None:
+            return Task(*fresh)
         for task in self._killed:
             if task.kills < self._allowed(task):
                 self._killed.remove(task)
                 return task
         if not self._running:  # nothing more will be known
-            self._set_aside += [
-                Outcome(task.key, None, task.reason, task.attempts, killed_worker=True) for task in self._killed
-            ]
+            self._set_aside += [Outcome(task.key, None, task.reason, task.attempts, True) for task in self._killed]
             self._killed.clear()
         return None
 
-    def _allowed(self, task: _Task) -> int:
+    def _allowed(self, task: Task) -> int:
         """How many of its workers may die: `attempts`, and more where workers die that tasks have no part in."""
         if not self._innocent:
             return self._attempts
@@ -222,22 +200,14 @@ class _Driver:
         expected = min((self._deaths - task.kills) / others, _MOST_DEATHS) * task.worked
         return self._attempts + min(round(_FORGIVEN * expected), _MOST_FORGIVEN)
 
-    def _peek(self) -> bool:
-        """Whether there is a further task; it is then the next one to wait."""
-        task = self._next()
-        if task is not None:
-            self._again.appendleft(task)
-        return task is not None
-
     def _judged(self, event: Event) -> Outcome | None:
         """The outcome of a task that has ended for good; one that has not waits again, before all others."""
-        task, reply = self._running.pop(event.ticket), event.reply
-        if event.never_began:
+        task, reply = event.task, event.reply
+        self._running.remove(task)
+        if reply is not None and reply.other_version:
             task.attempts -= 1
             self._again.appendleft(task)
             return None
-        if reply is not None and reply.other_version:
-            raise WorkerError(other_version(reply.other_version))
         self._warm = True
         spent = time.monotonic() - task.began
         task.worked, self._worked = task.worked + spent, self._worked + spent
@@ -248,13 +218,12 @@ class _Driver:
             task.alone = True
             task.attempts -= 1
             self._again.appendleft(task)
-            return None
-        if reply is None and not event.overdue:
+        elif reply is None and not event.overdue:
             task.kills, task.reason = task.kills + 1, event.reason
             self._deaths += 1
             self._killed.append(task)
-            return None
-        if task.attempts - task.kills < self._attempts:
+        elif task.attempts - task.kills < self._attempts:
             self._again.appendleft(task)
-            return None
-        return Outcome(task.key, None, event.reason if reply is None else reply.error, task.attempts, reply is None)
+        else:
+            return Outcome(task.key, None, event.reason if reply is None else reply.error, task.attempts, reply is None)
+        return None

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.studies.campaign.cases import DONE, CampaignDraws, CaseRow, in_order, read_draws, read_index
 from jointbayes.studies.campaign.control import FEWEST, ControlChart, control_chart, outlier_limit
 from jointbayes.studies.campaign.hierarchical import (
     Population,
@@ -19,6 +18,8 @@ from jointbayes.studies.campaign.hierarchical import (
     population_stiffness,
     weighted_quantiles,
 )
+from jointbayes.studies.campaign.index import DONE, CaseRow, in_order, read_index
+from jointbayes.studies.campaign.joint_draws import CampaignDraws, read_draws
 
 Flags = NDArray[np.bool_]
 

@@ -1,4 +1,4 @@
-"""The driver of a campaign: what is still to do, who does it, and what became of it."""
+"""The driver of a campaign: what is still to do, who does it, what a worker does for a case, and what became of it."""
 
 import hashlib
 import os
@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any
 from jointbayes.code_version import code_version
 from jointbayes.errors import ModelError
 from jointbayes.own_directory import real_directory
-from jointbayes.studies.campaign.cases import DONE
-from jointbayes.studies.campaign.directory import Campaign, campaign_directory
-from jointbayes.studies.campaign.index import FAILED, KILLED, Index, Row, kept_rows
-from jointbayes.studies.campaign.table import CampaignCase, read_cases
-from jointbayes.studies.campaign.work import CaseWork, do_case
+from jointbayes.posterior.brief import Cell
+from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
+from jointbayes.studies.campaign.index import DONE, FAILED, KILLED, Campaign, Index, Row, campaign_directory, kept_rows
 from jointbayes.studies.tasks import Outcome, run_tasks
 from jointbayes.whole_file import swept
 
@@ -25,9 +23,65 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+@dataclass(frozen=True, slots=True)
+class CaseWork:
+    """One case as it is sent to a worker.
+
+    Parameters
+    ----------
+    key
+        Of the case, its name.
+    text
+        TOML text.
+    directory
+        Where its measurement files are looked for.
+    seed
+        Of its draws.
+    file
+        Posterior file to write.
+    draws
+        Draws to keep in it at most.
+    allow_outside
+        Whether its measurement files may lie outside that directory.
+    full
+        Whether to sample it as long as a run of its own.
+    """
+
+    key: str
+    text: str
+    directory: str
+    seed: int
+    file: str
+    draws: int
+    allow_outside: bool = False
+    full: bool = False
+
+
+def do_case(work: CaseWork) -> dict[str, Cell]:
+    """Sample a case, write its posterior and return its row of the index.
+
+    The row is of all draws, the file holds fewer. Doing it twice writes the same file twice.
+
+    Raises
+    ------
+    JointBayesError
+        If the case is wrong, or its file cannot be written.
+    """
+    from jointbayes.case.case import case_from_text
+    from jointbayes.workflow import sample
+
+    begin = time.monotonic()
+    case = case_from_text(work.key, work.text, directory=work.directory, allow_outside=work.allow_outside)
+    # the cases are what is spread over processes; the draws are the same
+    posterior = sample(case, work.seed, settings=case.sampler.for_one_of_many(full=work.full))
+    row = posterior.brief()
+    posterior.with_fewer_draws(work.draws).save(Path(work.file))
+    return {"seconds": time.monotonic() - begin, "code": code_version(), **row}
+
+
 _FORM = 1  # of what a case is reduced to: raised where all cases must be done again
 #: What workers have from the start: all that a case needs.
-_PRELOAD = ("jointbayes.workflow", "jointbayes.case.case", "jointbayes.studies.campaign.work")
+_PRELOAD = ("jointbayes.workflow", "jointbayes.case.case", "jointbayes.studies.campaign.campaign_run")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +150,7 @@ def campaign(
     cases
         A table in CSV, each row a case; or case files, or a pattern of such names.
     directory
-        Where to write: ``index.parquet`` and ``cases/<key>.nc``.
+        Where to write: ``index.jsonl`` and ``cases/<key>.nc``.
     base
         The case that the rows of a table change.
     workers
