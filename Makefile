@@ -7,12 +7,14 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CASE := clamped_beam
-MARKS ?= not science
+MARKS ?= not science and not docs
 SECONDS ?= 60
 
 # The linear algebra is small: more BLAS threads only get in each other's way, and in xdist's.
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
+# The tests start many processes: what Python compiles is to be kept for the next.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -27,7 +29,7 @@ report: $(VENV)/.stamp-run  ## run configs/clamped_beam.toml and write reports/c
 	@echo "Written:"
 	@find reports/$(CASE) -type f | LC_ALL=C sort | sed 's/^/  /'
 
-test: $(VENV)/.stamp-test  ## run the tests but those marked science; MARKS= runs them all
+test: $(VENV)/.stamp-test  ## run the tests but those marked science or docs; MARKS= runs them all
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(MARKS)" $(PYTEST_ARGS)
 
 lint: $(VENV)/.stamp-lint  ## ruff check, ruff format --check, mypy

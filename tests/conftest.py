@@ -1,7 +1,8 @@
 """The paper's beam and joint, and the cases of the repository."""
 
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.joint import Joint, LogStiffness
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.information import knowledge
+from jointbayes.report import ReportInputs, figures
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
@@ -83,6 +86,30 @@ def shipped_text(name: str) -> str:
     return read_case_text(CONFIGS / f"{name}.toml").text
 
 
+def first_in_ci(items: Sequence[object], count: int) -> list[object]:
+    """Parameters of a science test, of which CI takes the first; `make science` takes all."""
+    rest = (item if isinstance(item, tuple) else (item,) for item in items[count:])
+    return [*items[:count], *(pytest.param(*item, marks=pytest.mark.long) for item in rest)]
+
+
+@contextmanager
+def plain_reports() -> Iterator[None]:
+    """Reports with blank figures, without profiles and freed inputs, a third of the price: for claims about none."""
+    blank = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
+    effect = knowledge.effect_of_uncertain_inputs
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "svg", lambda *_: blank)
+        patch.setattr(knowledge, "_profiles", lambda *_: ())
+        patch.setattr(knowledge, "effect_of_uncertain_inputs", lambda posterior, *_: effect(posterior))
+        yield
+
+
+@pytest.fixture(name="plain_reports")
+def _plain_reports() -> Iterator[None]:
+    with plain_reports():
+        yield
+
+
 @pytest.fixture(scope="session")
 def configs() -> Path:
     return CONFIGS
@@ -147,6 +174,12 @@ def cheap_posterior(cheap_case: Case) -> Posterior:
     """A converged FRF posterior of a few seconds; nobody may change it."""
     settings = SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.03)
     return sample(cheap_case, seed=1, settings=settings)
+
+
+@pytest.fixture(scope="session")
+def cheap_inputs(cheap_case: Case, cheap_posterior: Posterior) -> ReportInputs:
+    """What its report is written from, with the effect of usual uncertainties; nobody may change it."""
+    return ReportInputs(of_case(cheap_posterior, workshop_problem=cheap_case.workshop_problem))
 
 
 @pytest.fixture(scope="session")

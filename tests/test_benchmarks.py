@@ -25,6 +25,8 @@ from benchmarks.samplers import emcee_rows, extrapolated, missing, row
 import jointbayes as jb
 from jointbayes.structure import FixedFamily
 
+pytestmark = pytest.mark.docs
+
 PEERS = [
     ("modal", peers.dense_loop),
     ("modal", peers.dense_batched),

@@ -27,6 +27,8 @@ from jointbayes.posterior.storage import draws_tree
 from jointbayes.sampling import Draws
 from tests.conftest import CONFIGS, TABLE_3, edited, shipped_text
 
+pytestmark = pytest.mark.docs
+
 ROOT = CONFIGS.parent
 README = ROOT / "README.md"
 DOCS = ROOT / "docs"

@@ -11,6 +11,8 @@ import jointbayes as jb
 from tests.conftest import STEEL, rod
 from tests.report.test_setups import OWN, TORQUES
 
+pytestmark = pytest.mark.docs
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 #: Run by a test of its own, in tests/test_workflow.py.

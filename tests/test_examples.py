@@ -12,6 +12,8 @@ import jointbayes as jb
 from jointbayes.measurement.formats import write_frf
 from jointbayes.studies.calibration.data_set import simulated_problem
 
+pytestmark = pytest.mark.docs
+
 RECORD = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
 EXAMPLES = example_figures.examples()
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from benchmarks.interval_ends import CASES, allowed, measure, ratios, section, verdict
 
+pytestmark = pytest.mark.docs
+
 
 def rows(seeds, stated, rng):
     """Ends of scatter 1 with this stated error."""

@@ -11,6 +11,8 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from tests.conftest import FEW_STEPS, cheap_text
 
+pytestmark = pytest.mark.docs
+
 NOTHING = Held(0, 0, 0, 0, 0, 0)
 kept = []
 

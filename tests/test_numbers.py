@@ -10,6 +10,8 @@ from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRAC
 from jointbayes.report.paper_tables import audit
 from jointbayes.studies.reference_check import EXACT_TOLERANCE, NOISY_TOLERANCE_K22, REGION
 
+pytestmark = pytest.mark.docs
+
 AGAIN = "run `python -m benchmarks.numbers` (all cases) or `python -m benchmarks.numbers --write-only` (pages only)"
 
 

@@ -213,6 +213,7 @@ def test_a_problem_of_arrays_comes_back_to_the_last_bit(kind, sampled, tmp_path)
     np.testing.assert_array_equal(loaded.first_guess, problem.first_guess)
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_draws_summary_and_report_of_a_problem_come_back(sampled, tmp_path):
     sampled.save(tmp_path / "kept.nc")
     loaded = jb.load_posterior(tmp_path / "kept.nc")
@@ -229,6 +230,7 @@ def test_draws_summary_and_report_of_a_problem_come_back(sampled, tmp_path):
     assert json.loads((run / "summary.json").read_text(encoding="utf-8"))["case"] == "rod"
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
     case = jb.case_from_text("cheap", cheap_text())
     problem = case.problem
@@ -250,6 +252,7 @@ def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
     assert "prior of ln k11: Normal(mean=22.0, sd=0.5)" in (tmp_path / "run" / "report.html").read_text("utf-8")
 
 
+@pytest.mark.docs
 def test_the_page_on_problems_without_files_runs_as_it_stands(tmp_path, monkeypatch):
     page = (CONFIGS.parent / "docs" / "without-files.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)

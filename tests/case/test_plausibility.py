@@ -40,9 +40,12 @@ def warnings_of(*changes, text=None):
 # ---- slips
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
-def test_no_shipped_case_has_a_warning(config):
-    assert jb.load_case(config).warnings == ()
+def test_no_shipped_case_has_a_warning_or_a_prior_that_it_does_not_state(config):
+    case = jb.load_case(config)
+    assert case.warnings == ()
+    assert case.default_priors == frozenset()
 
 
 #: What was written, the key to be named, and what is to be said of it.
@@ -164,7 +167,7 @@ def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(t
     assert (last, result.stdout, result.exit_code) == ("jointbayes: stopped here", "", 2)
 
 
-@pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 def test_report_and_summary_keep_the_warnings(frequency_posterior):
     notes = ("structure.length_mm: found 0.383; expected more; write 383",)
     inputs = ReportInputs(of_case(frequency_posterior, warnings=notes))
@@ -174,7 +177,7 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 
-@pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):
     text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))
     jb.write_report(replace(frequency_posterior, case=jb.case_from_text("case", text)), tmp_path / "out")

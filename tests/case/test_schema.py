@@ -2,17 +2,14 @@
 
 import os
 import re
-import subprocess
 import sys
 import tomllib
 
 import pydantic
 import pytest
-from benchmarks import example_figures
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointbayes.case.case_text import read_case_text
 from jointbayes.case.schema.case import CaseSpec, parse_case
 from jointbayes.case.schema.fields import Spec
 from jointbayes.case.schema.section import CircleSpec
@@ -448,8 +445,6 @@ def test_dotted_keys_and_inline_tables_make_the_same_case():
     assert line.startswith(f"case.toml:{number}: data.noise.flor: ")
 
 
-KEYS = list(re.finditer(r"^(\w+) = ", GOOD, re.MULTILINE))
-HEADERS = list(re.finditer(r"^\[(?:\w+\.)?(\w+)\]", GOOD, re.MULTILINE))
 FULL_KEYS = list(re.finditer(r"^(\w+) = ", FULL, re.MULTILINE))
 FULL_HEADERS = list(re.finditer(r"^\[(?:\w+\.)?(\w+)\]", FULL, re.MULTILINE))
 
@@ -461,29 +456,17 @@ def check_never_another_exception(text, most):
         assert len(faults_of(text)) <= most
 
 
-@pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key[1]} at {key.start()}")
-def test_deleting_any_key_is_a_valid_case_or_one_line(key):
-    check_never_another_exception(GOOD[: key.start()] + GOOD[GOOD.index("\n", key.start()) :], 1)
+def test_deleting_any_key_of_the_fullest_case_is_a_valid_case_or_few_lines():
+    for key in FULL_KEYS:
+        # "scale" is what gives its two factors their meaning: both are named then
+        most = 2 if key[1] == "scale" else 1
+        check_never_another_exception(FULL[: key.start()] + FULL[FULL.index("\n", key.start()) :], most)
 
 
-@pytest.mark.parametrize("key", FULL_KEYS, ids=lambda key: f"{key[1]} at {key.start()}")
-def test_deleting_any_key_of_the_fullest_case_is_a_valid_case_or_few_lines(key):
-    # "scale" is what gives its two factors their meaning: both are named then
-    most = 2 if key[1] == "scale" else 1
-    check_never_another_exception(FULL[: key.start()] + FULL[FULL.index("\n", key.start()) :], most)
-
-
-@pytest.mark.science
 @settings(deadline=None)
 @given(st.sampled_from(FULL_KEYS + FULL_HEADERS), st.from_regex(r"[A-Za-z0-9_-]{1,12}", fullmatch=True))
 def test_renaming_any_key_or_table_of_the_fullest_case_is_a_valid_case_or_few_lines(key, name):
     check_never_another_exception(FULL[: key.start(1)] + name + FULL[key.end(1) :], 2)
-
-
-@settings(deadline=None)
-@given(st.sampled_from(KEYS + HEADERS), st.from_regex(r"[A-Za-z0-9_-]{1,12}", fullmatch=True))
-def test_renaming_any_key_or_table_is_a_valid_case_or_one_line(key, name):
-    check_never_another_exception(GOOD[: key.start(1)] + name + GOOD[key.end(1) :], 1)
 
 
 VALUES = st.one_of(
@@ -492,12 +475,6 @@ VALUES = st.one_of(
     st.text(st.characters(codec="utf-8", exclude_characters="'\n\r"), max_size=30).map("'{}'".format),
     st.sampled_from(["true", "[]", "{}", "[[]]", "[1, 'a']", "{a = 1}", "12:30:00", "0x1F", "1e400"]),
 )
-
-
-@settings(max_examples=300, deadline=None)
-@given(st.sampled_from(KEYS), VALUES)
-def test_no_value_of_any_key_causes_another_exception(key, value):
-    check_never_another_exception(GOOD[: key.end()] + value + GOOD[GOOD.index("\n", key.end()) :], 20)
 
 
 @settings(max_examples=200, deadline=None)
@@ -563,17 +540,6 @@ def test_windows_line_ends_and_byte_order_mark_are_accepted(tmp_path):
     assert parse_case(read_text(path)) == parse_case(GOOD)
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_config_of_the_repository_loads(path):
-    case = parse_case(read_case_text(path))
-    assert "SYNTHETIC" in path.read_text(encoding="utf-8")
-    if path.stem in example_figures.examples():
-        return
-    assert case.structure.length_mm == (360.0 if "360mm" in path.stem else 383.0)
-    assert case.reference is None or (case.reference.k11, case.reference.k22) == (5.05e9, 1.52e6)
-    assert case.joint.dofs == ("1:y", "1:rz")
-
-
 def test_the_clamped_beam_is_the_one_of_the_paper():
     case = parse_case(GOOD)
     assert isinstance(case.structure.section, CircleSpec)
@@ -608,27 +574,6 @@ def test_optional_tables_have_the_documented_defaults():
     assert (plan.f_max_hz, plan.added_mass_g) == (None, None)
     truth = case.data.truth
     assert (truth.youngs_modulus_gpa, truth.length_mm, truth.gain, truth.damping_ratio) == (None, None, 1.0, None)
-
-
-def test_the_fullest_case_holds_what_it_says():
-    case = parse_case(FULL)
-    priors = case.uncertain.given
-    names = ["youngs_modulus", "density", "length", "damping_ratio", "accelerometer_mass", "gain"]
-    assert list(priors) == names  # the order of the coordinates, not of the file
-    assert (priors["length"].sd_percent, priors["length"].low_factor) == (0.5, None)
-    damping = priors["damping_ratio"]
-    assert (damping.sd_percent, damping.low_factor, damping.high_factor) == (None, 0.1, 10.0)
-    truth = case.data.truth
-    assert (truth.k11, truth.youngs_modulus_gpa, truth.density_kg_m3) == (5.05e9, 208.0, 7850.0)
-    assert (truth.length_mm, truth.accelerometer_mass_g, truth.gain) == (380.0, 2.5, 1.02)
-    assert truth.damping_ratio == (0.02, 0.01)
-    noise = case.data.noise
-    assert (noise.coherence, noise.averages, noise.relative, noise.floor) == (0.98, 10, 0.0, 0.001)
-    discrepancy = case.noise.discrepancy
-    assert (discrepancy.scale_low, discrepancy.scale_high) == (0.05, 50.0)
-    assert (discrepancy.length_low_hz, discrepancy.length_high_hz) == (5.0, 500.0)
-    assert (case.plan.averages_factor, case.plan.f_max_hz, case.plan.added_mass_g) == (8.0, 5000.0, 50.0)
-    assert CaseSpec.model_validate(case.model_dump()) == case
 
 
 def test_a_discrepancy_needs_its_lengths_only():
@@ -678,26 +623,6 @@ def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measu
     assert (chosen.plan_outputs, chosen.plan_inputs) == (("11:rz", "6:y"), ("6:y",))
 
 
-def test_the_two_uncertain_beams_differ_by_the_accelerometer_at_mid_span_alone():
-    tip, mid = parse_case(UNCERTAIN), parse_case(shipped_text("clamped_beam_midspan"))
-    assert tip.data.outputs == ("11:y",)
-    assert mid.data.outputs == ("11:y", "6:y")
-    assert len(tip.data.lines_hz()) == 1246
-    assert tip.model_copy(update={"title": "", "plan": None}) == mid.model_copy(
-        update={
-            "title": "",
-            "plan": None,
-            "data": mid.data.model_copy(update={"outputs": tip.data.outputs}),
-        }
-    )
-    assert {name: prior.sd_percent for name, prior in tip.uncertain.given.items()} == {
-        "youngs_modulus": 2.0,
-        "density": 1.0,
-        "length": 0.5,
-        "damping_ratio": None,
-    }
-
-
 def test_an_integer_is_accepted_where_a_number_is_meant():
     length = parse_case(GOOD.replace("length_mm = 383.0", "length_mm = 383")).structure.length_mm
     assert isinstance(length, float)
@@ -734,11 +659,6 @@ def test_every_key_of_the_schema_says_what_it_expects():
     for model in models:
         for name, info in model.model_fields.items():
             assert info.description, f"{model.__name__}.{name}"
-
-
-def test_importing_the_package_does_not_load_pydantic():
-    code = "import sys, jointbayes; sys.exit('pydantic' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 # ---- many faults, and much of anything

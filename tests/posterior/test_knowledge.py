@@ -27,7 +27,6 @@ from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case
 
 INITIAL = (1e8, 0.0, 0.0)
 DATE = datetime.date(2026, 1, 5)
-CONVERGING = jb.SamplerSettings(walkers=24, max_steps=3000, tau_factor=20, end_tolerance=0.05)
 #: Data of a beam 23 mm shorter than the one analysed.
 WRONG_LENGTH = cheap_text().replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\n#")
 UNCERTAIN = cheap_text() + "\n[uncertain.length]\nsd_percent = 0.1\n[uncertain.gain]\nsd_percent = 1.0\n"
@@ -36,14 +35,14 @@ UNCERTAIN = cheap_text() + "\n[uncertain.length]\nsd_percent = 0.1\n[uncertain.g
 @pytest.fixture(scope="module")
 def wrong():
     case = case_from_text("wrong length", WRONG_LENGTH)
-    return jb.sample(case, seed=1, settings=CONVERGING)
+    return jb.sample(case, seed=1, settings=TO_CONVERGE)
 
 
 @pytest.fixture(scope="module")
 def uncertain():
     """A converged run: one that has not converged has no verdict, and then nothing is said of what it rests on."""
     case = case_from_text("uncertain", UNCERTAIN)
-    posterior = jb.sample(case, seed=1, settings=CONVERGING)
+    posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
     assert posterior.converged
     return posterior
 
@@ -54,13 +53,22 @@ def of_uncertain(uncertain):
     return ReportInputs(of_case(uncertain))
 
 
-def report(posterior, freed=None):
-    inputs = ReportInputs(of_case(posterior, workshop_problem=freed))
+def report(inputs):
     return build_report(inputs, DATE), inputs.summary.to_json()
 
 
-def test_a_model_that_does_not_explain_the_data_leads_the_report(wrong):
-    built, summary = report(wrong)
+@pytest.fixture(scope="module")
+def of_wrong(wrong):
+    return report(ReportInputs(of_case(wrong)))
+
+
+@pytest.fixture(scope="module")
+def of_cheap(cheap_inputs):
+    return report(cheap_inputs)
+
+
+def test_a_model_that_does_not_explain_the_data_leads_the_report(of_wrong):
+    built, summary = of_wrong
     assert not summary["check"]["explains"]
     first = built.lead[0]
     assert isinstance(first, Callout)
@@ -70,8 +78,8 @@ def test_a_model_that_does_not_explain_the_data_leads_the_report(wrong):
     assert "too wide" not in first.text
 
 
-def test_what_is_known_is_conditional_where_the_model_does_not_explain_the_data(wrong):
-    built, summary = report(wrong)
+def test_what_is_known_is_conditional_where_the_model_does_not_explain_the_data(of_wrong):
+    built, summary = of_wrong
     said = summary["identifiability"]["sentence"]
     assert said.startswith("If the model were right: ")
     assert f"**{said}**" in [b.text for b in built.blocks() if isinstance(b, Paragraph)]
@@ -82,8 +90,8 @@ def test_what_is_known_is_conditional_where_the_model_does_not_explain_the_data(
         assert all(verdict.endswith(", if the model were right") for verdict in known)
 
 
-def test_what_helps_is_said_where_the_misfit_is(wrong):
-    built, summary = report(wrong)
+def test_what_helps_is_said_where_the_misfit_is(wrong, of_wrong):
+    built, summary = of_wrong
     assert summary["check"]["finding"] == "misfit"
     assert summary["check"]["causes"][0].startswith("frequencies")
     assert summary["check"]["diagnosis"] in built.lead[0].text
@@ -95,17 +103,18 @@ def test_what_helps_is_said_where_the_misfit_is(wrong):
     assert captions["FRFs at the MAP"].rows[0][0] == "5:y/5:y"
 
 
-def test_a_model_that_explains_them_says_so_with_its_figures(cheap_posterior):
-    built, summary = report(cheap_posterior)
+def test_a_model_that_explains_them_says_so_with_its_figures(of_cheap):
+    built, summary = of_cheap
     assert summary["check"]["explains"]
     assert not any("NOT explain" in block.text for block in built.lead if isinstance(block, Callout))
     said = [b.text for b in built.lead if isinstance(b, Paragraph) and "explains the data" in b.text]
     assert f"{summary['check']['chi2_per_line']:.3g} times" in said[0]
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, monkeypatch):
     monkeypatch.setattr("jointbayes.posterior.summary.effective_sizes", lambda chains: (float("nan"), float("nan")))
-    built, summary = report(wrong)
+    built, summary = report(ReportInputs(of_case(wrong)))
     assert summary["parameters"]["k22"]["ess_bulk"] is None
     tables = [b for section in built.sections for b in section.blocks if isinstance(b, Table)]
     (numbers,) = (t for t in tables if t.caption == "Posterior in numbers")
@@ -141,7 +150,7 @@ def test_what_all_else_known_would_give_is_what_sampling_that_case_gives(of_unce
 
 def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_gives(cheap_posterior):
     case = case_from_text("gain", cheap_text() + "\n[uncertain.gain]\nsd_percent = 5.0\n")
-    sampled = jb.sample(case, seed=1, settings=CONVERGING)
+    sampled = jb.sample(case, seed=1, settings=TO_CONVERGE)
     assert sampled.converged
     run, freed = effect_of_uncertain_inputs(cheap_posterior, case.problem)
     assert (run.uncertain, freed.uncertain) == ((), ("gain",))
@@ -274,10 +283,9 @@ def test_a_one_sided_limit_is_compared_as_one():
         assert (inputs_taken_as_exact((above, bounded(("length",), limit, "bounded above"))) == {}) == holds
 
 
-def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_case, cheap_posterior, capsys):
-    posterior = of_case(cheap_posterior, workshop_problem=cheap_case.workshop_problem)
-    inputs = ReportInputs(posterior)
-    built, summary = build_report(inputs, DATE), inputs.summary.to_json()
+def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs, of_cheap, capsys):
+    inputs, posterior = cheap_inputs, cheap_inputs.posterior
+    built, summary = of_cheap
     freed = inputs.knowledge.freed[-1].known["k22"]
     only_if = "identified only if Young's modulus, density, length and damping ratio are exact"
     low, high = freed.interval95
@@ -333,8 +341,8 @@ def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_po
     assert table.rows[-1] == ("length, gain", "–", "–", "–", "–", "–")
 
 
-def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(cheap_case, cheap_posterior):
-    built, summary = report(cheap_posterior, cheap_case.workshop_problem)
+def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(cheap_case, cheap_posterior, of_cheap):
+    built, summary = of_cheap
     freed = summary["identifiability"]["freed"]
     assert freed[0]["freed"] == []
     assert freed[-1]["freed"] == ["youngs_modulus", "density", "length", "damping_ratio"]

@@ -87,6 +87,10 @@ def test_what_is_said_beside_the_solutions_knows_of_both(portal):
         mirrored = region.limits((index + 3) % 6, FALL_TWO_SIDED, FALL_PRINTED)
         assert region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)[1] == pytest.approx(mirrored[1], rel=0.01)
     assert known_by_bounds(portal) == ()
+
+
+@pytest.mark.science
+def test_two_solutions_stay_two_with_other_inputs_uncertain(portal):
     run, freed = effect_of_uncertain_inputs(portal, portal.case.workshop_problem)
     assert freed.known
     assert set(freed.verdict.values()) == {"not identified"}

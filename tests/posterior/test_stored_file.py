@@ -1,6 +1,7 @@
 """A posterior file that is damaged, of other parts, or hostile: one line that names it, and nothing else happens."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -87,9 +88,7 @@ OTHER_RECORDS = {
 @pytest.mark.parametrize(("place", "found"), [*OTHER_RECORDS.items()], ids=lambda part: str(part)[:50])
 def test_a_record_with_another_field_is_refused_by_its_name(place, found, tmp_path):
     value, said = found
-    with pytest.raises(JointBayesError, match=said):
-        load_posterior(copied(tmp_path, FRF, replaced(place, value)))
-    refusal(tmp_path / "found.nc")
+    assert re.search(said, refusal(copied(tmp_path, FRF, replaced(place, value))))
 
 
 def spoilt(place, change):
@@ -128,9 +127,7 @@ OTHER_ARRAYS = {
 
 @pytest.mark.parametrize(("place", "change", "said"), OTHER_ARRAYS.values(), ids=OTHER_ARRAYS)
 def test_arrays_that_do_not_belong_to_the_problem_are_refused(place, change, said, tmp_path):
-    with pytest.raises(JointBayesError, match=said):
-        load_posterior(copied(tmp_path, FRF, None, spoilt(place, change)))
-    refusal(tmp_path / "found.nc")
+    assert re.search(said, refusal(copied(tmp_path, FRF, None, spoilt(place, change))))
 
 
 # ---- hostile files
@@ -172,9 +169,8 @@ def test_files_that_a_stored_case_names_are_not_read(tmp_path, monkeypatch):
     ],
     ids=str,
 )
-@pytest.mark.parametrize("part", ["structure", "measurement", "prior"])
-def test_a_stored_problem_makes_nothing_but_data_classes_and_distributions(plain, said, part, tmp_path):
-    path = copied(tmp_path, ARRAYS, replaced(("problem", "description", part), plain))
+def test_a_stored_problem_makes_nothing_but_data_classes_and_distributions(plain, said, tmp_path):
+    path = copied(tmp_path, ARRAYS, replaced(("problem", "description", "prior"), plain))
     assert said in refusal(path)
 
 

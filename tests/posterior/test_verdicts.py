@@ -198,6 +198,7 @@ def test_a_failed_run_has_no_verdict_on_paper(cheap_posterior):
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_nothing_is_green_where_the_model_does_not_explain_the_data(cheap_posterior):
     assert "good" in table_of(cheap_posterior).row_kinds
     misfit = dataclasses.replace(cheap_posterior.check, chi2_per_line=9.0)

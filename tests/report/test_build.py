@@ -43,6 +43,11 @@ def whole(cheap_posterior):
     return report_of(cheap_posterior, paper_audit=True)
 
 
+@pytest.fixture(scope="module")
+def of_frequencies(frequency_posterior):
+    return report_of(frequency_posterior)
+
+
 def of_kind(blocks, kind):
     return [block for block in blocks if isinstance(block, kind)]
 
@@ -117,11 +122,11 @@ def test_the_sentence_on_the_coupling_fits_every_outcome():
     assert "spans a factor of 2 (-4.00e7 … -2.00e7 N)" in sentence(low=-4e7, high=-2e7, sd_log=0.1)
 
 
-def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, frequency_posterior):
+def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, of_frequencies):
     banner = "**The FRF data are synthetic**"
     assert sum(block.text.startswith(banner) for block in of_kind(whole.lead, Callout)) == 1
     assert "synthetic data" in whole.subtitle
-    measured = report_of(frequency_posterior)
+    measured = of_frequencies
     assert not any("synthetic" in block.text for block in of_kind(measured.blocks(), Callout))
     assert "synthetic" not in measured.subtitle
     titles = [block.plot for block in of_kind(whole.blocks(), Figure) if block.plot]
@@ -129,6 +134,7 @@ def test_synthetic_data_are_called_synthetic_and_measured_ones_are_not(whole, fr
     assert all("measured" not in [one.name for one in plot.series] for plot in titles)
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_the_first_block_says_whether_the_sampler_converged(whole, cheap_posterior):
     first = whole.lead[0]
     assert (first.kind, first.text) == ("good", f"**The sampler** {cheap_posterior.reason}")
@@ -138,6 +144,7 @@ def test_the_first_block_says_whether_the_sampler_converged(whole, cheap_posteri
     assert "has NOT converged, do not use these numbers**: at 9 of 9 steps" in stopped.text
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_a_mode_that_the_map_search_missed_has_a_banner(whole, cheap_posterior):
     assert not any("another mode" in block.text for block in of_kind(whole.lead, Callout))
     missed = dataclasses.replace(
@@ -149,6 +156,7 @@ def test_a_mode_that_the_map_search_missed_has_a_banner(whole, cheap_posterior):
     assert [block.kind for block in banners] == ["bad"]
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_the_audit_has_its_four_findings_only_where_it_is_asked_for(whole, cheap_posterior):
     audit = section(whole, "audit")
     findings = [p.text for p in of_kind(audit.blocks, Paragraph) if re.match(r"\*\*\d\. ", p.text)]
@@ -167,6 +175,7 @@ def test_every_file_of_a_section_is_in_the_report():
     assert files == {section.__module__.rsplit(".", 1)[1] for section in (*SECTIONS_OF_DATA, *SECTIONS)}
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_sections_stand_in_the_order_in_which_they_are_listed(whole, cheap_posterior):
     inputs = ReportInputs(of_case(cheap_posterior, reference=TABLE_3, paper_audit=True))
     sections = [
@@ -216,6 +225,7 @@ def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior
     assert not np.allclose(guess.y, best.y)
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
     (table,) = of_kind(section(whole, "frequencies").blocks, Table)
     summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()["natural_frequencies_hz"]
@@ -270,13 +280,12 @@ assert sys.modules["corner.corner"].arviz_corner is not None  # what a user impo
     subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True, env=os.environ | {"MPLBACKEND": "Agg"})
 
 
-def test_the_report_is_the_same_for_the_same_posterior(cheap_posterior):
-    first, again = report_of(cheap_posterior), report_of(cheap_posterior)
-    assert render_html(first) == render_html(again)
+def test_the_report_is_the_same_for_the_same_posterior(whole, cheap_posterior):
+    assert render_html(report_of(cheap_posterior, paper_audit=True)) == render_html(whole)
 
 
-def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior):
-    report = report_of(frequency_posterior)
+def test_a_report_on_natural_frequencies_builds_and_renders(of_frequencies):
+    report = of_frequencies
     said = [paragraph.text for paragraph in of_kind(report.lead, Paragraph)]
     assert sum("contains zero, so that not even its sign is known" in text for text in said) == 1
     assert sum(text.startswith("**The data exclude that the joint is rigid (") for text in said) == 1
@@ -294,6 +303,7 @@ def test_a_report_on_natural_frequencies_builds_and_renders(frequency_posterior)
     assert render_pdf(report).startswith(b"%PDF-")
 
 
+@pytest.mark.usefixtures("plain_reports")
 def test_a_report_without_published_values_names_none(cheap_posterior):
     report = report_of(cheap_posterior, reference=None, reference_source="")
     assert "Published" not in of_kind(report.lead, Table)[0].head
@@ -301,7 +311,7 @@ def test_a_report_without_published_values_names_none(cheap_posterior):
     assert "published" not in said.lower()
 
 
-@pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 @pytest.mark.parametrize("k12", [0.0, -3.44e7])
 def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posterior, k12):
     report = report_of(cheap_posterior, reference=np.array([5.05e9, k12, 1.52e6]))
@@ -310,7 +320,7 @@ def test_a_published_coupling_that_has_no_logarithm_is_no_obstacle(cheap_posteri
     assert said == [mode_sentence(cheap_posterior), on_edge]
 
 
-@pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 def test_a_coupling_of_free_sign_from_frfs_builds_too():
     text = edited(cheap_text(), ('parametrisation = "log"', 'parametrisation = "signed"'))
     at, end = text.index("[prior.k12]"), text.index("[prior.k22]")
@@ -324,7 +334,7 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
     assert "spans a factor of" in of_kind(report.lead, Paragraph)[1].text
 
 
-@pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 @pytest.mark.parametrize("measured", [(120.0,), (120.0, 762.0, 2101.0, 4000.0)])
 def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_posterior, measured):
     report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_audit=True)

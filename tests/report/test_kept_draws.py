@@ -42,7 +42,7 @@ def failing(error):
 
 
 @pytest.fixture
-def config(tmp_path, monkeypatch, frequency_posterior):
+def config(tmp_path, monkeypatch, frequency_posterior, plain_reports):
     """A case file whose draws are those of the session."""
     monkeypatch.setattr("jointbayes.workflow.sample", lambda *_arguments, **_options: frequency_posterior)
     monkeypatch.chdir(tmp_path)

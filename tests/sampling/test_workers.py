@@ -50,9 +50,14 @@ def test_two_processes_give_the_same_bits_as_one():
     assert multiprocessing.active_children() == []
 
 
-@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
-def test_the_density_of_every_shipped_case_can_be_sent_to_another_process(config):
-    problem = load_case(config).problem
+#: One of each kind of structure, data and noise.
+KINDS = ("clamped_beam", "clamped_beam_frequencies", "clamped_beam_uncertain", "measured_rotation", "portal_frame",
+         "spindle_measured", "two_storeys_shape")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_density_of_a_case_can_be_sent_to_another_process(name):
+    problem = load_case(CONFIGS / f"{name}.toml").problem
     theta = problem.prior.sample(np.random.default_rng(4), 40)
     sent, _ = pickle.loads(pickle.dumps((problem.log_posterior, coordinate_systems(problem))))
     assert np.isfinite(sent(theta)).any()

@@ -36,6 +36,7 @@ def test_ranks_of_truths_are_uniform_and_intervals_hold_them(right):
     assert min(one.ess for one in right.data_sets) > 800
 
 
+@pytest.mark.long
 def test_a_case_whose_data_have_three_times_the_noise_exits_1(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_case(tmp_path / "small.toml", small_case())

@@ -3,7 +3,7 @@
 import pytest
 from benchmarks.campaign import PARTS, run_part
 
-pytestmark = pytest.mark.science
+pytestmark = [pytest.mark.science, pytest.mark.long]
 
 
 def test_killed_workers_lose_no_case_and_change_no_draw(tmp_path):

@@ -1,6 +1,7 @@
 """What is uncertain beside the joint: the density sees it, and so do mode, information and draws."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,6 +42,7 @@ GAIN = Nuisance("gain", "1", 1.0, Normal(0.0, 0.05))
 WIDE = tuple(Normal(m, 1.0) for m in np.log(TRUTH))
 
 
+@cache
 def measured(seed=1, gain=1.0, outputs=("11:y", "6:y")):
     rng = np.random.default_rng(seed)
     ports = Ports(LINES, outputs, ("11:y",))

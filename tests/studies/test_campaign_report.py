@@ -13,6 +13,7 @@ from jointbayes.cli.campaign import _exit_by
 from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.joint import parametrisation_named
 from jointbayes.studies.campaign import campaign_findings as findings_module
+from jointbayes.studies.campaign import campaign_report as report_module
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from jointbayes.studies.campaign.index import Campaign, in_order, read_index
@@ -43,6 +44,11 @@ def campaign(tmp_path_factory):
 @pytest.fixture(scope="module")
 def summary(campaign):
     return json.loads((campaign[0] / "summary.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def findings(campaign):
+    return examine_campaign(campaign[0])
 
 
 @pytest.fixture
@@ -154,8 +160,8 @@ def test_every_case_has_a_line_with_its_numbers(campaign):
         assert 1 <= float(line["k11.rank_low95"]) <= float(line["k11.rank"]) <= float(line["k11.rank_high95"]) <= JOINTS
 
 
-def test_estimates_are_drawn_together_and_narrower_given_the_others(campaign):
-    found = examine_campaign(campaign[0]).found
+def test_estimates_are_drawn_together_and_narrower_given_the_others(findings):
+    found = findings.found
     for q in found.quantities[:2]:
         own, shrunken = np.log(q.own), np.log(q.shrunken)
         assert shrunken[:, 1].std() < own[:, 1].std()
@@ -174,12 +180,13 @@ def test_a_second_report_is_the_same_and_replaces_the_first(copy):
     assert {file.name for file in copy.iterdir()} == FILES
 
 
-def test_a_report_that_fails_leaves_the_last_one(copy, monkeypatch):
+def test_a_report_that_fails_leaves_the_last_one(copy, findings, monkeypatch):
     before = (copy / "report.html").read_bytes()
 
     def fails(_report):
         raise RuntimeError("no PDF")
 
+    monkeypatch.setattr(report_module, "examine_campaign", lambda *_: findings)
     monkeypatch.setattr("jointbayes.report.run_directory.render_pdf", fails)
     with pytest.raises(RuntimeError):
         write_campaign_report(copy)
@@ -317,7 +324,8 @@ def test_what_is_no_campaign_is_refused_in_one_line(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
-def test_a_directory_in_the_place_of_a_file_is_refused(copy):
+def test_a_directory_in_the_place_of_a_file_is_refused(copy, findings, monkeypatch):
+    monkeypatch.setattr(report_module, "examine_campaign", lambda *_: findings)
     (copy / "report.html").unlink()
     (copy / "report.html").mkdir()
     with pytest.raises(WriteError, match=r"report\.html"):
