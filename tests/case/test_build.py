@@ -10,7 +10,6 @@ import jointbayes as jb
 from jointbayes.errors import CaseError
 from jointbayes.frf import Ports
 from jointbayes.inference import (
-    CorrelatedNoise,
     GaussianNoise,
     IntegratedScale,
     Normal,
@@ -215,18 +214,6 @@ def test_the_data_are_made_with_what_the_truth_states_otherwise():
     assert measured((TRUTH, stated))[0].real == pytest.approx(expected, rel=1e-6)
 
 
-def test_density_accelerometer_and_damping_of_the_truth_make_the_data():
-    table_3 = "k11 = 5.05e9                 # N/m\nk12 = 3.44e7                 # N\nk22 = 1.52e6"
-    area, inertia = math.pi * 0.025**2 / 4, math.pi * 0.025**4 / 64
-    beam, sensor = 2700.0 * area * L, 0.050
-    first, second = beam * L / 2 + sensor * L, beam * L**2 / 3 + sensor * L**2 + 2700.0 * inertia * L
-    stated = "density_kg_m3 = 2700.0\naccelerometer_mass_g = 50.0\nk11 = 1.0e-3\nk12 = 0.0\nk22 = 1.0e-5"
-    tip = np.array([1.0, L])
-    rigid = tip @ np.linalg.solve([[beam + sensor, first], [first, second]], tip)
-    values = measured((table_3, stated))
-    assert -((6 * math.pi) ** 2) * values[1].real == pytest.approx(rigid, rel=2e-4)
-
-
 def test_a_damping_ratio_of_the_truth_makes_the_data_as_that_of_the_structure_would():
     near = ("[0.01, 3.0]", str([round(118.0 + 0.02 * i, 2) for i in range(300)]))
     found = measured(near, (TRUTH, f"{TRUTH}\ndamping_ratio = 0.002"))
@@ -234,32 +221,6 @@ def test_a_damping_ratio_of_the_truth_makes_the_data_as_that_of_the_structure_wo
     # one mode alone: the peak is 1/2ζ of its static share
     ten_times = measured(near, (TRUTH, f"{TRUTH}\ndamping_ratio = 0.02"))
     assert np.abs(found).max() / np.abs(ten_times).max() == pytest.approx(10.0, rel=0.02)
-
-
-PRIOR_K11 = "low = 1.0e6\nhigh = 1.0e11"
-LOG_UNIFORM = 'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\n'
-
-
-@pytest.mark.parametrize(
-    ("lines", "mean", "sd", "ends"),
-    [
-        ('distribution = "log_uniform"\nlow = 1.0e7\nhigh = 1.0e9', math.log(1e8), math.log(100) / 12**0.5, (1e7, 1e9)),
-        ('distribution = "log_normal"\nmedian = 2.0e9\nsd_log = 0.7', math.log(2e9), 0.7, (0, np.inf)),
-        # 95 % inside: two-sided, so 1.96 standard deviations are the decades
-        (
-            'distribution = "decades"\nguess = 3.0e8\ndecades = 2.0',
-            math.log(3e8),
-            2 * math.log(10) / 1.959964,
-            (0, np.inf),
-        ),
-    ],
-    ids=["log_uniform", "log_normal", "decades"],
-)
-def test_a_prior_of_the_case_file_is_that_of_the_logarithm(lines, mean, sd, ends):
-    marginal = case_of((LOG_UNIFORM + PRIOR_K11, lines)).problem.prior.marginals[0]
-    assert marginal.mean == pytest.approx(mean, rel=1e-12)
-    assert marginal.sd == pytest.approx(sd, rel=1e-6)
-    assert np.exp(marginal.support) == pytest.approx(ends)
 
 
 def test_priors_stand_in_the_order_of_the_coordinates():
@@ -285,39 +246,6 @@ def test_priors_stand_in_the_order_of_the_coordinates():
     assert np.isfinite(centre.log_posterior([np.log(3e8), -0.01, np.log(2e5)])).all()
 
 
-#: Key of [uncertain], nominal value and unit, further changes of the case.
-NUISANCES = {
-    "youngs_modulus": (210.0, "GPa", ()),
-    "density": (7800.0, "kg/m³", ()),
-    "length": (383.0, "mm", ()),
-    "section_size": (1.0, "× stated", ()),
-    "shear_coefficient": (1.0, "× stated", ()),
-    "damping_ratio": (0.01, "1", ()),
-    "accelerometer_mass": (12.5, "g", (("supports = []", "supports = []\naccelerometer_mass_g = 12.5"),)),
-    "gain": (1.0, "1", ()),
-    "loss_factor": (
-        0.07,
-        "1",
-        (
-            ('law = "modal"                # or "loss_factor", "rayleigh"', 'law = "loss_factor"'),
-            ("ratio = 0.01", "loss_factor = 0.07"),
-        ),
-    ),
-}
-
-
-@pytest.mark.parametrize("name", NUISANCES)
-def test_an_uncertain_quantity_has_its_nominal_value_unit_and_prior(name):
-    nominal, unit, changes = NUISANCES[name]
-    table = ("[identification]", f"[uncertain.{name}]\nsd_percent = 1.7\n\n[identification]")
-    nuisance = case_of(table, *changes).problem.prior.nuisances[0]
-    assert (nuisance.name, nuisance.unit, nuisance.nominal) == (name, unit, pytest.approx(nominal))
-    assert nuisance.prior == Normal(0.0, 0.017)
-    factors = ("sd_percent = 1.7", "low_factor = 0.2\nhigh_factor = 4.0")
-    uniform = case_of(table, *changes, factors).problem.prior.nuisances[0].prior
-    assert np.exp(uniform.support) == pytest.approx((0.2, 4.0))
-
-
 MORE = (
     "[identification]",
     "[noise]\n{lines}\n\n[identification]",
@@ -340,15 +268,6 @@ def test_the_noise_table_chooses_the_distribution_with_its_numbers(lines, expect
     assert (problem.noise or GaussianNoise(2)) == expected
     if "sampled" in lines:
         assert np.exp(problem.prior.nuisances[-1].prior.support) == pytest.approx((0.5, 3.0))
-
-
-def test_a_discrepancy_has_the_bounds_of_its_keys():
-    lines = "[noise.discrepancy]\nscale_low = 0.2\nscale_high = 30.0\nlength_low_hz = 5.0\nlength_high_hz = 400.0"
-    problem = case_of((MORE[0], f"{lines}\n\n[identification]")).problem
-    assert isinstance(problem.noise, CorrelatedNoise)
-    found = {n.name: tuple(np.exp(n.prior.support)) for n in problem.prior.nuisances}
-    assert found["discrepancy_scale"] == pytest.approx((0.2, 30.0))
-    assert found["discrepancy_length"] == pytest.approx((5.0, 400.0))
 
 
 def test_the_noise_of_synthetic_data_is_that_of_the_case_file():

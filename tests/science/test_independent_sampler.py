@@ -9,7 +9,7 @@ import pytest
 import jointbayes as jb
 from tests.conftest import shipped_text
 
-pytestmark = pytest.mark.science
+pytestmark = [pytest.mark.science, pytest.mark.long]
 
 RUNS = 6
 CASES = {
@@ -67,9 +67,7 @@ def _ensemble_error(theta: np.ndarray, ess: np.ndarray) -> np.ndarray:
     return np.array([sd / np.sqrt(ess), np.sqrt((fourth - sd**4) / ess) / (2 * sd)])
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] if name == "tip FRF, log" else []) for name in CASES]
-)
+@pytest.mark.parametrize("name", CASES)
 def test_means_and_sds_agree_with_nested_sampling_within_four_standard_errors(name):
     file, edits = CASES[name]
     text = shipped_text(file.removesuffix(".toml"))
