@@ -177,6 +177,7 @@ def test_report_and_summary_keep_the_warnings(frequency_posterior):
     assert summarise(frequency_posterior, (1e8, 0.0, 0.0)).warnings == ()
 
 
+@pytest.mark.science
 @pytest.mark.usefixtures("plain_reports")
 def test_a_run_writes_the_warnings_of_its_case(tmp_path, frequency_posterior):
     text = edited(cheap_frequencies_text(), (DENSITY, "density_kg_m3 = 7.8"))

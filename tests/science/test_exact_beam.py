@@ -11,8 +11,6 @@ from jointbayes.joint import Joint
 from jointbayes.structure import BeamMaterial, BeamRecipe, DampingLaw, LossFactor, ModalDamping, Rayleigh, Section
 from tests.conftest import TABLE_3, pair_matrix
 
-pytestmark = pytest.mark.science
-
 LENGTH = 0.383
 POINTS = {1: 0.0, 6: LENGTH / 2, 11: LENGTH}
 BEAM = ExactBeam(LENGTH, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, POINTS, tuple(TABLE_3))

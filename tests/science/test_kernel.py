@@ -21,8 +21,6 @@ from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, pair_matrix, rod
 
-pytestmark = pytest.mark.science
-
 LAWS = {"loss factor": LossFactor(0.02), "Rayleigh": Rayleigh(2.0, 1e-7), "modal": ModalDamping((0.01,))}
 
 
@@ -45,6 +43,7 @@ def random_joints(count, seed):
     return pair_matrix(k)
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("law", ["loss factor", "modal"])
 def test_ten_thousand_joints_over_twelve_decades_agree_with_the_direct_solve(law):
     structure = with_law(law)
@@ -255,6 +254,7 @@ class TestSecularEquation:
         assert (stiffness[:-2] >= 0).all()
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("law", ["loss factor", "modal"])
 def test_memory_does_not_grow_with_walkers_times_lines(law):
     lines, joints = 50_000, 64
@@ -272,6 +272,7 @@ def test_memory_does_not_grow_with_walkers_times_lines(law):
     assert peak < 8 * lines  # one number per line would be that much; walkers × lines is 64 times more
 
 
+@pytest.mark.science
 def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
     """The guard against a regression: a ratio within one process, no absolute time."""
     structure = with_law("loss factor")
@@ -304,6 +305,7 @@ def misfit_of_many_dofs():
     return model.misfit(measured, 1 / np.abs(measured)), matrices
 
 
+@pytest.mark.science
 def test_the_process_that_compiles_has_the_same_last_bits_as_those_that_load_what_was_kept(tmp_path):
     script = (
         "import hashlib, sys, numpy as np, jointbayes as jb\n"
