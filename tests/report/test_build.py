@@ -175,7 +175,6 @@ def test_every_file_of_a_section_is_in_the_report():
     assert files == {section.__module__.rsplit(".", 1)[1] for section in (*SECTIONS_OF_DATA, *SECTIONS)}
 
 
-@pytest.mark.usefixtures("plain_reports")
 def test_sections_stand_in_the_order_in_which_they_are_listed(whole, cheap_posterior):
     inputs = ReportInputs(of_case(cheap_posterior, reference=TABLE_3, paper_audit=True))
     sections = [
