@@ -34,7 +34,13 @@ TABLE_3 = np.array([5.05e9, 3.44e7, 1.52e6])
 CLAMP = Joint(("1:y", "1:rz"))
 #: The paper's joint, and its K^J of (k11, k12, k22).
 PAIR = LogStiffness()
-pair_matrix = PAIR.matrix
+
+
+def pair_matrix(stiffness):
+    """K^J of joints without damping, shape (..., 2, 2)."""
+    return PAIR.matrix(stiffness).stiffness
+
+
 #: A run that ends without having converged, in half a second.
 FEW_STEPS = SamplerSettings(walkers=16, max_steps=200)
 #: Enough for a cheap case to converge, the ends of its intervals less well known than by default.

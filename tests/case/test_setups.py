@@ -181,7 +181,7 @@ def test_named_joints_of_their_own_share_within_their_set_up():
     case = jb.case_from_text("case", joints + data + "[setups.calm]\n[setups.loud.joints.left]\nown = true\n")
     names = case.problem.parametrisation.stiffness_names
     assert names[::3] == ("left.k11", "loud.left.k11")
-    k = case.problem.prior.matrix(np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3])))
+    k = case.problem.prior.matrix(np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3]))).stiffness
     for row, factor in enumerate((1.0, 1.0, 0.5, 0.5)):
         block = slice(2 * row, 2 * row + 2)
         assert_allclose(k[block, block], factor * pair_matrix(TABLE_3))

@@ -23,16 +23,18 @@ def test_damping_stands_in_matrices_of_its_own_beside_the_stiffness():
     assert KIND.stiffness_names == ("k11", "k12", "k22", "c11", "c22", "eta")
     assert [q.unit for q in KIND.quantities] == ["N/m", "N", "N·m/rad", "N·s/m", "N·m·s/rad", "1"]
     assert SPRINGS.names == ("ky", "krz", "crz", "etay", "etarz")
-    stiffness, viscous, hysteretic = np.split(KIND.matrix(K), 3, axis=1)
+    stiffness, viscous, hysteretic = KIND.matrix(K).sides
     np.testing.assert_array_equal(stiffness, pair_matrix(K[:3]))
     np.testing.assert_array_equal(viscous, np.diag(K[3:5]))
     np.testing.assert_allclose(hysteretic, 0.15 * stiffness)
-    *_, hysteretic = np.split(SPRINGS.matrix(K_BOTH[6:]), 3, axis=1)
+    hysteretic = SPRINGS.matrix(K_BOTH[6:]).hysteretic
     np.testing.assert_allclose(hysteretic, np.diag([0.3 * 2e7, 0.05 * 3e4]))
     whole = BOTH.matrix(K_BOTH)
-    assert whole.shape == (4, 12)
-    np.testing.assert_array_equal(whole[:2, 4:6], np.diag(K[3:5]))
-    np.testing.assert_array_equal(whole[2:, 10:], hysteretic)
+    assert whole.damped
+    assert whole.size == 4
+    np.testing.assert_array_equal(whole.block(slice(0, 2)).viscous, np.diag(K[3:5]))
+    np.testing.assert_array_equal(whole.block(slice(2, 4)).hysteretic, hysteretic)
+    np.testing.assert_array_equal(whole.viscous[2:, :2], 0.0)
 
 
 @DAMPED

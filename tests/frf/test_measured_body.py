@@ -15,7 +15,7 @@ from jointbayes.frf import (
     Substructures,
     receptance_model,
 )
-from jointbayes.joint import Joint, Joints
+from jointbayes.joint import Joint, JointMatrix, Joints, as_joint_matrix
 from jointbayes.structure import (
     BeamFamily,
     BeamRecipe,
@@ -36,8 +36,8 @@ TAPER = Joint(("1:y", "1:rz"), ("s5:y", "s5:rz"))
 #: Two joints: the taper, and a spring between the tool's third point and the spindle's nose.
 TWO = Joints((replace(TAPER, name="taper"), Joint(("3:y",), ("s4:y",), name="ring")))
 K_TWO = np.array([[2e8, 3e6, 0], [3e6, 1e5, 0], [0, 0, 4e6]])
-#: The same with a dashpot in the ring and a loss factor of the taper: K, C, H side by side.
-DAMPED_TWO = np.hstack([K_TWO, np.diag([0, 0, 900.0]), 0.2 * K_TWO * [[1, 1, 0], [1, 1, 0], [0, 0, 0]]])
+#: The same with a dashpot in the ring and a loss factor of the taper.
+DAMPED_TWO = JointMatrix(K_TWO, np.diag([0, 0, 900.0]), 0.2 * K_TWO * [[1, 1, 0], [1, 1, 0], [0, 0, 0]])
 
 
 def tool(damping=None) -> Structure:
@@ -64,9 +64,7 @@ def dynamic_stiffness(structure: Structure, omega: float) -> np.ndarray:
 
 def at_line(joint: np.ndarray, omega: float) -> np.ndarray:
     """K of a joint, or K + jωC + jH of one with damping."""
-    if joint.shape[0] == joint.shape[1]:
-        return joint
-    k, c, h = np.split(joint, 3, axis=1)
+    k, c, h = as_joint_matrix(joint).sides
     return k + 1j * (omega * c + h)
 
 
@@ -173,7 +171,8 @@ def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k
     family, factors = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)}), np.array([[1.0], [1.05], [0.97]])
     ports, body = Ports(LINES[::8], ("7:y", "s4:y"), ("7:y",)), measured_spindle().at_lines(LINES[::8])
     model = receptance_model(Substructures(family, (body,)), TWO, ports)
-    batch = np.stack([k, 1.1 * k, 0.9 * k])
+    sides = k.sides if isinstance(k, JointMatrix) else (k,)
+    batch = JointMatrix(*(np.stack([side, 1.1 * side, 0.9 * side]) for side in sides))
     found, noise = model.receptance(batch, factors), NoisePropagation(model).covariance(batch, factors)
     for i, row in enumerate(factors):
         one = with_matrix(family.structure(row))

@@ -6,7 +6,7 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes
-from jointbayes.joint import Joint
+from jointbayes.joint import Joint, JointMatrix
 from jointbayes.structure import (
     BeamFamily,
     BeamMaterial,
@@ -107,7 +107,7 @@ IMAGINARY = np.array([[6e4, 200.0], [200.0, 90.0]])
 
 def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
     structure = rod(damping=LossFactor(0.0))
-    found = AssembledShapes(structure, CLAMP, (), 3).modes(np.hstack([STIFF, LOSSES, IMAGINARY])).damping_ratio[0]
+    found = AssembledShapes(structure, CLAMP, (), 3).modes(JointMatrix(STIFF, LOSSES, IMAGINARY)).damping_ratio[0]
     n, place = structure.n_dofs, np.ix_(*[structure.index(CLAMP.dofs)] * 2)
     whole, damping = assembled(structure, STIFF), np.zeros((n, n))
     damping[place] = LOSSES
@@ -126,12 +126,16 @@ def test_damping_of_the_joint_itself_is_that_of_the_complex_eigenvalues():
 
 def test_the_derivative_of_joints_with_damping_is_that_of_differences():
     model = AssembledShapes(rod(damping=LossFactor(0.01)), CLAMP, DOFS, 4)
-    matrix, zero = np.hstack([STIFF, LOSSES, IMAGINARY]), np.zeros((2, 2))
-    directions = np.array([
-        np.hstack([STIFF, zero, IMAGINARY]), np.hstack([zero, LOSSES, zero]), np.hstack([STIFF, LOSSES, zero])
-    ])  # fmt: skip
+    zero = np.zeros((2, 2))
+    matrix = JointMatrix(STIFF, LOSSES, IMAGINARY)
+    directions = JointMatrix(
+        np.array([STIFF, zero, STIFF]), np.array([zero, LOSSES, LOSSES]), np.array([IMAGINARY, zero, zero])
+    )
     _, slope = model.tangent(matrix, directions)
-    up, down = (model.modes(matrix + sign * 1e-4 * directions) for sign in (1, -1))
+    up, down = (
+        model.modes(JointMatrix(*(k + sign * 1e-4 * d for k, d in zip(matrix.sides, directions.sides, strict=True))))
+        for sign in (1, -1)
+    )
     difference = (up.damping_ratio - down.damping_ratio) / 2e-4
     np.testing.assert_allclose(slope.damping_ratio, difference, rtol=1e-5, atol=1e-8)
 

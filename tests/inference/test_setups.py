@@ -170,7 +170,7 @@ def test_joints_of_set_ups_are_found_by_their_names():
         prior=JointPrior(kinds, MARGINALS + MARGINALS),
     )  # fmt: skip
     theta = np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3]))
-    k = problem.prior.matrix(theta)
+    k = problem.prior.matrix(theta).stiffness
     np.testing.assert_allclose(k[:2, :2], pair_matrix(0.5 * TABLE_3))
     np.testing.assert_allclose(k[2:4, 2:4], pair_matrix(TABLE_3))
     np.testing.assert_allclose(k[4:, 4:], pair_matrix(TABLE_3))

@@ -12,7 +12,7 @@ from scipy import optimize
 
 import jointbayes as jb
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
-from jointbayes.joint.parametrisation import parametrisation_named
+from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.information.knowledge import _profiles

@@ -17,6 +17,7 @@ from jointbayes.case.schema.virtual_test import VirtualTestSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
+from jointbayes.joint import JointMatrix
 from jointbayes.measurement.formats import records_of_frf
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
@@ -80,7 +81,7 @@ class Truth:
         return true_family(self.of.spec)
 
     @cached_property
-    def stiffness(self) -> Array:
+    def matrix(self) -> JointMatrix:
         """True K^J, shape (2, 2)."""
         return parametrisation_of(self.of.spec).matrix(true_stiffness(self.of.spec, self.data.truth))
 
@@ -88,7 +89,7 @@ class Truth:
     def decay_rate(self) -> float:
         """Decay rate ζω of the slowest mode with the joint in place, 1/s; rigid motion does not count."""
         joined = self.of.joint.selection(self.structure)
-        eigenvalues = self.structure.modes(joined @ self.stiffness @ joined.T).eigenvalues
+        eigenvalues = self.structure.modes(joined @ self.matrix.stiffness @ joined.T).eigenvalues
         elastic, law = eigenvalues > 0, self.structure.damping
         omega, (alpha, beta) = np.sqrt(eigenvalues[elastic]), law.viscous
         ratio = law.per_mode(eigenvalues.size)[elastic] + law.hysteretic / 2
@@ -98,7 +99,7 @@ class Truth:
         """Exact FRFs of the case's quantity and gain at given lines (lines,) in Hz, at given outputs."""
         ports = Ports(frequency_hz, outputs, self.data.inputs)
         model = receptance_model(self._structures.reference(), self.of.joint, ports)
-        receptance = model.receptance(self.stiffness)[0]
+        receptance = model.receptance(self.matrix)[0]
         values = self.data.truth.gain * receptance * quantity_factor(frequency_hz, self.data.quantity)[:, None, None]
         return FrfSet(frequency_hz, values, outputs, self.data.inputs, self.data.quantity)
 

@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import add_joint, chi2_of, compliance_by_line, is_damped, split
+from jointbayes.frf.damped import add_joint, chi2_of, compliance_by_line
 from jointbayes.frf.direct import solve_lines
 from jointbayes.frf.kernels.compiled import compiled
 from jointbayes.frf.kernels.multi_dof import MultiDofCoupling, MultiDofMisfit
-from jointbayes.frf.kernels.pair import PairCoupling
+from jointbayes.frf.kernels.pair import PairCoupling, PairMisfit
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes
-from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_batch, as_factors, split_along
-from jointbayes.joint import AnyJoint
+from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, as_factors, split_along
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
 from jointbayes.structure import FreeModes, StructureFamily
 
 ComplexArray = NDArray[np.complex128]
@@ -166,25 +166,24 @@ class LowRankCoupling:
         # reciprocity holds to the last bits if it holds here
         return (modelled + modelled.swapaxes(-1, -2)) / 2
 
-    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
-        if is_damped(stiffness):
-            return self._damped(as_batch(stiffness), factors)
+        batch = as_joint_matrix(matrices).batch
+        if batch.damped:
+            return self._damped(batch, factors)
         if self._known is not None:
-            return self._known.receptance(stiffness)
-        matrices = as_batch(stiffness)
-        known = as_factors(factors, len(matrices))
-        return np.concatenate([self._at(row).receptance(k) for k, row in zip(matrices, known, strict=True)])
+            return self._known.receptance(batch.stiffness)
+        known = as_factors(factors, len(batch))
+        return np.concatenate([self._at(row).receptance(k) for k, row in zip(batch.stiffness, known, strict=True)])
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
-        if is_damped(stiffness):
-            return self._damped_tangent(
-                as_batch(stiffness), np.asarray(directions, dtype=float), as_factors(factors, 1)
-            )
-        return (self._known or self._at(as_factors(factors, 1)[0])).tangent(stiffness, directions)
+        joint, changes, known = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
+        if joint.damped:
+            return self._damped_tangent(joint, changes, known)
+        return (self._known or self._at(known[0])).tangent(joint.stiffness, changes.stiffness)
 
     def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
         """Weighted distance from measured receptances, see `ReceptanceModel`."""
@@ -195,24 +194,26 @@ class LowRankCoupling:
         """Coupling of the structure at factors (q,)."""
         return self._coupling(self.free(factors[None])[0])
 
-    def _damped(self, matrices: Array, factors: ArrayLike | None) -> ComplexArray:
-        """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
+    def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> ComplexArray:
+        """Receptances of a batch of joints with damping."""
         known, out = as_factors(factors, len(matrices)), []
         for start in range(0, len(matrices), _AT_ONCE):
             part = slice(start, start + _AT_ONCE)
             out.append(add_joint(matrices[part], self.omega, self.free(known[part]), self.along, self.n_out)[0])
         return np.concatenate(out)
 
-    def _damped_tangent(self, matrix: Array, directions: Array, factors: Array) -> tuple[ComplexArray, ComplexArray]:
-        (value,), (motion,) = add_joint(matrix, self.omega, self.free(factors), self.along, self.n_out)
+    def _damped_tangent(
+        self, matrix: JointMatrix, directions: JointMatrix, factors: Array
+    ) -> tuple[ComplexArray, ComplexArray]:
+        (value,), (motion,) = add_joint(matrix.batch, self.omega, self.free(factors), self.along, self.n_out)
         # dH = −δ_oᵀ dD δ_i of the joint's motions δ, (r, lines, ports)
         delta = np.moveaxis(motion, 1, 0)
         out, into = delta[..., : self.n_out], delta[..., self.n_out :]
         slopes = np.empty((len(directions), *value.shape), dtype=complex)
-        for change, slope in zip(directions, slopes, strict=True):  # of several joints each changes few rows
-            k, c, h = split(change)
-            rows = np.flatnonzero(((k != 0) | (c != 0) | (h != 0)).any(axis=1))
-            k, c, h = (one[np.ix_(rows, rows)] for one in (k, c, h))
+        for i, slope in enumerate(slopes):  # of several joints each changes few rows
+            change = directions[i]
+            rows = np.flatnonzero(change.linked.any(axis=1))
+            k, c, h = change[np.ix_(rows, rows)].sides
             dynamic = (k + 1j * h)[..., None] + 1j * c[..., None] * self.omega
             moved = np.einsum("pql,qli->pli", dynamic, into[rows])
             slope[:] = -np.einsum("plo,pli->loi", out[rows], moved)
@@ -226,24 +227,29 @@ class LowRankCoupling:
 class _MisfitOfAnyJoint:
     """The fast misfit of joints without damping, and the plain one of those with it."""
 
-    def __init__(self, model: LowRankCoupling, undamped: Misfit, measured: ComplexArray, weight: Array) -> None:
+    def __init__(
+        self, model: LowRankCoupling, undamped: "_StiffnessMisfit", measured: ComplexArray, weight: Array
+    ) -> None:
         self._model, self._undamped, self._measured, self._weight = model, undamped, measured, weight
-        #: As of a joint without damping.
-        self.chi2_gradient = undamped.chi2_gradient
 
-    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+    def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        if not is_damped(stiffness):
-            return self._undamped.chi2(stiffness, factors)
-        out, left = np.empty(len(stiffness)), np.arange(len(stiffness))
+        joints = as_joint_matrix(matrices)
+        if not joints.damped:
+            return self._undamped.chi2(joints.stiffness, factors)
+        out, left = np.empty(len(joints)), np.arange(len(joints))
         if isinstance(self._undamped, MultiDofMisfit) and not self._model.along.any() and left.size:
-            compliance, places, known = compliance_by_line(stiffness, self._model.omega)
+            compliance, places, known = compliance_by_line(joints, self._model.omega)
             out[known] = self._undamped.yielding_chi2(compliance[known], places)
             left = left[~known]
         if left.size:
-            row = as_factors(factors, len(stiffness))[left]
-            out[left] = chi2_of(self._model.receptance(stiffness[left], row), self._measured, self._weight)
+            row = as_factors(factors, len(joints))[left]
+            out[left] = chi2_of(self._model.receptance(joints[left], row), self._measured, self._weight)
         return out
+
+    def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """χ² and its gradient by the stiffness of joints without damping, see `Misfit`."""
+        return self._undamped.chi2_gradient(as_joint_matrix(matrices).stiffness, factors)
 
 
 class _UncertainMisfit:
@@ -263,8 +269,11 @@ class _UncertainMisfit:
         each = [self._at(row).chi2_gradient(k[None]) for k, row in zip(stiffness, known, strict=True)]
         return np.concatenate([chi2 for chi2, _ in each]), np.concatenate([slope for _, slope in each])
 
-    def _at(self, factors: Array) -> Misfit:
+    def _at(self, factors: Array) -> PairMisfit | MultiDofMisfit:
         return self._model._at(factors).misfit(self._measured, self._weight)
+
+
+_StiffnessMisfit = PairMisfit | MultiDofMisfit | _UncertainMisfit
 
 
 def receptance_model(structure: AnyStructure, joint: AnyJoint, ports: Ports) -> ReceptanceModel:

@@ -1,63 +1,29 @@
-"""Joints with damping of their own: dynamic stiffness K + jωC + jH, another complex matrix at every line.
+"""Joints with damping of their own: dynamic stiffness D = K + jωC + jH, another complex matrix at every line.
 
-Joint matrices are then K, C and H side by side, shape (..., r, 3r). With A the receptance without the joint and
-D = K + jωC + jH, H_ab = A_ab − A_aj D (1 + A_jj D)⁻¹ A_jb. Where damping belongs to the assembled modes these are those
-with K, and D = jωC + jH is added to them alike.
+With A the receptance without the joint H_ab = A_ab − A_aj D (1 + A_jj D)⁻¹ A_jb. Where damping belongs to the assembled
+modes these are those with K, and D = jωC + jH is added to them alike.
 """
 
 import numpy as np
 import scipy  # its parts load at first use
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf.kernels.by_line import add_joints
+from jointbayes.joint import JointMatrix
 
 ComplexArray = NDArray[np.complex128]
 
 
-def is_damped(matrices: ArrayLike) -> bool:
-    """Whether joint matrices, shape (..., r, r) or (..., r, 3r), state damping."""
-    *_, rows, columns = np.shape(matrices)
-    return rows != columns
-
-
-def split(matrices: ArrayLike) -> tuple[Array, Array, Array]:
-    """K, C and H, each of shape (..., r, r)."""
-    given = np.asarray(matrices, dtype=float)
-    r = given.shape[-2]
-    return given[..., :r], given[..., r : 2 * r], given[..., 2 * r :]
-
-
-def stiffness_of(matrices: ArrayLike) -> Array:
-    """K alone, shape (..., r, r)."""
-    given = np.asarray(matrices, dtype=float)
-    return given[..., : given.shape[-2]]
-
-
-def dissipative(matrices: ArrayLike) -> Array:
-    """The same joints without their stiffness, K = 0."""
-    k, c, h = split(matrices)
-    return np.concatenate([np.zeros_like(k), c, h], axis=-1)
-
-
-def dynamic_stiffness(matrices: ArrayLike, omega: Array) -> ComplexArray:
-    """K + jωC + jH at each line, shape (..., lines, r, r)."""
-    k, c, h = split(matrices)
-    dynamic = np.zeros((*k.shape[:-2], omega.size, *k.shape[-2:]), dtype=np.complex128)
-    dynamic.imag = omega[:, None, None] * c[..., None, :, :] + h[..., None, :, :]
-    dynamic.real = k[..., None, :, :]
-    return dynamic
-
-
 def compliance_by_line(
-    matrices: Array, omega: Array, stiffest: float = 1e4
+    matrices: JointMatrix, omega: Array, stiffest: float = 1e4
 ) -> tuple[ComplexArray, NDArray[np.int64], NDArray[np.bool_]]:
     """Inverse of K + jωC + jH at each line, joint by joint of those that stand side by side.
 
     Parameters
     ----------
     matrices
-        K, C and H side by side, shape (batch, r, 3r).
+        Of a batch of joints, with damping.
     omega
         Lines, shape (lines,), rad/s.
     stiffest
@@ -68,15 +34,14 @@ def compliance_by_line(
     compliance, places, known : ndarray, shapes (batch, entries, lines), (entries, 2) and (batch,)
         Entries in the upper triangle, their rows and columns, and for which of the batch they are numbers.
     """
-    k, c, h = split(matrices)
-    linked = ((k != 0) | (c != 0) | (h != 0)).any(axis=0)
-    count, label = scipy.sparse.csgraph.connected_components(linked, directed=False)
-    known = np.ones(len(k), dtype=bool)
+    count, label = scipy.sparse.csgraph.connected_components(matrices.linked, directed=False)
+    known = np.ones(len(matrices), dtype=bool)
     values, places = [], []
     for block in range(count):
         rows = np.flatnonzero(label == block)
-        dynamic = dynamic_stiffness(np.concatenate([m[:, rows[:, None], rows] for m in (k, c, h)], axis=-1), omega)
-        elastic, size = k[:, rows[:, None], rows], np.diagonal(dynamic, axis1=-2, axis2=-1)
+        yielding = matrices[:, rows[:, None], rows]
+        elastic, dynamic = yielding.stiffness, yielding.dynamic_stiffness(omega)
+        size = np.diagonal(dynamic, axis1=-2, axis2=-1)
         possible = (size != 0).all(axis=(1, 2)) & np.isfinite(dynamic).all(axis=(1, 2, 3))
         if rows.size > 1:  # of one row there is nothing to lose
             root = np.sqrt(np.maximum(np.diagonal(elastic, axis1=-2, axis2=-1), np.finfo(float).tiny))
@@ -92,14 +57,14 @@ def compliance_by_line(
 
 
 def add_joint(
-    matrices: Array, omega: Array, free: ComplexArray, along: Array, n_out: int
+    matrices: JointMatrix, omega: Array, free: ComplexArray, along: Array, n_out: int
 ) -> tuple[ComplexArray, ComplexArray]:
     """Receptance between ports once a joint is added, and motion of the joint under load at each port.
 
     Parameters
     ----------
     matrices
-        K, C and H side by side, shape (batch, r, 3r).
+        Of a batch of joints, with damping.
     omega
         Lines, shape (lines,), rad/s.
     free
@@ -119,7 +84,8 @@ def add_joint(
     motion = np.empty((batch, lines, r, q), dtype=np.complex128)
     every = np.ascontiguousarray(free)
     with np.errstate(all="ignore"):  # a joint at which nothing is finite: its receptances are not either
-        add_joints(np.ascontiguousarray(matrices), omega, every, np.ascontiguousarray(along), n_out, value, motion)
+        k, c, h = map(np.ascontiguousarray, matrices.sides)
+        add_joints(k, c, h, omega, every, np.ascontiguousarray(along), n_out, value, motion)
     return value, motion
 
 

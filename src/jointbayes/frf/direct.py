@@ -1,14 +1,13 @@
 """Receptances by solving the assembled dynamic stiffness at each line: slow, and the reference."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import is_damped, split
 from jointbayes.frf.floating import rigid_body_modes
-from jointbayes.frf.ports import Ports, as_batch
-from jointbayes.joint import AnyJoint
+from jointbayes.frf.ports import Ports
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
 from jointbayes.structure import Structure
 
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
@@ -97,13 +96,14 @@ class DirectSolve:
         # of a joint that happens to be absent, the motions that it would hold are modes all the same
         self._rigid = rigid_body_modes(structure, joint) if structure.damping.of_assembled_modes else None
 
-    def receptance(self, stiffness: ArrayLike) -> NDArray[np.complex128]:
+    def receptance(self, matrices: AnyJointMatrix) -> NDArray[np.complex128]:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        return np.stack([self._one(matrix) for matrix in as_batch(stiffness)])
+        batch = as_joint_matrix(matrices).batch
+        return np.stack([self._of_joint(batch[i]) for i in range(len(batch))])
 
-    def _one(self, matrix: Array) -> NDArray[np.complex128]:
-        if not is_damped(matrix):
-            added = self._joined @ matrix @ self._joined.T
+    def _of_joint(self, matrix: JointMatrix) -> NDArray[np.complex128]:
+        if not matrix.damped:
+            added = self._joined @ matrix.stiffness @ self._joined.T
             return solve_lines(self._structure, self._omega, self._outputs, self._inputs, added, rigid=self._rigid)
-        k, c, h = (self._joined @ part @ self._joined.T for part in split(matrix))
+        k, c, h = (self._joined @ side @ self._joined.T for side in matrix.sides)
         return solve_lines(self._structure, self._omega, self._outputs, self._inputs, k, c, h, self._rigid)

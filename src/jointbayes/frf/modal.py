@@ -7,13 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.damped import add_joint, chi2_of, dissipative, is_damped, stiffness_of
+from jointbayes.frf.damped import add_joint, chi2_of
 from jointbayes.frf.floating import of_every_mode, rigid_motions
 from jointbayes.frf.kernels.modal_sum import ModalSum
 from jointbayes.frf.kernels.secular import add_springs, workspace
 from jointbayes.frf.kernels.springs import springs
-from jointbayes.frf.ports import Ports, as_batch, as_factors, split_along
-from jointbayes.joint import AnyJoint, symmetric_changes
+from jointbayes.frf.ports import Ports, as_factors, split_along
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix, symmetric_changes
 from jointbayes.structure import Structure, StructureFamily, as_family, mode_shift
 from jointbayes.structure.family import MOST_HELD
 
@@ -118,28 +118,27 @@ class NaturalFrequencies:
         self._family = family.at(joint.labels, reach)
         return JoinedModes(self._family, joint, np.empty((self._family.nominal.n_dofs, 0)))
 
-    def frequency_hz(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def frequency_hz(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Frequencies, shape (batch, count), Hz.
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
         """
-        matrices = as_batch(stiffness)
-        known = as_factors(factors, len(matrices))
-        eigenvalues, _, _ = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
+        stiffness = np.ascontiguousarray(as_joint_matrix(matrices).batch.stiffness)
+        known = as_factors(factors, len(stiffness))
+        eigenvalues, _, _ = self._modes.solve(stiffness, known)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
         return frequency * first_factors(self._family.frequency_factors(known), frequency.shape[1])
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
         known = as_factors(factors, 1)
-        directions = stiffness_of(directions)
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness_of(stiffness)), known)
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_joint_matrix(matrix).batch.stiffness, known)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
         (off,) = first_factors(self._family.frequency_factors(known), frequency.size)
-        slope = np.einsum("ir,pij,jr->pr", shapes, np.asarray(directions, dtype=float), shapes)
+        slope = np.einsum("ir,pij,jr->pr", shapes, as_joint_matrix(directions).stiffness, shapes)
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
     # as data of modes they are all there is
@@ -178,20 +177,20 @@ class AssembledModes:
         self._n_out, self._omega = len(ports.outputs), ports.omega
         self._sum = ModalSum(self._omega, self._n_out)
 
-    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
         """Receptances, shape (batch, lines, outputs, inputs).
 
         For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
         """
-        matrices = as_batch(stiffness)
-        if is_damped(matrices):
-            return self._damped(matrices, factors)
-        return self._sum.receptance(*self._assembled(matrices, factors))
+        batch = as_joint_matrix(matrices).batch
+        if batch.damped:
+            return self._damped(batch, factors)
+        return self._sum.receptance(*self._assembled(batch.stiffness, factors))
 
-    def _damped(self, matrices: Array, factors: ArrayLike | None) -> NDArray[np.complex128]:
-        """Receptances of joints with damping, K, C and H side by side (batch, r, 3r)."""
+    def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> NDArray[np.complex128]:
+        """Receptances of a batch of joints with damping."""
         known, (r, q) = as_factors(factors, len(matrices)), self._along.shape
-        eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(stiffness_of(matrices)), known)
+        eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(matrices.stiffness), known)
         ratios = self._stated(known, eigenvalues)
         # between the joint's own motions and the ports' others, as outputs and as inputs
         rows[:, :r] = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
@@ -201,8 +200,7 @@ class AssembledModes:
             shapes = np.concatenate([rows[i], rows[i]])[None]
             row = np.ascontiguousarray(ratios[i : i + 1])
             every = self._sum_of_all.receptance(eigenvalues[i : i + 1], shapes, row)
-            loss = dissipative(matrices[i : i + 1])
-            values[:] = add_joint(loss, self._omega, every, self._along, self._n_out)[0][0]
+            values[:] = add_joint(matrices[i : i + 1].dissipative, self._omega, every, self._along, self._n_out)[0][0]
         return out
 
     @cached_property
@@ -211,12 +209,11 @@ class AssembledModes:
         return ModalSum(self._omega, sum(self._along.shape))
 
     def _damped_tangent(
-        self, matrix: Array, directions: Array, factors: ArrayLike | None
+        self, matrix: JointMatrix, directions: JointMatrix, factors: ArrayLike | None
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """By differences: with the stiffness the modes change, and with them the damping of the structure."""
-        ends = np.concatenate([matrix + _STEP * directions, matrix - _STEP * directions])
-        up, down = np.split(self._damped(ends, factors), 2)
-        return self._damped(matrix, factors)[0], (up - down) / (2 * _STEP)
+        up, down = (self._damped(matrix.moved(directions, step), factors) for step in (_STEP, -_STEP))
+        return self._damped(matrix.batch, factors)[0], (up - down) / (2 * _STEP)
 
     def misfit(self, measured: NDArray[np.complex128], weight: Array) -> "AssembledMisfit":
         """Weighted distance from measured receptances, see `ReceptanceModel`."""
@@ -241,16 +238,16 @@ class AssembledModes:
         return np.ascontiguousarray(ratios[:, : eigenvalues.shape[1]])
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Receptance and its exact derivative along p changes of one joint matrix.
 
         Parameters
         ----------
-        stiffness
-            K^J, shape (r, r).
+        matrix
+            Of one joint, r DOFs.
         directions
-            Changes dK^J, shape (p, r, r).
+            Its changes, a batch of p.
         factors
             On a family's quantities, shape (q,).
 
@@ -263,15 +260,15 @@ class AssembledModes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        known = as_factors(factors, 1)
-        if is_damped(stiffness):
-            return self._damped_tangent(as_batch(stiffness), np.asarray(directions, dtype=float), known)
-        (lam,), (rows,), (springs,) = self._modes.solve(as_batch(stiffness), known)
+        joint, changes, known = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
+        if joint.damped:
+            return self._damped_tangent(joint, changes, known)
+        (lam,), (rows,), (springs,) = self._modes.solve(joint.batch.stiffness, known)
         r = self._along.shape[0]
         at_joint = np.linalg.solve(springs.T, rows[:r])
         shapes = rows[r:] + self._along.T @ at_joint
         out, into = shapes[: self._n_out], shapes[self._n_out :]
-        change, same, turn = turned_modes(lam, at_joint, np.asarray(directions, dtype=float))
+        change, same, turn = turned_modes(lam, at_joint, changes.stiffness)
         d_out, d_in = out @ turn, into @ turn
         constants = out[:, None, :] * into[None, :, :]
         d_constants = d_out[:, :, None, :] * into + out[:, None, :] * d_in[:, None, :, :]
@@ -328,14 +325,16 @@ class AssembledMisfit:
         self._model, self._measured, self._weight = model, measured, weight
         self._lines = model._sum.lines(measured, weight)
 
-    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+    def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        if is_damped(stiffness):
-            return chi2_of(self._model.receptance(stiffness, factors), self._measured, self._weight)
-        return self._model._sum.chi2(*self._model._assembled(stiffness, factors), self._lines)
+        joints = as_joint_matrix(matrices)
+        if joints.damped:
+            return chi2_of(self._model.receptance(joints, factors), self._measured, self._weight)
+        return self._model._sum.chi2(*self._model._assembled(joints.stiffness, factors), self._lines)
 
-    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+    def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
+        stiffness = as_joint_matrix(matrices).stiffness
         known = as_factors(factors, len(stiffness))
         changes = symmetric_changes(stiffness.shape[-1])
         gradient = np.empty_like(stiffness)

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.modal import JoinedModes, first_factors, turned_modes
-from jointbayes.frf.ports import as_batch, as_factors, split_along
-from jointbayes.joint import AnyJoint
+from jointbayes.frf.ports import as_factors, split_along
+from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix
 from jointbayes.structure import Structure, StructureFamily, as_family
 from jointbayes.structure.family import MOST_HELD
 
@@ -86,21 +86,16 @@ class AssembledShapes:
         self._along, rest = split_along(motions, joint.selection(nominal))
         self._modes = JoinedModes(self._family, joint, rest, np.zeros(rest.shape[1], dtype=bool))
 
-    def modes(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Modal:
-        """Modes for joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
-
-        Of a joint with damping K, C and H side by side, (r, 3r) or (batch, r, 3r).
-        """
-        matrices, *lossy = _sides(as_batch(stiffness))
-        known = as_factors(factors, len(matrices))
-        eigenvalues, rows, springs = self._modes.solve(matrices, known)
+    def modes(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Modal:
+        """Modes for joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q)."""
+        sides = tuple(map(np.ascontiguousarray, as_joint_matrix(matrices).batch.sides))
+        known = as_factors(factors, len(sides[0]))
+        eigenvalues, rows, springs = self._modes.solve(sides[0], known)
         r, c, counted = self._along.shape[0], self._count, self._counted
         at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, counted])
         motions = rows[:, r:, counted] + self._along.T @ at_joint
         lam = np.maximum(eigenvalues[:, counted], 0.0)
-        held, viscous, hysteretic = (
-            np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in (matrices, *lossy)
-        )
+        held, viscous, hysteretic = (np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in sides)
         off = first_factors(self._family.frequency_factors(known), c)
         safe = np.maximum(lam, np.finfo(float).tiny)
         viscous = viscous + np.einsum("d,bdm->bm", self._signs, motions[:, self._seen :] ** 2)
@@ -119,7 +114,7 @@ class AssembledShapes:
         return self._family.loss_factors(known)[:, None] * stored / (2 * safe) + viscous
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Modal, Modal]:
         """Modes of one joint, all shapes with n = 1, and their exact derivative along changes dK^J (p, r, r), n = p.
 
@@ -128,8 +123,8 @@ class AssembledShapes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        known, here = as_factors(factors, 1), self.modes(stiffness, factors)
-        sides, changes = _sides(as_batch(stiffness)), _sides(np.asarray(directions, dtype=float))
+        known, here = as_factors(factors, 1), self.modes(matrix, factors)
+        sides, changes = as_joint_matrix(matrix).batch.sides, as_joint_matrix(directions).sides
         (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], known)
         r, c, counted = self._along.shape[0], self._count, self._counted
         at_joint = np.linalg.solve(springs.T, rows[:r])
@@ -173,12 +168,3 @@ def _dampers(structure: Structure) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(matrix)
     some = np.abs(values) > np.finfo(float).eps * np.abs(values).max(initial=0.0)
     return np.sign(values[some]), vectors[:, some] * np.sqrt(np.abs(values[some]))
-
-
-def _sides(matrices: Array) -> tuple[Array, Array, Array]:
-    """Stiffness K, dashpots C and imaginary stiffness H of joints, given as K alone or as all three side by side."""
-    size = matrices.shape[-2]
-    if matrices.shape[-1] == size:
-        return matrices, np.zeros_like(matrices), np.zeros_like(matrices)
-    stiffness, viscous, hysteretic = (np.ascontiguousarray(side) for side in np.split(matrices, 3, axis=-1))
-    return stiffness, viscous, hysteretic

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.joint import AnyJoint
+from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.joint.joint import LabelledDofs
 
 
@@ -53,7 +53,7 @@ def split_along(selection: Array, joined: Array) -> tuple[Array, Array]:
 
 
 def as_batch(stiffness: ArrayLike) -> Array:
-    """Joint matrices with a leading batch axis, shape (batch, r, r)."""
+    """Stiffness matrices with a leading batch axis, shape (batch, r, r)."""
     matrices = np.asarray(stiffness, dtype=float)
     return matrices[None] if matrices.ndim == 2 else matrices
 
@@ -69,22 +69,22 @@ def as_factors(factors: ArrayLike | None, batch: int) -> Array:
 class Misfit(Protocol):
     """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances."""
 
-    def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
+    def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r), and factors on the structure, (batch, q).
 
         Not finite where a line is singular.
         """
         ...
 
-    def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
-        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
+    def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij, of joints without damping."""
         ...
 
 
 class ReceptanceModel(Protocol):
     """Receptance of a structure with its joint as a function of K^J; see `LowRankCoupling`, `AssembledModes`."""
 
-    def receptance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
+    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[np.complex128]:
         """Receptances, shape (batch, lines, outputs, inputs).
 
         For joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
@@ -92,7 +92,7 @@ class ReceptanceModel(Protocol):
         ...
 
     def tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
         ...

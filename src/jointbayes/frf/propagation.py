@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf.coupling import LowRankCoupling
-from jointbayes.frf.damped import dynamic_stiffness, is_damped
 from jointbayes.frf.kernels.by_line import error_roots
 from jointbayes.frf.measured_body import MeasuredBody
-from jointbayes.frf.ports import as_batch, as_factors
+from jointbayes.frf.ports import as_factors
+from jointbayes.joint import AnyJointMatrix, as_joint_matrix
 
 ComplexArray = NDArray[np.complex128]
 
@@ -44,18 +44,17 @@ class NoisePropagation:
             self._root[:, first:last, first:last] = root
             first = last
 
-    def covariance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+    def covariance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """E[δH δHᴴ], shape (batch, lines, pairs, pairs), of receptances in the order (outputs, inputs).
 
-        For joint matrices (r, r) or (batch, r, r), or with K, C, H side by side (r, 3r) or (batch, r, 3r), and factors
-        on the structure's quantities, (q,) or (batch, q).
+        For joint matrices (r, r) or (batch, r, r), and factors on the structure's quantities, (q,) or (batch, q).
         """
-        roots = self.roots(stiffness, factors)
+        roots = self.roots(matrices, factors)
         return roots @ roots.conj().swapaxes(-1, -2)
 
-    def roots(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+    def roots(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """R of which `covariance` is R Rᴴ, shape (batch, lines, pairs, measured receptances of all bodies)."""
-        dynamic, model = self._dynamic(stiffness), self._model
+        dynamic, model = self._dynamic(matrices), self._model
         free = self._free(len(dynamic), factors)
         pairs = model.n_out * (model.along.shape[1] - model.n_out)
         out = np.empty((len(dynamic), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
@@ -63,12 +62,12 @@ class NoisePropagation:
             error_roots(dynamic, free, model.along, self._motions, self._entries, self._root, model.n_out, out)
         return out
 
-    def relative_sd(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def relative_sd(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Standard deviation of det(1 + A_jj K) relative to itself, shape (batch, lines).
 
         The first order is not enough where it is no small number: near a resonance of the assembled structure.
         """
-        k = self._dynamic(stiffness)
+        k = self._dynamic(matrices)
         free, r = self._free(len(k), factors), k.shape[-1]
         held = np.linalg.solve(np.eye(r) + k @ free[..., :r, :r], np.broadcast_to(k, (len(k), free.shape[1], r, r)))
         # d ln det(1 + A_jj K) = tr(K (1 + A_jj K)⁻¹ dA_jj)
@@ -77,11 +76,12 @@ class NoisePropagation:
         variance = (np.abs((weight[..., None, :] @ self._root)[..., 0, :]) ** 2).sum(axis=-1)
         return np.asarray(np.sqrt(variance))
 
-    def _dynamic(self, stiffness: ArrayLike) -> ComplexArray:
+    def _dynamic(self, matrices: AnyJointMatrix) -> ComplexArray:
         """Dynamic stiffness of the joint, shape (batch, lines, r, r); (batch, 1, r, r) without damping."""
-        if is_damped(stiffness):
-            return dynamic_stiffness(as_batch(stiffness), self._model.omega)
-        return np.ascontiguousarray(as_batch(stiffness)[:, None].astype(complex))
+        batch = as_joint_matrix(matrices).batch
+        if batch.damped:
+            return batch.dynamic_stiffness(self._model.omega)
+        return np.ascontiguousarray(batch.stiffness[:, None].astype(complex))
 
     def _free(self, batch: int, factors: ArrayLike | None) -> ComplexArray:
         """Receptance without the joint, shape (batch, lines, k, k); (1, …) where it is the same for all."""

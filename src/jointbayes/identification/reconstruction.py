@@ -25,10 +25,10 @@ import scipy  # its parts load at first use
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.frf.damped import dynamic_stiffness, is_damped, stiffness_of
 from jointbayes.identification.compliance_fit import FreeReceptance, measured_receptances
 from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
+from jointbayes.joint import JointMatrix
 from jointbayes.measurement import FrfMeasurement
 
 ComplexArray = NDArray[np.complex128]
@@ -166,24 +166,22 @@ class _Part:
         error = spread @ weighed
         force = np.linalg.solve(law, held + error)
         motion = self.free.ji - self.free.jj @ force
-        changes = self.prior.parametrisation.changes(joint)[:, None]
+        changes = self.prior.parametrisation.changes(joint)
         # de = −(K + K_0)⁻¹ (dK e + dD δ)
-        moved = stiffness_of(changes) @ error + self._dynamic(changes[:, 0]) @ motion
+        moved = changes.stiffness[:, None] @ error + self._dynamic(changes) @ motion
         moved = -np.moveaxis(softened @ moved, 0, -1)
         lines, r, _, count = moved.shape
         slope = np.linalg.solve(root, gain @ moved.reshape(lines, r, -1)).reshape(-1, count)
         residual = np.linalg.solve(root, off).ravel()
         return np.concatenate([residual.real, residual.imag]), np.concatenate([slope.real, slope.imag])
 
-    def _dynamic(self, matrices: Array) -> ComplexArray | Array:
+    def _dynamic(self, matrices: JointMatrix) -> ComplexArray | Array:
         """D, shape (n, lines, R, R), or (n, 1, R, R) of joints without damping."""
-        if is_damped(matrices):
-            return dynamic_stiffness(matrices, self.omega)
-        return matrices[:, None]
+        return matrices.dynamic_stiffness(self.omega) if matrices.damped else matrices.stiffness[:, None]
 
-    def _solved(self, matrices: Array, tolerance: float) -> tuple[NDArray[Any], ...]:
+    def _solved(self, matrices: JointMatrix, tolerance: float) -> tuple[NDArray[Any], ...]:
         """(K + K_0)⁻¹; Q and b of e = Q f − b; G = −A_oj Q⁻¹; the data less G b; and the root of their covariance."""
-        softened = np.linalg.inv(stiffness_of(matrices) + np.diag(self.own))[:, None]
+        softened = np.linalg.inv(matrices.stiffness + np.diag(self.own))[:, None]
         yielding = softened @ self._dynamic(matrices)
         law = softened + yielding @ self.free.jj
         held = yielding @ self.free.ji

@@ -30,7 +30,7 @@ from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.propagated import PropagatedNoise
 from jointbayes.inference.residuals import ResidualKind, residual_of
-from jointbayes.joint import AnyJoint
+from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.structure import is_mode_frequency
 
@@ -113,29 +113,29 @@ class FrfLikelihood(Likelihood):
         """Whether ln L is −eᵀe/2 of the residuals and a constant: Gaussian noise of known size, the same for all θ."""
         return super().gaussian and self.propagated is None
 
-    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
-        matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
+        joints = as_joint_matrix(matrices)
+        known = as_factors(factors, len(joints))
         if self._squares:
-            chi2 = self._misfit.chi2(matrices, self._structural(known))
+            chi2 = self._misfit.chi2(joints, self._structural(known))
             value = self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
         else:
-            value = np.empty(len(matrices))
+            value = np.empty(len(joints))
             at_once = max(1, min(_AT_ONCE, _VALUES_AT_ONCE // self.n_data))
-            for start in range(0, len(matrices), at_once):
+            for start in range(0, len(joints), at_once):
                 part = slice(start, start + at_once)
-                z, excess = self._compared(matrices[part], known[part])
+                z, excess = self._compared(joints[part], known[part])
                 value[part] = self.constant + self.noise.log_likelihood(z, self.hyper(known[part])) - excess
         value[~np.isfinite(value)] = -np.inf
         return value
 
-    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Residuals:
+    def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Residuals:
         """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`."""
-        matrices = np.asarray(stiffness, dtype=float)
-        return self._compared(matrices, as_factors(factors, len(matrices)))[0]
+        joints = as_joint_matrix(matrices)
+        return self._compared(joints, as_factors(factors, len(joints)))[0]
 
-    def _compared(self, matrices: Array, known: Array) -> tuple[Residuals, Array]:
+    def _compared(self, matrices: JointMatrix, known: Array) -> tuple[Residuals, Array]:
         """Residuals over σ, and what a noise that depends on the joint takes from ln L, shape (batch,)."""
         predicted = self._predicted(matrices, known)
         if self.propagated is None:
@@ -143,37 +143,37 @@ class FrfLikelihood(Likelihood):
         roots = self._roots(matrices, known)
         return self.propagated.white(roots, predicted - self._measured), self.propagated.excess(roots).sum(axis=(1, 2))
 
-    def _roots(self, matrices: Array, known: Array) -> ComplexArray:
+    def _roots(self, matrices: JointMatrix, known: Array) -> ComplexArray:
         """Roots of the noise's covariance at each line, see `PropagatedNoise`."""
         assert self.propagated is not None
         gain = known[:, self._n_structure] if self._gain else np.ones(len(known))
         return self.propagated.roots(matrices, self._structural(known), gain)
 
-    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of the measured FRFs with what measured bodies add, in their quantity, (batch, lines, outputs, inputs)."""
-        matrices = np.asarray(stiffness, dtype=float)
+        joints = as_joint_matrix(matrices)
         own = self._stated
         if self.propagated is None:
-            return np.broadcast_to(own, (len(matrices), *own.shape))
-        roots = self._roots(matrices, as_factors(factors, len(matrices)))
-        whole = self.propagated.variance(roots).reshape(len(matrices), *own.shape)
+            return np.broadcast_to(own, (len(joints), *own.shape))
+        roots = self._roots(joints, as_factors(factors, len(joints)))
+        whole = self.propagated.variance(roots).reshape(len(joints), *own.shape)
         return whole * np.abs(self._factor) ** 2
 
-    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> ComplexArray:
+    def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
         """FRFs in the measured quantity, gain included, shape (batch, lines, outputs, inputs)."""
-        matrices = np.asarray(stiffness, dtype=float)
-        return self._predicted(matrices, as_factors(factors, len(matrices))) * self._factor
+        joints = as_joint_matrix(matrices)
+        return self._predicted(joints, as_factors(factors, len(joints))) * self._factor
 
-    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+    def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Scores of the noise model, shape (batch, m)."""
         # E|z|² = 1 of a complex residual, half of it in each part
-        scores = self.noise.scores(self.standardised(stiffness, factors), self.hyper(factors))
+        scores = self.noise.scores(self.standardised(matrices, factors), self.hyper(factors))
         white = columns_of(scores, 2 if self.kind == "complex" else 1)
         white = white.reshape(len(scores), math.prod(white.shape[1:]))  # also of no joint at all
         white *= math.sqrt(2)
         return white
 
-    def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, lines, pairs), where residuals are independent.
 
         The constant of the data is shared out evenly: it is the same for every joint.
@@ -183,9 +183,9 @@ class FrfLikelihood(Likelihood):
         ModelError
             If the noise model correlates them.
         """
-        matrices = np.asarray(stiffness, dtype=float)
-        known = as_factors(factors, len(matrices))
-        z = self.standardised(matrices, known)
+        joints = as_joint_matrix(matrices)
+        known = as_factors(factors, len(joints))
+        z = self.standardised(joints, known)
         values: Array = self.noise.pointwise(z, self.hyper(known))
         if self.propagated is not None:
             if z.shape[2] > 1:
@@ -193,31 +193,31 @@ class FrfLikelihood(Likelihood):
                     "pointwise: found FRFs that share the noise of a measured body; expected independent values; "
                     "compare models by their evidence instead"
                 )
-            values = values - self.propagated.excess(self._roots(matrices, known))
+            values = values - self.propagated.excess(self._roots(joints, known))
         return values + self.constant / self.n_data
 
-    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+    def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
         if not (self._squares and self.gaussian):
             raise ModelError("gradient: found a noise model with parameters; expected Gaussian noise of known size")
-        matrices = np.asarray(stiffness, dtype=float)
-        chi2, slope = self._misfit.chi2_gradient(matrices, self._structural(as_factors(factors, len(matrices))))
+        joints = as_joint_matrix(matrices)
+        chi2, slope = self._misfit.chi2_gradient(joints, self._structural(as_factors(factors, len(joints))))
         return self.constant - chi2, -slope
 
     def residuals(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        known = as_factors(factors, 1)
+        joint, known = as_joint_matrix(matrix), as_factors(factors, 1)
         structural = known[:, : self._n_structure]
-        value, derivative = self._model.tangent(stiffness, directions, structural[0])
+        value, derivative = self._model.tangent(joint, directions, structural[0])
         if self._gain:
             gain = float(known[0, self._n_structure])
             value, derivative = gain * value, gain * derivative
         moved = moved_factors(known[:, : known.shape[1] - self.hyper_count])
         along = [derivative]
         if len(moved):
-            up, down = np.split(self._predicted(np.repeat(np.asarray(stiffness)[None], len(moved), 0), moved), 2)
+            up, down = np.split(self._predicted(joint.repeated(len(moved)), moved), 2)
             up -= down
             up /= 2 * STEP
             along.append(up)
@@ -226,7 +226,7 @@ class FrfLikelihood(Likelihood):
         if self.propagated is None:
             z, slopes = self._residual.z(here), [self._residual.tangent(here, some) for some in along]
         else:
-            roots, whiten = self._roots(np.asarray(stiffness)[None], known), self.propagated.white
+            roots, whiten = self._roots(joint.batch, known), self.propagated.white
             z, slopes = whiten(roots, here - self._measured), [whiten(roots, some) for some in along]
         parts = 2 if self.kind == "complex" else 1
         rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))
@@ -240,7 +240,7 @@ class FrfLikelihood(Likelihood):
         rows[row:] = 0.0
         return rows[0], rows[1:].T
 
-    def _predicted(self, matrices: Array, factors: Array) -> ComplexArray:
+    def _predicted(self, matrices: JointMatrix, factors: Array) -> ComplexArray:
         predicted = self._model.receptance(matrices, self._structural(factors))
         if self._gain:
             predicted = predicted * factors[:, self._n_structure, None, None, None]

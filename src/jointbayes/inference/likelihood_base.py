@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals
+from jointbayes.joint import AnyJointMatrix
 
 #: Of the logarithm of a quantity, in differences.
 STEP = 1e-5
@@ -54,37 +55,37 @@ class Likelihood(ABC):
         return known[:, known.shape[1] - self.hyper_count :]
 
     @abstractmethod
-    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q).
 
         −inf where the model has no finite value: a joint that resonates, undamped, on a line.
         """
 
     @abstractmethod
-    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Residuals:
+    def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Residuals:
         """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`, or (batch, n)."""
 
     @abstractmethod
-    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+    def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """What is compared with the data: FRFs (batch, lines, outputs, inputs), or natural frequencies (batch, n)."""
 
     @abstractmethod
-    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of what is compared, of the shape of `predicted`: as stated, with what else is known to be noise."""
 
     @abstractmethod
-    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+    def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), that are white with unit variance if model and noise hold."""
 
-    def typical_squares(self, stiffness: ArrayLike, factors: ArrayLike) -> tuple[float, int]:
+    def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint, in units of the noise that the data show."""
-        residual = self.white(stiffness, factors)[0]
+        residual = self.white(matrices, factors)[0]
         total = float(residual @ residual)
         # where its size is integrated out
         return total / self.noise.typical_scale(total / 2, residual.size // self.noise.parts) ** 2, residual.size
 
     @abstractmethod
-    def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, …), where residuals are independent.
 
         Raises
@@ -94,7 +95,7 @@ class Likelihood(ABC):
         """
 
     @abstractmethod
-    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+    def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK.
 
         Raises
@@ -105,7 +106,7 @@ class Likelihood(ABC):
 
     @abstractmethod
     def residuals(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint.
 

@@ -11,6 +11,7 @@ from jointbayes.errors import ModelError, array_of
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import Residuals
 from jointbayes.inference.prior import JointPrior
+from jointbayes.joint import JointMatrix
 
 ExtraLogLikelihood = Callable[[Array], ArrayLike]
 
@@ -112,7 +113,7 @@ class LogPosterior:
         """ln L value by value, see `Likelihood.pointwise`, at θ, shape (n, d)."""
         return self.likelihood.pointwise(*self._points(theta))
 
-    def _points(self, theta: ArrayLike) -> tuple[Array, Array]:
+    def _points(self, theta: ArrayLike) -> tuple[JointMatrix, Array]:
         """Joint matrices (n, R, R) and factors (n, q) at θ, shape (n, d) or (d,)."""
         points = np.atleast_2d(np.asarray(theta, dtype=float))
         return self.prior.matrix(points), self.prior.factors(points)

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from jointbayes.arrays import Array
 from jointbayes.frf import AssembledShapes, Modal, NaturalFrequencies, rigid_body_modes
-from jointbayes.joint import AnyJoint
+from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.measurement import ModalMeasurement, ModeMeasurement
 from jointbayes.structure import StructureFamily
 
@@ -16,16 +16,16 @@ from jointbayes.structure import StructureFamily
 class ModalModel(Protocol):
     """Predicts the values of a `ModalMeasurement` as a function of K^J."""
 
-    def modal_frequencies(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def modal_frequencies(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
         ...
 
-    def modal_values(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def modal_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f)."""
         ...
 
     def modal_tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Predicted values (m,) of one joint and their derivative (p, m) along changes dK^J (p, r, r)."""
         ...
@@ -106,29 +106,29 @@ class ModePrediction:
             dtype=np.intp,
         )
 
-    def modal_frequencies(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def modal_frequencies(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
-        return self.matched(stiffness, factors)[0].frequency_hz
+        return self.matched(matrices, factors)[0].frequency_hz
 
-    def modal_values(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def modal_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f).
 
         Infinite where a mode does not move at its reference DOF.
         """
-        modal, _ = self.matched(stiffness, factors)
+        modal, _ = self.matched(matrices, factors)
         return self._table(modal)[:, self._place]
 
-    def matched(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Modal, NDArray[np.intp]]:
+    def matched(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Modal, NDArray[np.intp]]:
         """The partners of the measured modes, shapes (batch, n, …), and their places among all, from 0, (batch, n)."""
-        modal = self._model.modes(stiffness, factors)
+        modal = self._model.modes(matrices, factors)
         places = self._partners(modal)
         return _taken(modal, places), places
 
     def modal_tangent(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Predicted values (m,) of one joint and their derivative (p, m) along changes dK^J (p, r, r)."""
-        modal, slope = self._model.tangent(stiffness, directions, factors)
+        modal, slope = self._model.tangent(matrix, directions, factors)
         places = self._partners(modal)
         here, moved = _taken(modal, places), _taken(slope, np.repeat(places, len(slope.frequency_hz), axis=0))
         frequency = moved.frequency_hz

@@ -10,7 +10,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.cone import NO_JOINT, cut_quantiles, log_probability_inside
 from jointbayes.inference.marginals import Marginal, Normal, OfStiffness, Uniform, as_marginal
-from jointbayes.joint import Parametrisation
+from jointbayes.joint import JointMatrix, Parametrisation
 from jointbayes.structure import is_additive
 
 
@@ -184,8 +184,8 @@ class JointPrior:
         """The joint's quantities, shape (..., q), of θ, shape (..., d)."""
         return self.parametrisation.stiffness(self.joint(theta))
 
-    def matrix(self, theta: ArrayLike) -> Array:
-        """K^J, shape (..., R, R), of θ, shape (..., d)."""
+    def matrix(self, theta: ArrayLike) -> JointMatrix:
+        """Joint matrices, shape (..., R, R), of θ, shape (..., d)."""
         return self.parametrisation.matrix(self.stiffness(theta))
 
     def factors(self, theta: ArrayLike) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation
 from jointbayes.frf.kernels.by_line import noise_roots
+from jointbayes.joint import AnyJointMatrix
 
 ComplexArray = NDArray[np.complex128]
 
@@ -36,12 +37,12 @@ class PropagatedNoise:
         self.propagation = NoisePropagation(model)
         self._variance = variance.reshape(len(variance), -1)
 
-    def roots(self, stiffness: Array, factors: Array, gain: Array) -> ComplexArray:
+    def roots(self, matrices: AnyJointMatrix, factors: Array, gain: Array) -> ComplexArray:
         """Lower triangular L with L Lᴴ = Σ, shape (batch, lines, pairs, pairs).
 
         Of joint matrices (batch, r, r), factors on the structure (batch, f) and on all measured FRFs (batch,).
         """
-        added = self.propagation.roots(stiffness, factors)
+        added = self.propagation.roots(matrices, factors)
         out = np.empty((*added.shape[:3], added.shape[2]), dtype=complex)
         noise_roots(added, np.ascontiguousarray(gain), self._variance, out)
         return out

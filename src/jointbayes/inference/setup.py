@@ -15,7 +15,18 @@ from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.residuals import ResidualKind
-from jointbayes.joint import AnyJoint, Block, Blocks, Joint, Joints, Parametrisation, as_joints
+from jointbayes.joint import (
+    AnyJoint,
+    AnyJointMatrix,
+    Block,
+    Blocks,
+    Joint,
+    JointMatrix,
+    Joints,
+    Parametrisation,
+    as_joint_matrix,
+    as_joints,
+)
 from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement import Measurement
 
@@ -200,17 +211,10 @@ class Term:
     rows: slice
     columns: NDArray[np.intp]
 
-    def of(self, stiffness: ArrayLike, factors: ArrayLike | None) -> tuple[Array, Array]:
+    def of(self, matrices: AnyJointMatrix, factors: ArrayLike | None) -> tuple[JointMatrix, Array]:
         """Joint matrices (..., r, r) and factors (..., q) of the set-up from those of all."""
-        whole = np.asarray(stiffness, dtype=float)
-        size = whole.shape[-2]
-        # K alone, or K, C and H side by side
-        sides = [
-            whole[..., self.rows, begin : begin + size][..., self.rows] for begin in range(0, whole.shape[-1], size)
-        ]
-        matrices = sides[0] if len(sides) == 1 else np.concatenate(sides, axis=-1)
         assert factors is not None
-        return np.ascontiguousarray(matrices), np.asarray(factors, dtype=float)[..., self.columns]
+        return as_joint_matrix(matrices).block(self.rows), np.asarray(factors, dtype=float)[..., self.columns]
 
 
 class SetupsLikelihood(Likelihood):
@@ -258,25 +262,25 @@ class SetupsLikelihood(Likelihood):
         known = np.atleast_2d(np.asarray(factors, dtype=float))
         return term.likelihood.hyper(known[:, term.columns])
 
-    def log_likelihood(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,): the sum of all set-ups."""
-        return np.sum([term.likelihood.log_likelihood(*term.of(stiffness, factors)) for term in self.terms], axis=0)
+        return np.sum([term.likelihood.log_likelihood(*term.of(matrices, factors)) for term in self.terms], axis=0)
 
-    def standardised(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+    def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """Residuals over σ: of a lone set-up in its own shape, of several one after the other, shape (batch, n)."""
-        return self._joined([term.likelihood.standardised(*term.of(stiffness, factors)) for term in self.terms])
+        return self._joined([term.likelihood.standardised(*term.of(matrices, factors)) for term in self.terms])
 
-    def predicted(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+    def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """What is compared with the data, as `standardised`."""
-        return self._joined([term.likelihood.predicted(*term.of(stiffness, factors)) for term in self.terms])
+        return self._joined([term.likelihood.predicted(*term.of(matrices, factors)) for term in self.terms])
 
-    def variance(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> Array:
+    def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of what is compared, as `standardised`."""
-        return self._joined([term.likelihood.variance(*term.of(stiffness, factors)) for term in self.terms])
+        return self._joined([term.likelihood.variance(*term.of(matrices, factors)) for term in self.terms])
 
-    def pointwise(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> NDArray[Any]:
+    def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
         """ln L value by value, as `standardised`."""
-        return self._joined([term.likelihood.pointwise(*term.of(stiffness, factors)) for term in self.terms])
+        return self._joined([term.likelihood.pointwise(*term.of(matrices, factors)) for term in self.terms])
 
     @staticmethod
     def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -284,43 +288,38 @@ class SetupsLikelihood(Likelihood):
             return parts[0]
         return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
-    def white(self, stiffness: ArrayLike, factors: ArrayLike) -> Array:
+    def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), of all set-ups."""
-        return np.concatenate([term.likelihood.white(*term.of(stiffness, factors)) for term in self.terms], axis=1)
+        return np.concatenate([term.likelihood.white(*term.of(matrices, factors)) for term in self.terms], axis=1)
 
-    def typical_squares(self, stiffness: ArrayLike, factors: ArrayLike) -> tuple[float, int]:
+    def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""
-        each = [term.likelihood.typical_squares(*term.of(stiffness, factors)) for term in self.terms]
+        each = [term.likelihood.typical_squares(*term.of(matrices, factors)) for term in self.terms]
         return sum(total for total, _ in each), sum(count for _, count in each)
 
-    def gradient(self, stiffness: ArrayLike, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+    def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, R, R) by the joint matrices."""
-        matrices = np.asarray(stiffness, dtype=float)
-        known = np.empty((len(matrices), 0)) if factors is None else np.asarray(factors, dtype=float)
-        total, slope = np.zeros(len(matrices)), np.zeros_like(matrices)
+        joints = as_joint_matrix(matrices)
+        known = np.empty((len(joints), 0)) if factors is None else np.asarray(factors, dtype=float)
+        total, slope = np.zeros(len(joints)), np.zeros_like(joints.stiffness)
         for term in self.terms:
-            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(matrices, known))
+            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(joints, known))
             total += value
         return total, slope
 
     def residuals(
-        self, stiffness: ArrayLike, directions: ArrayLike, factors: ArrayLike | None = None
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint, of all set-ups."""
-        changes = np.asarray(directions, dtype=float)
+        changes = as_joint_matrix(directions)
         known = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
         residuals, slopes = [], []
         for term in self.terms:
-            own, _ = term.of(changes, known)
-            residual, slope = term.likelihood.residuals(*_of_one(term, stiffness, own, known))
+            joint, of_test = term.of(matrix, known)
+            residual, slope = term.likelihood.residuals(joint, changes.block(term.rows), of_test)
             whole = np.zeros((len(residual), len(changes) + len(self.names)))
             whole[:, : len(changes)] = slope[:, : len(changes)]
             whole[:, len(changes) + term.columns] = slope[:, len(changes) :]
             residuals.append(residual)
             slopes.append(whole)
         return np.concatenate(residuals), np.concatenate(slopes)
-
-
-def _of_one(term: Term, stiffness: ArrayLike, directions: Array, factors: Array) -> tuple[Array, Array, Array]:
-    matrix, known = term.of(stiffness, factors)
-    return matrix, directions, known

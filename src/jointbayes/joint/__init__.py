@@ -32,17 +32,31 @@ if TYPE_CHECKING:
     from jointbayes.joint.joint import Joint as Joint
     from jointbayes.joint.joint import Joints as Joints
     from jointbayes.joint.joint import as_joints as as_joints
+    from jointbayes.joint.kinds import parametrisation_named as parametrisation_named
+    from jointbayes.joint.kinds import under_hypothesis as under_hypothesis
     from jointbayes.joint.log import LogStiffness as LogStiffness
+    from jointbayes.joint.matrix import AnyJointMatrix as AnyJointMatrix
+    from jointbayes.joint.matrix import JointMatrix as JointMatrix
+    from jointbayes.joint.matrix import as_joint_matrix as as_joint_matrix
     from jointbayes.joint.parametrisation import RIGID as RIGID
     from jointbayes.joint.parametrisation import ComplianceCoordinates as ComplianceCoordinates
     from jointbayes.joint.parametrisation import Parametrisation as Parametrisation
-    from jointbayes.joint.parametrisation import parametrisation_named as parametrisation_named
     from jointbayes.joint.parametrisation import symmetric_changes as symmetric_changes
     from jointbayes.joint.plain_springs import PlainSprings as PlainSprings
     from jointbayes.joint.plain_springs import Rigid as Rigid
     from jointbayes.joint.signed import SignedCoupling as SignedCoupling
 
-_COMPUTING = ("joint", "parametrisation", "condensed", "plain_springs", "full", "damped", "blocks", *COORDINATES)
+_COMPUTING = (
+    "matrix",
+    "joint",
+    "parametrisation",
+    "condensed",
+    "plain_springs",
+    "full",
+    "damped",
+    "blocks",
+    "kinds",
+)
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any name of the room)

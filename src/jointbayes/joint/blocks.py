@@ -1,7 +1,7 @@
 """Several joints as one parametrisation: their coordinates, stiffnesses and matrices side by side."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, permutations
 from typing import ClassVar
@@ -211,10 +211,6 @@ class Blocks(Parametrisation):
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): the sum of all."""
         return np.sum(self._each(lambda one, t: one.log_compliance_volume(t), theta, False), axis=0)
-
-    def hypothesis(self, name: str) -> "Blocks":
-        """Every joint under a hypothesis."""
-        return Blocks(tuple(replace(b, parametrisation=b.parametrisation.hypothesis(name)) for b in self.blocks))
 
 
 def _orders(names: list[str]) -> list[tuple[str, ...]]:

@@ -26,8 +26,8 @@ _LARGEST_COUPLING = 0.9  # of √(k11 k22), in a start
 class CoupledPair(Parametrisation):
     """Coordinates θ of (k11, k12, k22).
 
-    A further one is a subclass in a file named as its entry in `jointbayes.joint.quantities.COORDINATES`, of which the
-    file's ``PARAMETRISATION`` is an instance.
+    A further one is a subclass in a file of its own, with an entry in `jointbayes.joint.quantities.COORDINATES` and one
+    in `jointbayes.joint.kinds.COUPLED_PAIRS`.
     """
 
     expected: ClassVar[str] = "a positive definite joint; lower |k12|, or raise k11 and k22"

@@ -12,7 +12,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.parametrisation import Parametrisation
-from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities, without_damping
+from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities
 
 
 @dataclass(frozen=True)
@@ -158,19 +158,6 @@ class Damped(Parametrisation):
         damping = np.exp(mean[self._d :])
         found = self.of.limiting_joints(mean[: self._d], sd[: self._d])
         return {name: np.concatenate([joint, damping]) for name, joint in found.items()}
-
-    def hypothesis(self, name: str) -> Parametrisation:
-        """The joint under a hypothesis, with the damping of the springs that yield in it unless it is undamped."""
-        other = self.of.hypothesis(name)
-        if without_damping(name)[0]:
-            return other
-        moving = {axis.quantity for axis in other.axes}
-        # where couplings come in, springs have other names: they are known by their places
-        places = {q.places: q.name for q in other.quantities if q.name in moving}
-        names = {q.name: places[q.places] for q in self.of.quantities if q.places in places}
-        viscous = tuple(names[one] for one in self.viscous if one in names)
-        loss = tuple(names.get(one, one) for one in self.loss_factors if one in names or (one == "all" and moving))
-        return Damped(other, viscous, loss) if viscous or loss else other
 
     def compliance(self, theta: Array) -> Array:
         """Compliance of the stiffnesses, then the damping itself, shape (n, d).

@@ -66,6 +66,3 @@ class ElasticCentre(CoupledPair):
             "stiff in both": mean + sd * [1, 0, 1],
         }
         return {name: self.stiffness(theta) for name, theta in (far | stiff).items()}
-
-
-PARAMETRISATION = ElasticCentre()

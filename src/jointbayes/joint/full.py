@@ -95,7 +95,7 @@ class FullStiffness(Parametrisation):
     def _scaled(self, stiffness: Array) -> tuple[Array, Array]:
         """√k_ii, shape (..., r), and K^J scaled to a unit diagonal, shape (..., r, r)."""
         size = np.sqrt(stiffness[..., self._diagonal])
-        return size, self.matrix(stiffness) / (size[..., :, None] * size[..., None, :])
+        return size, self.matrix(stiffness).stiffness / (size[..., :, None] * size[..., None, :])
 
     def stiffness(self, theta: ArrayLike) -> Array:
         """Entries of K^J, shape (..., q), from θ, shape (..., d)."""
@@ -183,7 +183,7 @@ class FullStiffness(Parametrisation):
     def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
         """Whether joints, shape (..., q), are positive semidefinite, shape (...), to rounding."""
         k = np.asarray(stiffness, dtype=float)
-        matrix = self.matrix(k)
+        matrix = self.matrix(k).stiffness
         diagonal = k[..., self._diagonal]
         size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         scaled = matrix / (size[..., :, None] * size[..., None, :])

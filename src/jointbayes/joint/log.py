@@ -54,6 +54,3 @@ class LogStiffness(CoupledPair):
         """ln det K^J, shape (...), at feasible θ, shape (..., 3)."""
         diagonal = theta[..., 0] + theta[..., 2]
         return diagonal + np.log1p(-np.exp(2 * theta[..., 1] - diagonal))
-
-
-PARAMETRISATION = LogStiffness()

@@ -6,10 +6,9 @@ whether it is of one joint or of several, see `jointbayes.joint.blocks`.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import ClassVar
 
 import numpy as np
@@ -18,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
 from jointbayes.joint.condensed import CondensedCoordinates, Cone
-from jointbayes.joint.quantities import COORDINATES, Coordinate, Quantity, without_damping
+from jointbayes.joint.matrix import AnyJointMatrix, JointMatrix, as_joint_matrix
+from jointbayes.joint.quantities import Coordinate, Quantity
 
 #: Stiffness (N/m, N·m/rad) of a motion that is held: every forward model takes it for rigid to rounding, and its square
 #: is still a number.
@@ -135,14 +135,13 @@ class Parametrisation(ABC):
         springs = (quantity.role == "stiffness" and not quantity.may_be_negative for quantity in self.quantities)
         return np.array([RIGID if spring else 0.0 for spring in springs])
 
-    def matrix(self, stiffness: ArrayLike) -> Array:
-        """K^J, shape (..., R, R), of quantities, shape (..., q).
-
-        Where joints are damped K, C and H side by side, shape (..., R, 3R): their dynamic stiffness is K + jωC + jH.
+    def matrix(self, stiffness: ArrayLike) -> JointMatrix:
+        """Joint matrices, shape (..., R, R), of quantities, shape (..., q).
 
         Examples
         --------
-        >>> parametrisation_named("log").matrix([3.0, 1.0, 2.0]).tolist()
+        >>> from jointbayes.joint import LogStiffness
+        >>> LogStiffness().matrix([3.0, 1.0, 2.0]).stiffness.tolist()
         [[3.0, 1.0], [1.0, 2.0]]
         """
         k = np.asarray(stiffness, dtype=float)
@@ -151,28 +150,28 @@ class Parametrisation(ABC):
             k = np.concatenate([k, beyond], axis=-1)
         parts = [np.take(k, entries, axis=-1) for entries in self._entries]
         if len(parts) == 1:
-            return parts[0]
+            return JointMatrix(parts[0])
         stiffness, viscous, loss = parts
-        return np.concatenate([stiffness, viscous, loss * stiffness], axis=-1)
+        return JointMatrix(stiffness, viscous, loss * stiffness)
 
-    def changes(self, theta: Array) -> Array:
-        """Change of `matrix` along each coordinate, shape (d, R, R) or (d, R, 3R), at one θ, shape (d,)."""
+    def changes(self, theta: Array) -> JointMatrix:
+        """Change of `matrix` along each coordinate, shape (d, R, R), at one θ, shape (d,)."""
         derivative = self.derivative(theta)
         if not self.damped:
-            return np.einsum("kt,kij->tij", derivative, self.pattern)
+            return JointMatrix(np.einsum("kt,kij->tij", derivative, self.pattern))
         parts = []
         for role in ("stiffness", "viscous", "loss factor"):
             own = np.array([quantity.role == role for quantity in self.quantities])
             parts.append(np.einsum("kt,kij->tij", derivative[own], self.pattern[own]))
-        r = self.size
         k, loss = self.stiffness(theta), self._entries[2]
         factor = np.where(loss < 0, 0.0, k[np.maximum(loss, 0)])
-        parts[2] = parts[2] * self.matrix(k)[:, :r] + factor * parts[0]
-        return np.concatenate(parts, axis=-1)
+        parts[2] = parts[2] * self.matrix(k).stiffness + factor * parts[0]
+        return JointMatrix(*parts)
 
-    def from_matrix(self, matrix: ArrayLike) -> Array:
-        """Quantities, shape (..., q), of K^J, or of K, C and H side by side, see `matrix`: at their first places."""
-        whole = np.asarray(matrix, dtype=float)
+    def from_matrix(self, matrix: AnyJointMatrix) -> Array:
+        """Quantities, shape (..., q), of joint matrices, see `matrix`: at their first places."""
+        given = as_joint_matrix(matrix)
+        whole = np.concatenate(given.sides, axis=-1) if self.damped else given.stiffness
         rows, columns = np.array([q.places[0] for q in self.quantities], dtype=int).reshape(-1, 2).T
         side = {"stiffness": 0, "viscous": self.size, "loss factor": 2 * self.size}
         entries = whole[..., rows, columns + np.array([side[q.role] for q in self.quantities], dtype=int)]
@@ -234,12 +233,6 @@ class Parametrisation(ABC):
     @abstractmethod
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,), at θ, shape (n, d)."""
-
-    def hypothesis(self, name: str) -> "Parametrisation":
-        """The joint under one of `HYPOTHESES`: a simpler one, one with more couplings, or this one itself."""
-        from jointbayes.joint.hypotheses import joint_under
-
-        return joint_under(self, without_damping(name)[1])
 
     def coordinates(self, stiffness: ArrayLike) -> Array:
         """θ, shape (..., d), of quantities, shape (..., q).
@@ -315,33 +308,6 @@ class Parametrisation(ABC):
     def _semidefinite(self, given: Array) -> str:
         """What is expected of a joint, shape (q,), that is not positive semidefinite."""
         return "a positive semidefinite matrix; lower its couplings, or raise the stiffnesses beside them"
-
-
-def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametrisation:
-    """The coordinates that a case file calls so: one of `COORDINATES`, or a kind of joint between DOFs.
-
-    Parameters
-    ----------
-    key
-        One of `COORDINATES` for a joint of one translation and one rotation, ``"rigid"``, ``"springs"`` or ``"full"``.
-    directions
-        Directions of the joint's DOFs, as ``("y", "rz")``; those of `COORDINATES` do not ask for them.
-    """
-    if key in COORDINATES:
-        return import_module(f"jointbayes.joint.{key}").PARAMETRISATION
-    if key == "rigid":
-        from jointbayes.joint.plain_springs import Rigid
-
-        return Rigid(len(directions))
-    if key == "springs":
-        from jointbayes.joint.plain_springs import PlainSprings
-        from jointbayes.joint.quantities import spring_stiffnesses
-
-        springs = spring_stiffnesses(directions)
-        return PlainSprings(tuple(spring.name for spring in springs), springs)
-    from jointbayes.joint.full import FullStiffness
-
-    return FullStiffness(tuple(directions))
 
 
 def symmetric_changes(r: int) -> Array:

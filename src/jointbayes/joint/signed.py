@@ -61,6 +61,3 @@ class SignedCoupling(CoupledPair):
             "stiff in rotation": np.array([k11, 0.0, stiff22]),
             "stiff in both": np.array([stiff11, 0.0, stiff22]),
         }
-
-
-PARAMETRISATION = SignedCoupling()

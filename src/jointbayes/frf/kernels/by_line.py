@@ -46,7 +46,9 @@ def _solve(m: ComplexArray, x: ComplexArray) -> None:
 
 @compiled
 def add_joints(
-    dynamic: Array,
+    stiffness: Array,
+    viscous: Array,
+    hysteretic: Array,
     omega: Array,
     free: ComplexArray,
     along: Array,
@@ -56,12 +58,12 @@ def add_joints(
 ) -> None:
     """Receptances once a joint is added into `value`, motions of the joint under each load into `motion`.
 
-    Of the joints K, C, H side by side (n, r, 3r), of which D = K + jωC + jH at each line (lines,); the receptance
+    Of the joints K, C and H, each (n, r, r), of which D = K + jωC + jH at each line (lines,); the receptance
     without them (1 or n, lines, r + q, r + q) between the joint's motions and the q ports' others, and the part of each
     port's motion that is the joint's own (r, q). Shapes (n, lines, outputs, inputs) and (n, lines, r, q). NaN where a
     line is singular.
     """
-    n, r = dynamic.shape[:2]
+    n, r = stiffness.shape[:2]
     q, lines = along.shape[1], len(omega)
     d, m = np.empty((r, r), dtype=np.complex128), np.empty((r, r), dtype=np.complex128)
     x, force = np.empty((r, q), dtype=np.complex128), np.empty(r, dtype=np.complex128)
@@ -70,8 +72,8 @@ def add_joints(
             a = free[min(i, len(free) - 1), line]
             for p in range(r):
                 for s in range(r):
-                    loss = omega[line] * dynamic[i, p, r + s] + dynamic[i, p, 2 * r + s]
-                    d[p, s] = complex(dynamic[i, p, s], loss)
+                    loss = omega[line] * viscous[i, p, s] + hysteretic[i, p, s]
+                    d[p, s] = complex(stiffness[i, p, s], loss)
             for p in range(r):
                 for s in range(r):
                     total = complex(1.0 if p == s else 0.0, 0.0)

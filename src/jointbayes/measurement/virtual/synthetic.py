@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
-from jointbayes.joint import AnyJoint
+from jointbayes.joint import AnyJoint, AnyJointMatrix
 from jointbayes.measurement.data import FrfMeasurement
 from jointbayes.measurement.variance import NoiseLaw
 from jointbayes.structure import Structure, StructureFamily
@@ -14,7 +13,7 @@ from jointbayes.structure import Structure, StructureFamily
 def synthesise_frf(
     structure: Structure | StructureFamily,
     joint: AnyJoint,
-    stiffness: Array,
+    matrix: AnyJointMatrix,
     ports: Ports,
     noise: NoiseLaw,
     quantity: Quantity = "receptance",
@@ -29,7 +28,7 @@ def synthesise_frf(
     structure, joint
         Structure without the joint, or a family of them whose nominal one is taken, with elements much richer than
         those of an analysis; and where the joint acts.
-    stiffness
+    matrix
         True K^J, shape (r, r).
     ports
         Lines, outputs and inputs.
@@ -52,7 +51,7 @@ def synthesise_frf(
         model = DirectSolve(structure, joint, ports)
     else:
         model = receptance_model(structure.reference(), joint, ports)
-    true = model.receptance(stiffness)[0]
+    true = model.receptance(matrix)[0]
     true = gain * true * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
     variance = noise.variance(true)
     values = true

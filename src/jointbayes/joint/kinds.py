@@ -1,0 +1,112 @@
+"""Joints by the name of their kind, and those that a comparison puts in their place."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from jointbayes.errors import ModelError
+from jointbayes.joint.blocks import Blocks
+from jointbayes.joint.coupled import CoupledPair
+from jointbayes.joint.damped import Damped
+from jointbayes.joint.elastic_centre import ElasticCentre
+from jointbayes.joint.full import FullStiffness
+from jointbayes.joint.log import LogStiffness
+from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.plain_springs import PlainSprings, Rigid
+from jointbayes.joint.quantities import (
+    DIRECTIONS,
+    is_rotation,
+    is_rotation_unit,
+    spring_stiffnesses,
+    without_damping,
+)
+from jointbayes.joint.signed import SignedCoupling
+
+#: Joints of a coupled pair by the name of their coordinates in `jointbayes.joint.quantities.COORDINATES`.
+COUPLED_PAIRS: dict[str, CoupledPair] = {kind.key: kind for kind in (LogStiffness(), SignedCoupling(), ElasticCentre())}
+
+_PAIR = (False, True)  # a translation and a rotation
+
+
+def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametrisation:
+    """The coordinates that a case file calls so: one of `COORDINATES`, or a kind of joint between DOFs.
+
+    Parameters
+    ----------
+    key
+        One of `COORDINATES` for a joint of one translation and one rotation, ``"rigid"``, ``"springs"`` or ``"full"``.
+    directions
+        Directions of the joint's DOFs, as ``("y", "rz")``; those of `COORDINATES` do not ask for them.
+    """
+    if key in COUPLED_PAIRS:
+        return COUPLED_PAIRS[key]
+    if key == "rigid":
+        return Rigid(len(directions))
+    if key == "springs":
+        springs = spring_stiffnesses(directions)
+        return PlainSprings(tuple(spring.name for spring in springs), springs)
+    return FullStiffness(tuple(directions))
+
+
+def under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
+    """Joints under one of `HYPOTHESES`: simpler ones, some with more couplings, or these themselves.
+
+    Of several joints each is; a rigid one is rigid under all. Damping stays with the springs that yield, unless the
+    hypothesis is an undamped joint.
+
+    Raises
+    ------
+    ModelError
+        If a joint is to be coupled that is no translation and rotation.
+    """
+    if isinstance(joint, Blocks):
+        each = (replace(block, parametrisation=under_hypothesis(block.parametrisation, name)) for block in joint.blocks)
+        return Blocks(tuple(each))
+    undamped, hypothesis = without_damping(name)
+    if isinstance(joint, Damped):
+        other = under_hypothesis(joint.of, name)
+        return other if undamped else _with_damping_of(joint, other)
+    if isinstance(joint, Rigid):
+        return joint
+    if hypothesis in ("full", "coupled"):
+        return _with_couplings(joint, hypothesis)
+    springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
+    yielding = {
+        "rigid": [],
+        "translation": [quantity for quantity in springs if not is_rotation_unit(quantity.unit)],
+        "rotation": [quantity for quantity in springs if is_rotation_unit(quantity.unit)],
+        "springs": springs,
+    }[hypothesis]
+    return PlainSprings(tuple(quantity.name for quantity in yielding), joint.quantities)
+
+
+def _with_damping_of(joint: Damped, other: Parametrisation) -> Parametrisation:
+    """Another joint with the damping of the springs that yield in it."""
+    moving = {axis.quantity for axis in other.axes}
+    # where couplings come in, springs have other names: they are known by their places
+    places = {q.places: q.name for q in other.quantities if q.name in moving}
+    names = {q.name: places[q.places] for q in joint.of.quantities if q.places in places}
+    viscous = tuple(names[spring] for spring in joint.viscous if spring in names)
+    loss = tuple(
+        names.get(spring, spring) for spring in joint.loss_factors if spring in names or (spring == "all" and moving)
+    )
+    return Damped(other, viscous, loss) if viscous or loss else other
+
+
+def _with_couplings(joint: Parametrisation, hypothesis: str) -> Parametrisation:
+    directions = _directions(joint)
+    if hypothesis == "coupled" and directions and tuple(map(is_rotation, directions)) != _PAIR:
+        raise ModelError(
+            f"comparison: found the hypothesis coupled of a joint in {', '.join(directions)}; expected a joint of a "
+            "translation and a rotation; compare springs and full"
+        )
+    return FullStiffness(directions) if isinstance(joint, PlainSprings) and directions else joint
+
+
+def _directions(joint: Parametrisation) -> tuple[str, ...]:
+    """Directions of a joint of springs or of a full one; none of a coupled pair, which is what it is."""
+    if isinstance(joint, FullStiffness):
+        return joint.directions
+    if isinstance(joint, CoupledPair):
+        return ()
+    named = tuple(name[1:] for name in joint.stiffness_names)
+    return named if set(named) <= set(DIRECTIONS) else ()
