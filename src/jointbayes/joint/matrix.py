@@ -37,9 +37,9 @@ class JointMatrix:
     hysteretic: Array | None = None
 
     def __post_init__(self) -> None:
-        for name, other in (("viscous", self.hysteretic), ("hysteretic", self.viscous)):
-            if getattr(self, name) is None and other is not None:
-                object.__setattr__(self, name, np.zeros_like(other))
+        if (self.viscous is None) != (self.hysteretic is None):
+            missing = "viscous" if self.viscous is None else "hysteretic"
+            object.__setattr__(self, missing, np.zeros_like(self.stiffness))
 
     @property
     def damped(self) -> bool:
