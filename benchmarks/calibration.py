@@ -12,8 +12,8 @@ import jointbayes as jb
 from benchmarks.calibration_data import VARIANTS, case_of
 from benchmarks.calibration_page import SUMMARY, write_figure, write_page
 from benchmarks.record import merged
-from jointbayes.studies.calibration.calibrate import CalibrationProgress
-from jointbayes.studies.calibration.report import calibration_lines
+from jointbayes.studies.calibrate import CalibrationProgress
+from jointbayes.studies.calibration import calibration_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTIAL = ROOT / "build" / "calibration"

@@ -26,7 +26,7 @@ from benchmarks.many_joints_data import four_joints, random_data, six_joints
 from benchmarks.page import table
 from benchmarks.record import merged
 from jointbayes.identification import refine
-from jointbayes.studies.calibration.report import calibration_lines, ranks_figure
+from jointbayes.studies.calibration import calibration_lines, ranks_figure
 
 Array = NDArray[np.float64]
 

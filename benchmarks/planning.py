@@ -38,7 +38,7 @@ from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.studies.planning.candidates import Candidate
-from jointbayes.studies.planning.plan import PlannedMeasurement
+from jointbayes.studies.planning.plan_report import PlannedMeasurement
 
 Array = NDArray[np.float64]
 

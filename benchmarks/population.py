@@ -143,7 +143,7 @@ def repetition(index: int, joints: int = JOINTS) -> Repetition:
         theta.append(draws)
         log_prior.append(prior.log_density(draws))
         effective.append(worth)
-    assumed = PopulationPrior.of_joints(prior.mean, prior.sd)
+    assumed = PopulationPrior.from_joints(prior.mean, prior.sd)
     drawn = JointDraws.stacked(theta, log_prior)
     found = hierarchical_posterior(drawn, assumed, prior.parametrisation, seed=index)
     both, truth = np.concatenate([found.mean, np.log(found.scatter)], axis=1), np.concatenate([MEAN, np.log(SCATTER)])

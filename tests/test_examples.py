@@ -10,7 +10,7 @@ from benchmarks import example_data, example_figures, many_joints, many_joints_d
 
 import jointbayes as jb
 from jointbayes.measurement.formats import write_frf
-from jointbayes.studies.calibration.data_set import simulated_problem
+from jointbayes.studies.data_sets import simulated_problem
 
 pytestmark = pytest.mark.docs
 

@@ -41,7 +41,7 @@ from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.virtual.virtual_test import Rig
 from jointbayes.structure import Section
 from jointbayes.structure.uncertain_family import UncertainFamily
-from jointbayes.studies.planning import plan
+from jointbayes.studies.planning import make_plan
 from jointbayes.studies.planning.candidates import Candidate, StatedVariance
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, Value, expression
@@ -169,9 +169,9 @@ class Bench:
         monkeypatch.setattr(assemble, "read_measurement", self._read)
         monkeypatch.setattr(bodies, "Rotation", self._rotation)
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
-        monkeypatch.setattr(plan, "_chosen", self._planned)
+        monkeypatch.setattr(make_plan, "_chosen", self._planned)
         for name in ("FirstLook", "Simulator", "coordinate_systems"):
-            monkeypatch.setattr(plan, name, lambda *_, **__: SimpleNamespace(truths=[], digest=""))
+            monkeypatch.setattr(make_plan, name, lambda *_, **__: SimpleNamespace(truths=[], digest=""))
         monkeypatch.setattr(simulation.Truth, "frf", lambda *_: None)
         for name in ("noisy_frf", "hammer_records", "shaker_records", "frfs_of_hits", "frfs_of_shaker"):
             monkeypatch.setattr(simulation, name, self._noted(name))
@@ -187,7 +187,7 @@ class Bench:
             if act == "identify":
                 workflow.identify(case)
             elif act == "plan":
-                plan.plan(case, SimpleNamespace(problem=case.problem, theta=None))
+                make_plan.plan(case, SimpleNamespace(problem=case.problem, theta=None))
             elif act == "simulate":
                 self._file.write_text(text, encoding="utf-8")
                 asked = [str(self._file), "--out", str(self._file.with_suffix(".npz"))]

@@ -91,7 +91,7 @@ def test_every_command_that_reads_a_case_has_the_option(home, monkeypatch, comma
         raise CaseError("stopped here")
 
     for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "case.simulation.simulate",
-                  "studies.comparison.compare.compare", "studies.planning.plan.plan"):  # fmt: skip
+                  "studies.compare.compare", "studies.planning.make_plan.plan"):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.{place}", stop)
     path = case_in(home, '"../tip.npz"')
     arguments = [command, str(path), *(["--out", str(home / "out.csv")] if command == "simulate" else [])]

@@ -151,8 +151,8 @@ def test_every_command_that_reads_a_case_prints_its_warnings_on_standard_error(t
     for name in (
         "workflow.sample",
         "workflow.find_map",
-        "studies.comparison.compare.compare",
-        "studies.planning.plan.plan",
+        "studies.compare.compare",
+        "studies.planning.make_plan.plan",
     ):
         monkeypatch.setattr(f"jointbayes.{name}", stop)
     monkeypatch.setattr("jointbayes.workflow.identify", stop)

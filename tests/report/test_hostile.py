@@ -17,17 +17,15 @@ from jointbayes.measurement.records import FrfRecord
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
-from jointbayes.studies.calibration.data_set import DataSet
-from jointbayes.studies.calibration.report import build_calibration_report
-from jointbayes.studies.calibration.result import Calibration
+from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
-from jointbayes.studies.comparison.report import build_comparison_report
-from jointbayes.studies.comparison.result import Candidate, Comparison
+from jointbayes.studies.comparison import Candidate, Comparison
+from jointbayes.studies.comparison_report import build_comparison_report
+from jointbayes.studies.data_sets import DataSet
+from jointbayes.studies.planning.candidates import SimulatedPosterior, Simulation
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import Linearised
-from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation
-from jointbayes.studies.planning.plan import Plan, PlannedMeasurement
-from jointbayes.studies.planning.report import build_plan_report
+from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, build_plan_report
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
 from tests.studies.campaign_directory import campaign_directory, write_index

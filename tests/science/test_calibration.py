@@ -12,9 +12,8 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.studies.calibration import data_set, simulation
-from jointbayes.studies.calibration.data_set import DENSITY
-from jointbayes.studies.calibration.simulation import simulated_values
+from jointbayes.studies import data_sets
+from jointbayes.studies.data_sets import DENSITY, simulated_values
 from tests.conftest import pair_matrix
 from tests.studies.calibration_cases import Here, noisier_case, small_case, write_case
 
@@ -55,7 +54,7 @@ def test_a_simulator_with_twice_the_noise_is_noticed(monkeypatch):
         exact = simulated_values(problem, theta, Silent())
         return exact + 2 * (simulated_values(problem, theta, rng) - exact)
 
-    monkeypatch.setattr(simulation, "simulated_values", louder)
+    monkeypatch.setattr(data_sets, "simulated_values", louder)
     found = jb.calibrate(small_case(), COUNT, executor=Here())
     assert not found.passed
     assert DENSITY in {one.name for one in found.outside}
@@ -75,8 +74,8 @@ def test_sampled_draws_that_are_a_little_too_narrow_are_noticed_in_the_ranks(rig
     from scipy import stats
 
     def narrowed(rank):
-        score = stats.norm.ppf((np.array(rank) + 0.5) / (data_set.DRAWS + 1))
-        return tuple(np.floor(stats.norm.cdf(3 * score) * (data_set.DRAWS + 1)).astype(int).tolist())
+        score = stats.norm.ppf((np.array(rank) + 0.5) / (data_sets.DRAWS + 1))
+        return tuple(np.floor(stats.norm.cdf(3 * score) * (data_sets.DRAWS + 1)).astype(int).tolist())
 
     wrong = replace(right, data_sets=tuple(replace(one, rank=narrowed(one.rank)) for one in right.data_sets))
     assert not wrong.passed

@@ -5,7 +5,7 @@ import pytest
 
 from jointbayes.case.case import load_case
 from jointbayes.posterior.evidence import nested_evidence
-from jointbayes.studies.comparison.compare import compare, hypothesis_problem
+from jointbayes.studies.compare import compare, hypothesis_problem
 from tests.conftest import CONFIGS, on_paper_elements
 
 LONG, SHORT = "clamped_beam_frequencies", "clamped_beam_frequencies_360mm"

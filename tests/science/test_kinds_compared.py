@@ -4,7 +4,7 @@ import pytest
 
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
-from jointbayes.studies.comparison.compare import compare
+from jointbayes.studies.compare import compare
 
 pytestmark = pytest.mark.science
 

@@ -9,7 +9,7 @@ from benchmarks.planning import PAGE, RESULTS, SETTINGS, analyse, measured_toget
 
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.simulation import Simulator
+from jointbayes.studies.planning.simulator import Simulator
 from jointbayes.workflow import sample
 
 
@@ -39,7 +39,7 @@ def test_a_simulated_posterior_is_that_of_sampling_the_same_data(seed, name):
         problem, drawn.parameter, present.theta, coordinate_systems(problem), np.random.default_rng([1, 7]), truths=4
     )
     for truth in range(3):
-        simulated = simulator.after([candidate], truth)
+        simulated = simulator.posterior_after([candidate], truth)
         data = measured_together(
             replace(drawn, truth=simulator.truths[truth]), candidate, simulator.noise(truth, candidate)
         )

@@ -13,12 +13,17 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteError
-from jointbayes.studies.calibration import calibrate as driver
-from jointbayes.studies.calibration import data_set
-from jointbayes.studies.calibration.data_set import DENSITY, DRAWS, DataSet, analyse
-from jointbayes.studies.calibration.kept import KEPT, KeptDataSets, calibration_directory
-from jointbayes.studies.calibration.report import calibration_table, ranks_csv
-from jointbayes.studies.calibration.result import FALSE_ALARM, Calibration
+from jointbayes.studies import calibrate as driver
+from jointbayes.studies import data_sets
+from jointbayes.studies.calibrate import KEPT, kept_data_sets
+from jointbayes.studies.calibration import (
+    FALSE_ALARM,
+    Calibration,
+    calibration_directory,
+    calibration_table,
+    ranks_csv,
+)
+from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, analyse
 from tests.studies.calibration_cases import FREQUENCIES, Here, small_case, write_case
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
@@ -63,12 +68,12 @@ def test_quantities_are_those_that_the_prior_leaves_open(kept):
         )
     )
     case = jb.case_from_text("signed", signed + text)
-    assert data_set.quantity_names(case.problem, case.problem) == ("k11", "k12", "k22", "rho", DENSITY)
+    assert data_sets.quantity_names(case.problem, case.problem) == ("k11", "k12", "k22", "rho", DENSITY)
 
 
 def test_a_log_density_is_ranked_only_where_both_cases_have_the_same_coordinates():
     here = small_case("[uncertain.length]\nsd_percent = 0.5\n").problem
-    assert data_set.quantity_names(here, small_case().problem) == ("k11", "k12", "k22")
+    assert data_sets.quantity_names(here, small_case().problem) == ("k11", "k12", "k22")
 
 
 def test_a_data_set_depends_on_seed_and_number_alone(kept):
@@ -98,7 +103,7 @@ def test_what_is_done_is_not_done_again(kept, monkeypatch):
         asked.append(i)
         return first.data_sets[i]
 
-    monkeypatch.setattr(data_set, "analyse", known)
+    monkeypatch.setattr(data_sets, "analyse", known)
     again = calibrated(directory=directory)
     assert sorted([*asked, *(json.loads(line)["index"] for line in lines[1:3])]) == [0, 1, 2, 3]
     assert again.data_sets == first.data_sets
@@ -134,10 +139,10 @@ def test_a_damaged_file_of_data_sets_is_begun_anew_or_refused_in_a_line(tmp_path
     (tmp_path / KEPT).write_bytes(damage)
     if damage.endswith(b"\n"):  # a first line of something else, or a damaged one before whole ones
         with pytest.raises(CaseError, match="expected those of this calibration"):
-            KeptDataSets(tmp_path, {"seed": "2"}, 4)
+            kept_data_sets(tmp_path / KEPT, {"seed": "2"}, 4)
         assert (tmp_path / KEPT).read_bytes() == damage
     else:
-        assert KeptDataSets(tmp_path, {"seed": "2"}, 4).done == {}
+        assert kept_data_sets(tmp_path / KEPT, {"seed": "2"}, 4) == {}
 
 
 def test_an_analysis_that_fails_is_counted_and_not_left_out(monkeypatch):
@@ -148,8 +153,8 @@ def test_an_analysis_that_fails_is_counted_and_not_left_out(monkeypatch):
         sometimes.count += 1
         return sample(problem, **options)
 
-    sample, sometimes.count = data_set.sample, 0
-    monkeypatch.setattr(data_set, "sample", sometimes)
+    sample, sometimes.count = data_sets.sample, 0
+    monkeypatch.setattr(data_sets, "sample", sometimes)
     found = calibrated()
     assert (found.failed, len(found.analysed), len(found.data_sets)) == (2, 2, 4)
     assert found.quantities[0].coverage.total == 4
@@ -201,7 +206,7 @@ def test_a_suspicious_calibration_passes_and_says_what_to_do():
 
 def test_a_directory_holds_report_numbers_and_ranks(kept, tmp_path):
     found = kept[1]
-    jb.write_calibration(found, tmp_path / "out", small_case())
+    found.write(tmp_path / "out")
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*") if p.is_file()}
     assert names - {".jointbayes"} == {
         "report.html",

@@ -5,7 +5,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.errors import MeasurementError, ModelError
-from jointbayes.studies.calibration.simulation import require_simulable, simulated_values, with_values
+from jointbayes.studies.data_sets import replace_values, require_simulable, simulated_values
 from tests.conftest import pair_matrix
 from tests.studies.calibration_cases import FREQUENCIES, TEXT, noisier_case, small_case
 
@@ -44,7 +44,7 @@ def test_the_score_at_the_truth_is_zero_in_the_mean(name):
     rng = np.random.default_rng(20)
     scores = []
     for theta in problem.prior.sample(rng, COUNT):
-        simulated = with_values(problem, simulated_values(problem, theta, rng))
+        simulated = replace_values(problem, simulated_values(problem, theta, rng))
         step = 1e-5 * np.minimum(problem.prior.sd, 1.0)
         around = np.concatenate([theta + np.diag(step), theta - np.diag(step)])
         up, down = np.split(simulated.log_posterior.log_likelihood(around), 2)
@@ -59,7 +59,7 @@ def test_whitened_residuals_at_the_truth_have_unit_variance(name):
     rng = np.random.default_rng(21)
     squares, size = [], 0
     for theta in problem.prior.sample(rng, 100):
-        simulated = with_values(problem, simulated_values(problem, theta, rng))
+        simulated = replace_values(problem, simulated_values(problem, theta, rng))
         likelihood, factors = simulated.log_posterior.likelihood, problem.prior.factors(theta[None])
         white = likelihood.white(pair_matrix(problem.prior.stiffness(theta[None])), factors)
         squares.append(np.mean(white**2))
@@ -74,7 +74,7 @@ def test_what_the_case_states_of_the_noise_knows_nothing_of_the_truth():
     problem = jb.case_from_text("relative", TEXT.replace("relative = 0.0", "relative = 0.05")).problem
     rng = np.random.default_rng(3)
     theta = problem.prior.sample(rng, 1)[0]
-    simulated = with_values(problem, simulated_values(problem, theta, rng))
+    simulated = replace_values(problem, simulated_values(problem, theta, rng))
     assert (simulated.measurement.variance == problem.measurement.variance).all()
     assert not np.allclose(simulated.measurement.frf.values, problem.measurement.frf.values, rtol=1e-3)
     assert simulated.noise is problem.noise

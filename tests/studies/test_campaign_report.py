@@ -9,14 +9,14 @@ import shutil
 import numpy as np
 import pytest
 
-from jointbayes.cli.campaign import _exit_by
+from jointbayes.cli.studies import _exit_by
 from jointbayes.errors import MeasurementError, WriteError
 from jointbayes.joint import parametrisation_named
 from jointbayes.studies.campaign import campaign_findings as findings_module
 from jointbayes.studies.campaign import campaign_report as report_module
 from jointbayes.studies.campaign.campaign_findings import examine_campaign
 from jointbayes.studies.campaign.campaign_report import write_campaign_report
-from jointbayes.studies.campaign.index import Campaign, in_order, read_index
+from jointbayes.studies.campaign.index import Campaign, chart_order, read_index
 from jointbayes.studies.campaign.joint_draws import read_draws
 from jointbayes.workflow import load_posterior
 from tests.studies.campaign_directory import (
@@ -161,7 +161,7 @@ def test_every_case_has_a_line_with_its_numbers(campaign):
 
 
 def test_estimates_are_drawn_together_and_narrower_given_the_others(findings):
-    found = findings.found
+    found = findings.joints
     for q in found.quantities[:2]:
         own, shrunken = np.log(q.own), np.log(q.shrunken)
         assert shrunken[:, 1].std() < own[:, 1].std()
@@ -288,14 +288,14 @@ def test_joints_are_ordered_by_date_then_serial_number_then_table(tmp_path):
         row["date"] = datetime.datetime(2026, 1, day)
     write_index(tmp_path, rows)
     read = read_index(tmp_path)
-    assert [row.serial for row in in_order(read)[0]] == ["A9", "B1", "A10"]
+    assert [row.serial for row in chart_order(read)[0]] == ["A9", "B1", "A10"]
     rows[1]["date"] = None
     write_index(tmp_path, rows)
-    ordered, what = in_order(read_index(tmp_path))
+    ordered, what = chart_order(read_index(tmp_path))
     assert ([row.serial for row in ordered], what) == (["A9", "A10", "B1"], "serial number")
     rows[1]["serial"] = None
     write_index(tmp_path, rows)
-    ordered, what = in_order(read_index(tmp_path))
+    ordered, what = chart_order(read_index(tmp_path))
     assert ([row.order for row in ordered], what) == ([0, 1, 2], "order in the table")
 
 

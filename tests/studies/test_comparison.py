@@ -14,17 +14,16 @@ from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, ModelError
 from jointbayes.joint import RIGID
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.comparison.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
-from jointbayes.studies.comparison.directory import write_comparison
-from jointbayes.studies.comparison.leave_one_out import leave_one_out
-from jointbayes.studies.comparison.report import build_comparison_report, evidence_table
-from jointbayes.studies.comparison.result import (
+from jointbayes.studies.compare import HYPOTHESES, compare, hypothesis_problem, require_same_data
+from jointbayes.studies.comparison import (
     Candidate,
     Comparison,
     PriorEdge,
     bayes_factor_words,
+    leave_one_out,
     model_probabilities,
 )
+from jointbayes.studies.comparison_report import build_comparison_report, evidence_table, write_comparison
 from tests.conftest import cheap_frequencies_text, cheap_text, edited, pair_matrix
 
 DATE = datetime.date(2026, 1, 2)
@@ -370,7 +369,7 @@ def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path):
 
 def test_an_evidence_that_is_not_to_be_trusted_exits_3(tmp_path, monkeypatch):
     doubtful = Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, "")
-    monkeypatch.setattr("jointbayes.studies.comparison.compare.compare", lambda *_: doubtful)
+    monkeypatch.setattr("jointbayes.studies.compare.compare", lambda *_: doubtful)
     result = cli("compare", write(tmp_path, "case.toml", frequencies_text()))
     assert result.exit_code == 3
     assert "NOT TRUSTED" in result.stdout

@@ -21,7 +21,15 @@ from jointbayes.posterior.information.directions import spread_in_words
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.sampling import fit_proposal
 from jointbayes.structure import BeamFamily
-from jointbayes.studies.planning.candidates import Candidate, StatedVariance, estimated_law, repeated
+from jointbayes.studies.planning.candidates import (
+    Candidate,
+    SimulatedPosterior,
+    Simulation,
+    StatedVariance,
+    estimated_law,
+    predictive_range,
+    repeated,
+)
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.first_look import (
     FirstLook,
@@ -31,11 +39,16 @@ from jointbayes.studies.planning.first_look import (
     sets_of,
     worth_simulating,
 )
-from jointbayes.studies.planning.forecast import SimulatedPosterior, Simulation, predictive_range
-from jointbayes.studies.planning.plan import Plan, PlannedMeasurement, plan
+from jointbayes.studies.planning.make_plan import plan
+from jointbayes.studies.planning.plan_report import (
+    Plan,
+    PlannedMeasurement,
+    build_plan_report,
+    candidate_table,
+    plan_lines,
+)
 from jointbayes.studies.planning.race import could_come_first
-from jointbayes.studies.planning.report import build_plan_report, candidate_table, plan_lines
-from jointbayes.studies.planning.simulation import Simulator, WithFurther, assumed_truth, stated_joint
+from jointbayes.studies.planning.simulator import Simulator, WithFurther, assumed_truth, stated_joint
 from tests.conftest import CONFIGS, TABLE_3, cheap_frequencies_text, cheap_text, edited, pair_matrix, shipped_text
 
 TRUTH = np.log(TABLE_3)
@@ -86,7 +99,7 @@ def test_a_repeated_measurement_halves_the_linearised_variance(cheap_case):
     candidate = repeated(problem, 2.0)
     look = FirstLook(problem, {"again": candidate}, "k22", TRUTH[None])
     now = sd_of(fisher_information(problem, TRUTH), "k22")
-    assert look.at(("again",)).median / now == pytest.approx(math.sqrt(0.5), rel=1e-6)
+    assert look.linearised(("again",)).median / now == pytest.approx(math.sqrt(0.5), rel=1e-6)
 
 
 def simulator_about_the_truth(case, quantity, truths=6):
@@ -104,7 +117,7 @@ def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussia
     case = jb.case_from_text("joint measured", text)
     candidate = repeated(case.problem, 2.0)
     simulator = simulator_about_the_truth(case, quantity)
-    found = Simulation(tuple(simulator.after([candidate], i) for i in range(6)))
+    found = Simulation(tuple(simulator.posterior_after([candidate], i) for i in range(6)))
     assert simulator.now.sd == pytest.approx(sd_of(fisher_information(case.problem, TRUTH), quantity), rel=0.1)
     assert found.lost == 0
     assert found.reweighted > 0  # no more than some two bits are gained: many present draws stay effective
@@ -118,10 +131,10 @@ def test_reweighting_and_importance_sampling_find_the_same_posterior(cheap_case,
     def simulated():
         rng = np.random.default_rng(1)
         simulator = Simulator(problem, "k12", cheap_posterior.theta, coordinate_systems(problem), rng, truths=5)
-        return [simulator.after([candidate], i) for i in range(5)]
+        return [simulator.posterior_after([candidate], i) for i in range(5)]
 
     usual = simulated()
-    monkeypatch.setattr("jointbayes.studies.planning.simulation._SPARE", 1e9)
+    monkeypatch.setattr("jointbayes.studies.planning.simulator._SPARE", 1e9)
     by_importance = simulated()
     assert {one.method for one in by_importance} == {"importance sampling"}
     both = [(a.sd, b.sd) for a, b in zip(usual, by_importance, strict=True) if a.method == "reweighting"]
@@ -135,7 +148,7 @@ def test_importance_sampling_takes_over_where_the_weights_of_present_draws_colla
     simulator = Simulator(
         problem, "k12", cheap_posterior.theta, coordinate_systems(problem), np.random.default_rng(1), truths=1
     )
-    found = simulator.after([accelerometer(cheap_case, "1:y", "1:rz")], 0)
+    found = simulator.posterior_after([accelerometer(cheap_case, "1:y", "1:rz")], 0)
     assert found.method == "importance sampling"
     assert found.effective >= 200
     assert found.sd < 0.5 * simulator.now.sd
@@ -454,7 +467,7 @@ def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):
 
 
 def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_path, monkeypatch):
-    monkeypatch.setattr("jointbayes.studies.planning.plan.FIRST", 3)
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)
     file, out = tmp_path / "cheap.toml", tmp_path / "plan"
     file.write_text(edited(planned_text(), ('"3:y", "5:rz"', '"1:y"')), encoding="utf-8")
     result = CliRunner().invoke(main, ["plan", str(file), "--out", str(out), "--seed", "2"])
@@ -476,7 +489,7 @@ def test_the_command_prints_table_and_sentence_and_writes_a_whole_directory(tmp_
 
 def test_the_command_exits_with_3_where_the_present_draws_have_not_converged(tmp_path, monkeypatch):
     found = planned(converged=False, a=simulated(0.1, 0.1))
-    monkeypatch.setattr("jointbayes.studies.planning.plan.plan", lambda *arguments, **options: found)
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.plan", lambda *arguments, **options: found)
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "cheap.toml"
     file.write_text(planned_text(), encoding="utf-8")

@@ -13,9 +13,9 @@ import jointbayes as jb
 from jointbayes.cli import progress
 from jointbayes.cli.commands import main
 from jointbayes.studies.planning import race
-from jointbayes.studies.planning.forecast import SimulatedPosterior
+from jointbayes.studies.planning.candidates import SimulatedPosterior
 from jointbayes.studies.planning.race import KEPT, KeptSimulations, Race
-from jointbayes.studies.planning.simulation import Simulator
+from jointbayes.studies.planning.simulator import Simulator
 from tests.studies.test_planning import planned_text
 
 WANTED = SimulatedPosterior(0.3, "weakly identified", 812.5, "reweighting")
@@ -24,14 +24,14 @@ WANTED = SimulatedPosterior(0.3, "weakly identified", 812.5, "reweighting")
 @pytest.fixture
 def made(monkeypatch):
     """Names and truth of each simulation that is made."""
-    after, made = Simulator.after, []
+    after, made = Simulator.posterior_after, []
 
     def counted(self, candidates, truth):
         posterior = after(self, candidates, truth)
         made.append((tuple(one.name for one in candidates), truth))
         return posterior
 
-    monkeypatch.setattr(Simulator, "after", counted)
+    monkeypatch.setattr(Simulator, "posterior_after", counted)
     return made
 
 
@@ -52,7 +52,7 @@ def few(posterior, directory=None, *, text=None, **options):
 
 
 def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, made, tmp_path, monkeypatch):
-    monkeypatch.setattr("jointbayes.studies.planning.plan.FIRST", 2)
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 2)
     whole, all_made = few(cheap_posterior).summary(), made.copy()
     assert len(all_made) > 7  # so that some of the second round are among them
     made.clear()
@@ -85,7 +85,7 @@ def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, ma
 def test_simulations_of_another_plan_are_refused_before_any_work(options, part, tmp_path, monkeypatch, cheap_posterior):
     few(cheap_posterior, tmp_path, simulations=0)
     before = (tmp_path / KEPT).read_bytes()
-    monkeypatch.setattr("jointbayes.studies.planning.plan.sample", lambda *_, **__: pytest.fail("sampled"))
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.sample", lambda *_, **__: pytest.fail("sampled"))
     if not options:
         monkeypatch.setattr("jointbayes.posterior.fingerprint.version", lambda _: "0.0")
     with pytest.raises(jb.CaseError, match=f"simulations of another .*{part}.*; expected those of this plan; choose"):
@@ -143,7 +143,7 @@ def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
     names = [("a",), ("b",), ("c",), ("d",)]
     kept = KeptSimulations(None, {})
     kept.add(("a",), 0, WANTED)  # of an earlier start: it took no time of this one
-    run = Race(SimpleNamespace(after=after), dict.fromkeys("abcd"), kept, lines.append)
+    run = Race(SimpleNamespace(posterior_after=after), dict.fromkeys("abcd"), kept, lines.append)
     outcome = run.run(names, 2, 5)
     # 7 of the first two truths and 9 that may follow, 10 s each
     assert lines[0] == "simulating candidate 1 of 4: a, measurement 2 of 2, about 150 s left"
@@ -163,7 +163,7 @@ def test_lines_of_one_step_are_thinned(monkeypatch, capsys):
 
 
 def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tmp_path, monkeypatch):
-    monkeypatch.setattr("jointbayes.studies.planning.plan.FIRST", 3)
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)
     monkeypatch.chdir(tmp_path)
     text = planned_text(('"3:y", "5:rz"', '"1:y"'))
     (tmp_path / "cheap.toml").write_text(text, encoding="utf-8")
@@ -188,5 +188,5 @@ def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tm
     assert "Report: reports/cheap-plan/report.html and " in ended.stdout
     case, written = jb.load_case(tmp_path / "cheap.toml"), (directory / "plan.json").read_text(encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr("jointbayes.studies.planning.plan.FIRST", 3)
+        patch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)
         assert json.loads(written) == jb.plan(case, seed=2).summary()

@@ -15,10 +15,9 @@ from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.first_look import FirstLook
-from jointbayes.studies.planning.own_quantities import WithOwn, own_of
-from jointbayes.studies.planning.report import plan_lines
-from jointbayes.studies.planning.simulation import WithFurther
+from jointbayes.studies.planning.first_look import FirstLook, WithOwn, own_of
+from jointbayes.studies.planning.plan_report import plan_lines
+from jointbayes.studies.planning.simulator import WithFurther
 from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, cheap_text, pair_matrix
 
 LINES = np.arange(20.0, 2000.0, 10.0)
@@ -77,7 +76,7 @@ def test_a_linearised_figure_of_proposed_set_ups_is_that_of_a_problem_of_several
         several = together(problem, *lengths)
         point = np.concatenate([theta, np.zeros(len(lengths))])
         expected = fisher_information(several, point).sd()["k12"]
-        assert look.at(names).median == pytest.approx(expected, rel=1e-6)
+        assert look.linearised(names).median == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_density_of_present_and_proposed_data_is_that_of_a_problem_of_several():
@@ -190,7 +189,7 @@ def test_candidates_on_several_present_set_ups_are_named_after_them():
     several = planned_case(text.replace(short, "") + short.replace("plan.", ""))
     assert several.problem.names == (*case.problem.names, "short.length")
     expected = fisher_information(replace_data(several, theta), np.append(theta, 0.0))
-    assert look.at(("short",)).median == pytest.approx(expected.sd()["k12"], rel=0.02)
+    assert look.linearised(("short",)).median == pytest.approx(expected.sd()["k12"], rel=0.02)
 
 
 def replace_data(case, theta):
@@ -256,7 +255,7 @@ def test_the_first_look_ranks_the_set_ups_of_the_shipped_case_as_the_table_does(
     order = [("6:y", "mm150"), ("6:y",), ("mm300", "mm200", "mm150", "mm100"), ("mm200",), ("heavy",)]
     for quantity in ("k11", "k12", "k22"):
         look = FirstLook(case.problem, found, quantity, truth[None])
-        sds = [look.at(names).median for names in order]
+        sds = [look.linearised(names).median for names in order]
         assert sds == sorted(sds)
         assert sds[1] < 0.7 * sds[2]
         assert sds[3] < 0.9 * sds[4]
@@ -273,7 +272,7 @@ data = {kind = "synthetic_frf", outputs = ["5:y"], inputs = ["5:y"], f_max_hz = 
 
 def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(monkeypatch):
     case = planned_case('[plan]\nparameter = "k12"\noutputs = ["3:y"]\n')
-    monkeypatch.setattr("jointbayes.studies.planning.plan.sample", lambda *_: pytest.fail("sampled"))
+    monkeypatch.setattr("jointbayes.studies.planning.make_plan.sample", lambda *_: pytest.fail("sampled"))
     with pytest.raises(jb.CaseError, match=r'^planned:\d+: plan.parameter: found "k12"; expected ky, krz; ') as told:
         jb.plan(replace(case, problem=jb.case_from_text("springs", SPRINGS.replace(",\n", ", ")).problem))
     assert "\n" not in str(told.value)

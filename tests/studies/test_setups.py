@@ -11,8 +11,8 @@ import jointbayes as jb
 from jointbayes.case.simulation import Truth, simulate
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
-from jointbayes.studies.calibration.simulation import require_simulable, simulated_problem, simulated_values
-from jointbayes.studies.comparison.compare import hypothesis_problem, require_same_data
+from jointbayes.studies.compare import hypothesis_problem, require_same_data
+from jointbayes.studies.data_sets import require_simulable, simulated_problem, simulated_values
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3
 from tests.report.test_setups import HEARD, OWN, TORQUES

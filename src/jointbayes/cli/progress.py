@@ -10,7 +10,7 @@ from jointbayes.cli.output import say
 
 if TYPE_CHECKING:
     from jointbayes.sampling import Progress
-    from jointbayes.studies.calibration.calibrate import CalibrationProgress
+    from jointbayes.studies.calibrate import CalibrationProgress
 
 
 _BEGIN = time.monotonic()

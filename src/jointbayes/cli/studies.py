@@ -1,23 +1,35 @@
-"""Commands that make many posteriors: compare, plan, calibrate."""
+"""Commands that make many posteriors: compare, plan, calibrate, campaign."""
 
+import json
 import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from jointbayes.cli.common import (
+    CASES_FAILED,
     NOT_CONVERGED,
     NOT_MATCHED,
     UNFINISHED,
     config_argument,
     directory_name,
     load,
+    note_written,
+    outside_allowed,
     outside_option,
     seed_option,
 )
 from jointbayes.cli.output import say
-from jointbayes.cli.progress import show_calibration, show_steps
-from jointbayes.errors import CaseError, printable
+from jointbayes.cli.progress import show_calibration, show_phase, show_steps
+from jointbayes.errors import CaseError, WorkerError, printable
+
+if TYPE_CHECKING:
+    from jointbayes.studies.campaign.campaign_run import CampaignProgress
+    from jointbayes.studies.campaign.index import Campaign
 
 
 @click.command()
@@ -28,10 +40,9 @@ from jointbayes.errors import CaseError, printable
 def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
     """Compare hypotheses on the joint, from rigid to a full matrix, in one case file or several of the same data."""
     from jointbayes.report.run_directory import require_writable
-    from jointbayes.studies.comparison.compare import compare as weigh
-    from jointbayes.studies.comparison.compare import require_same_data
-    from jointbayes.studies.comparison.directory import COMPARISON_MARK, write_comparison
-    from jointbayes.studies.comparison.report import evidence_table
+    from jointbayes.studies.compare import compare as weigh
+    from jointbayes.studies.compare import require_same_data
+    from jointbayes.studies.comparison_report import COMPARISON_MARK, evidence_table, write_comparison
 
     cases = [load(path) for path in config]
     require_same_data(cases)
@@ -83,15 +94,14 @@ def plan(config: Path, out: Path | None, as_json: bool, assume: tuple[str, ...],
     import json
 
     from jointbayes.report.run_directory import require_room
-    from jointbayes.studies.planning.directory import write_plan
-    from jointbayes.studies.planning.plan import plan as ranked
-    from jointbayes.studies.planning.report import plan_lines
+    from jointbayes.studies.planning.make_plan import plan as ranked
+    from jointbayes.studies.planning.plan_report import plan_lines
 
     directory = out or Path("reports") / f"{directory_name(case.name, config)}-plan"
     require_room(directory)
     click.get_current_context().meta[UNFINISHED] = f"what is done is kept in {directory}; the same command goes on"
     result = ranked(case, seed=seed, assume=stated or None, directory=directory, progress=show_steps())
-    write_plan(result, case, directory)
+    result.write(directory)
     if as_json:
         text = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False)
         if printable(text, keep="\n") != text:  # an escape of JSON's own stays JSON
@@ -137,9 +147,8 @@ def calibrate(
     case = load(config)
     source = load(data_from) if data_from is not None else None
     from jointbayes.report.run_directory import require_room
-    from jointbayes.studies.calibration.calibrate import calibrate as judged
-    from jointbayes.studies.calibration.directory import write_calibration
-    from jointbayes.studies.calibration.report import calibration_lines
+    from jointbayes.studies.calibrate import calibrate as judged
+    from jointbayes.studies.calibration import calibration_lines
 
     name = f"{directory_name(case.name, config)}-calibration"
     if source is not None and data_from is not None:
@@ -160,9 +169,141 @@ def calibrate(
         scheduler=scheduler,
         progress=show_calibration(),
     )
-    write_calibration(found, directory, case)
+    found.write(directory)
     for line in calibration_lines(found):
         say(line)
     say(f"Report: {directory / 'report.html'} and {directory / 'report.pdf'}")
     if not found.passed:
         sys.exit(NOT_MATCHED)
+
+
+_TABLES = (".csv", ".tsv", ".txt")
+_SHOWN = 10  # cases that are named on the terminal
+_LINES_APART = 30.0  # seconds between two lines where there is no terminal
+
+
+@click.command()
+@click.argument("cases", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--base", type=click.Path(path_type=Path), help="Case that the rows of a table change.")
+@click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/<name of the table>.")
+@click.option("--workers", type=click.IntRange(1, 10_000), help="Processes; by default one for each processor.")
+@click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of the campaign; by default 1.")
+@click.option("--draws", type=click.IntRange(200), default=4000, help="Draws kept of each case; by default 4000.")
+@click.option("--full", is_flag=True, help="Sample each case as long as `run` does, not only for 4000 effective draws.")
+@click.option("--limit", "seconds", type=click.FloatRange(min=0, min_open=True), help="Longest time for a case, s.")
+@outside_option
+@click.option("--again", is_flag=True, help="Try cases again that killed their workers.")
+def campaign(
+    cases: tuple[Path, ...],
+    base: Path | None,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    seed: int,
+    draws: int,
+    full: bool,
+    seconds: float | None,
+    again: bool,
+) -> None:
+    """Sample many cases: rows of a table in CSV over a base case, or case files; then report on all of them.
+
+    Started again on the same directory it goes on: what is done is not done again.
+    """
+    show_phase("reading the cases", on_terminal_only=True)
+    from jointbayes.studies.campaign.campaign_run import campaign as sample_all
+
+    target = out or Path("reports") / (cases[0].stem if cases[0].suffix.lower() in _TABLES else "campaign")
+    kept = click.get_current_context().meta
+    with _shown_progress() as progress:
+
+        def tell(now: "CampaignProgress") -> None:
+            kept[UNFINISHED] = f"{now.done} of {now.total} cases are done in {target}; the same command goes on"
+            progress(now)
+
+        try:
+            ended = sample_all(
+                cases, target, base=base, workers=workers, scheduler=scheduler, seed=seed, draws=draws, full=full,
+                seconds=seconds, again=again, progress=tell, allow_outside=outside_allowed(),
+            )  # fmt: skip
+        except WorkerError as error:
+            raise WorkerError(f"{error}; {kept[UNFINISHED]}" if UNFINISHED in kept else str(error)) from error
+    _write_report(ended)
+    _exit_by(ended)
+
+
+def _write_report(ended: "Campaign") -> None:
+    from jointbayes.studies.campaign.campaign_report import write_campaign_report
+
+    show_phase("looking at all cases together, and writing the report")
+    note_written(write_campaign_report(ended.directory))
+
+
+def _exit_by(ended: "Campaign") -> None:
+    """Print what became of the cases, and end with the exit code that says so."""
+    from jointbayes.studies.campaign.index import DONE, INDEX, read_index
+
+    rows = read_index(ended.directory)
+    failed = [row for row in rows if row.status != DONE]
+    doubtful = [row for row in rows if row.status == DONE and not row.converged]
+    say(f"{len(rows)} cases: {len(rows) - len(failed)} done, {len(failed)} failed, {len(doubtful)} not converged")
+    for row in failed[:_SHOWN]:
+        say(f"{row.status.upper()}: {row.key}: {row.error}")
+    for row in doubtful[:_SHOWN]:
+        say(f"NOT CONVERGED: {row.key}: {row.reason}")
+    if max(len(failed), len(doubtful)) > _SHOWN:
+        say(f"The first {_SHOWN} are shown; all stand in the index.")
+    say(f"Index: {ended.directory / INDEX}")
+    say(f"Report: {ended.directory / 'report.html'} and {ended.directory / 'report.pdf'}")
+    population = json.loads((ended.directory / "summary.json").read_text(encoding="utf-8"))["population"]
+    doubted = population is not None and not population["converged"]
+    if doubted:
+        say(f"NOT CONVERGED: the population of all joints: {population['how']}")
+    if len(failed):
+        sys.exit(CASES_FAILED)
+    if len(doubtful) or doubted:
+        sys.exit(NOT_CONVERGED)
+
+
+@contextmanager
+def _shown_progress() -> "Iterator[Callable[[CampaignProgress], None]]":
+    """Yield what a campaign tells its progress to: a bar on a terminal, a line now and then elsewhere."""
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("cases"), BarColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda now: bar.update(task, completed=now.done + now.failed, total=now.total, description=_figures(now))
+
+
+def _lines() -> "Callable[[CampaignProgress], None]":
+    last = 0.0
+
+    def report(now: "CampaignProgress") -> None:
+        nonlocal last
+        ended = now.done + now.failed
+        if (ended > now.earlier and time.monotonic() - last > _LINES_APART) or (ended == now.total and now.running):
+            last = time.monotonic()
+            say(f"cases: {_figures(now)}, {now.elapsed_seconds:.0f} s so far", err=True)
+
+    return report
+
+
+def _figures(now: "CampaignProgress") -> str:
+    parts = [f"{now.done} of {now.total} done", f"{now.failed} failed"]
+    if now.earlier:
+        parts.append(f"{now.earlier} of these at an earlier start")
+    parts.append(f"{len(now.running)} running")
+    if now.left_seconds:
+        parts.append(f"about {_duration(now.left_seconds)} left")
+    return ", ".join(parts)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

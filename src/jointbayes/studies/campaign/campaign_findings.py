@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.studies.campaign.control import FEWEST, ControlChart, control_chart, outlier_limit
+from jointbayes.studies.campaign.control import FEWEST, ChartedQuantity, control_chart, outlier_limit
 from jointbayes.studies.campaign.hierarchical import (
     Population,
     PopulationPrior,
@@ -18,60 +17,14 @@ from jointbayes.studies.campaign.hierarchical import (
     population_stiffness,
     weighted_quantiles,
 )
-from jointbayes.studies.campaign.index import DONE, CaseRow, in_order, read_index
+from jointbayes.studies.campaign.index import DONE, CaseRow, chart_order, read_index
 from jointbayes.studies.campaign.joint_draws import CampaignDraws, read_draws
-
-Flags = NDArray[np.bool_]
 
 #: Joints below which nothing is said of a population.
 FEWEST_JOINTS = 3
 _RANKINGS = 200  # drawn from the joints' shrunken posteriors
 _USUAL = 0.75  # share of cases with one verdict, from which on another one is unusual
 _CENTRAL = (0.15865525393145707, 0.8413447460685429)  # one standard deviation of a normal to either side
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChartedQuantity:
-    """One stiffness of every joint, or the coordinate that stands for one of either sign; joints in their order.
-
-    Intervals have rows of 2.5, 50 and 97.5 %, shape (joints, 3), in `unit`.
-
-    Parameters
-    ----------
-    name, label, unit
-        Of the stiffness or coordinate; the label is that of an axis.
-    logarithmic
-        Whether chart and scores are those of the logarithm.
-    own
-        Median and interval of each joint by itself.
-    shrunken
-        Median and interval of each joint given all the others.
-    rank
-        Rank of each joint among all, 1 the lowest: median and 95 % interval, shape (joints, 3).
-    chart
-        Control chart, of the logarithm where `logarithmic`.
-    outlier_limit
-        Score beyond which a joint is an outlier; infinite where there are too few joints.
-    """
-
-    name: str
-    label: str
-    unit: str
-    logarithmic: bool
-    own: Array
-    shrunken: Array
-    rank: Array
-    chart: ControlChart
-    outlier_limit: float
-
-    @property
-    def outlier(self) -> Flags:
-        """Whether a joint is an outlier, shape (joints,)."""
-        return np.asarray(np.abs(self.chart.score) > self.outlier_limit)
-
-    def on_scale(self, value: Array) -> Array:
-        """What the chart calls a value, in `unit`."""
-        return np.asarray(np.exp(value)) if self.logarithmic else value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +70,7 @@ class CampaignFindings:
         All cases, in the order of the table.
     counts
         Cases by what became of them.
-    found
+    joints
         The population; None where there are too few joints.
     left_out
         By key, why a case that is done has no part in the population.
@@ -127,7 +80,7 @@ class CampaignFindings:
 
     rows: tuple[CaseRow, ...]
     counts: Mapping[str, int]
-    found: PopulationFindings | None
+    joints: PopulationFindings | None
     left_out: Mapping[str, str]
     look: tuple[Look, ...]
 
@@ -149,7 +102,7 @@ def examine_campaign(directory: str | os.PathLike[str], seed: int = 1) -> Campai
     """
     rows = read_index(directory)
     draws = read_draws(directory, rows)
-    found = None if draws is None or len(draws.rows) < FEWEST_JOINTS else _examined(draws, seed)
+    joints = None if draws is None or len(draws.rows) < FEWEST_JOINTS else _examined(draws, seed)
     left_out = {} if draws is None else dict(draws.left_out)
     done = [row for row in rows if row.status == DONE]
     counts = {
@@ -158,16 +111,16 @@ def examine_campaign(directory: str | os.PathLike[str], seed: int = 1) -> Campai
         DONE: len(done),
         "not converged": sum(not row.converged for row in done),
         "do not explain their data": sum(row.explains is False for row in done),
-        "in the population": 0 if found is None else len(found.draws.rows),
+        "in the population": 0 if joints is None else len(joints.draws.rows),
     }
-    return CampaignFindings(rows, counts, found, left_out, _needing_a_look(rows, draws, found, left_out))
+    return CampaignFindings(rows, counts, joints, left_out, _needing_a_look(rows, draws, joints, left_out))
 
 
 def _examined(draws: CampaignDraws, seed: int) -> PopulationFindings:
-    ordered, order = in_order(draws.rows)
+    ordered, order = chart_order(draws.rows)
     place = {row.key: i for i, row in enumerate(draws.rows)}
     draws = draws.taken([place[row.key] for row in ordered])
-    prior = PopulationPrior.of_joints(draws.prior_mean, draws.prior_sd)
+    prior = PopulationPrior.from_joints(draws.prior_mean, draws.prior_sd)
     population = hierarchical_posterior(draws.draws, prior, draws.parametrisation, seed)
     stiffness = population_stiffness(population, draws.parametrisation, seed)
     rng = np.random.default_rng([seed, 9])
@@ -229,7 +182,7 @@ def _ranks(values: Array, weight: Array, rng: np.random.Generator) -> Array:
 def _needing_a_look(
     rows: Sequence[CaseRow],
     draws: CampaignDraws | None,
-    found: PopulationFindings | None,
+    joints: PopulationFindings | None,
     left_out: Mapping[str, str],
 ) -> tuple[Look, ...]:
     """Cases with whatever is unusual about them; what holds for most cases is no reason to look at one."""
@@ -243,8 +196,8 @@ def _needing_a_look(
             reasons[row.key].append((3, f"not converged: {row.reason}" if row.reason else "not converged"))
     for key, reason in left_out.items():
         reasons[key].append((2, reason))
-    if found is not None:
-        for key, gravity, why in _unlike_the_others(found):
+    if joints is not None:
+        for key, gravity, why in _unlike_the_others(joints):
             reasons[key].append((gravity, why))
     if 2 * sum(row.explains is False for row in done) < len(done):
         for row in done:
@@ -261,11 +214,11 @@ def _needing_a_look(
     return tuple(sorted(looks, key=lambda look: (look.gravity, -len(look.reasons), look.row.order)))
 
 
-def _unlike_the_others(found: PopulationFindings) -> list[tuple[str, int, str]]:
+def _unlike_the_others(joints: PopulationFindings) -> list[tuple[str, int, str]]:
     """Key, gravity and words for joints that are outliers or beyond control limits."""
     told = []
-    rows = found.draws.rows
-    for quantity in found.quantities:
+    rows = joints.draws.rows
+    for quantity in joints.quantities:
         score = quantity.chart.score
         for i in np.flatnonzero(quantity.outlier):
             side = "high" if score[i] > 0 else "low"

@@ -17,12 +17,11 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.run_directory import json_text, write_into
 from jointbayes.studies.campaign.campaign_findings import (
     CampaignFindings,
-    ChartedQuantity,
     PopulationFindings,
     examine_campaign,
 )
 from jointbayes.studies.campaign.campaign_sections import campaign_lead, campaign_sections
-from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
+from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
 
@@ -33,15 +32,15 @@ _INTERVAL = ("median", "low95", "high95")
 
 def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
     """What ``summary.json`` of a campaign holds: no NaN or infinity, None where a number does not exist."""
-    found = findings.found
+    joints = findings.joints
     return _ready(
         {
             "schema_version": SCHEMA_VERSION,
             "campaign": name,
             "counts": dict(findings.counts),
-            "order": None if found is None else found.order,
-            "population": None if found is None else _population(found),
-            "control_charts": {} if found is None else {q.name: _chart(found, q) for q in found.quantities},
+            "order": None if joints is None else joints.order,
+            "population": None if joints is None else _population(joints),
+            "control_charts": {} if joints is None else {q.name: _chart(joints, q) for q in joints.quantities},
             "left_out": dict(findings.left_out),
             "need_a_look": [
                 {"key": look.row.key, "serial": look.row.serial, "status": look.row.status, "reasons": look.reasons}
@@ -52,17 +51,17 @@ def campaign_summary(name: str, findings: CampaignFindings) -> dict[str, Any]:
     )
 
 
-def _population(found: PopulationFindings) -> dict[str, Any]:
-    population, prior, names = found.population, found.prior, found.draws.parametrisation.names
+def _population(joints: PopulationFindings) -> dict[str, Any]:
+    population, prior, names = joints.population, joints.prior, joints.draws.parametrisation.names
     mean, scatter = (np.quantile(part, [0.5, 0.025, 0.975], axis=0).T for part in (population.mean, population.scatter))
     trusted = population.trusted
     return {
-        "joints": len(found.draws.rows),
-        "parametrisation": found.draws.parametrisation.key,
+        "joints": len(joints.draws.rows),
+        "parametrisation": joints.draws.parametrisation.key,
         "how": population.how,
         "converged": population.converged,
         "effective_draws": population.effective_populations,
-        "stiffness": {k.name: _stiffness(k) for k in found.stiffness},
+        "stiffness": {k.name: _stiffness(k) for k in joints.stiffness},
         "coordinates": {
             name: {
                 "mean": dict(zip(_INTERVAL, mean[i], strict=True)),
@@ -75,10 +74,10 @@ def _population(found: PopulationFindings) -> dict[str, Any]:
             for i, name in enumerate(names)
         },
         "scatter_not_resolved": [
-            name for name, hidden in zip(names, population.unresolved(found.draws.draws), strict=True) if hidden
+            name for name, hidden in zip(names, population.unresolved(joints.draws.draws), strict=True) if hidden
         ],
         "least_effective_draws": LEAST_EFFECTIVE,
-        "not_trusted": [row.key for row, good in zip(found.draws.rows, trusted, strict=True) if not good],
+        "not_trusted": [row.key for row, good in zip(joints.draws.rows, trusted, strict=True) if not good],
     }
 
 
@@ -93,13 +92,13 @@ def _stiffness(k: PopulationStiffness) -> dict[str, Any]:
     }
 
 
-def _chart(found: PopulationFindings, quantity: ChartedQuantity) -> dict[str, Any]:
-    chart, keys = quantity.chart, [row.key for row in found.draws.rows]
+def _chart(joints: PopulationFindings, quantity: ChartedQuantity) -> dict[str, Any]:
+    chart, keys = quantity.chart, [row.key for row in joints.draws.rows]
     scale = f"ln {quantity.name}" if quantity.logarithmic else quantity.name
     return {
         "scale": scale,
         "unit": quantity.unit,
-        "centre": float(quantity.on_scale(np.array(chart.centre))),
+        "centre": float(quantity.value_in_unit(np.array(chart.centre))),
         "short_term_scatter": chart.short_term,
         "long_term_scatter": chart.long_term,
         "limits_in_sd": SIGMAS,
@@ -115,9 +114,9 @@ def _chart(found: PopulationFindings, quantity: ChartedQuantity) -> dict[str, An
 
 def joints_csv(findings: CampaignFindings) -> str:
     """One line for each case, in the order of the table; numbers that do not exist are empty."""
-    found = findings.found
-    place = {} if found is None else {row.key: i for i, row in enumerate(found.draws.rows)}
-    quantities = () if found is None else found.quantities
+    joints = findings.joints
+    place = {} if joints is None else {row.key: i for i, row in enumerate(joints.draws.rows)}
+    quantities = () if joints is None else joints.quantities
     head = ["key", "serial", "date", "status", "converged", "explains", "need_a_look", "effective_draws"]
     for q in quantities:
         unit = "" if q.unit == "1" else f" ({q.unit})"
@@ -134,11 +133,11 @@ def joints_csv(findings: CampaignFindings) -> str:
         converged = str(row.converged).lower() if row.status == DONE else ""
         line = [_no_formula(row.key), _no_formula(row.serial or ""), date, row.status, converged, explains]
         line.append(_no_formula(looks.get(row.key, "")))
-        if found is None or row.key not in place:
+        if joints is None or row.key not in place:
             writer.writerow([*line, *[""] * (1 + 10 * len(quantities))])
             continue
         i = place[row.key]
-        line.append(f"{found.population.effective[i]:.1f}")
+        line.append(f"{joints.population.effective[i]:.1f}")
         for q in quantities:
             ends = [values[i, k] for values in (q.own, q.shrunken) for k in (1, 0, 2)]
             line += [f"{value:.6g}" for value in (*ends, q.chart.score[i], *(q.rank[i, k] for k in (1, 0, 2)))]
@@ -153,9 +152,9 @@ def _no_formula(text: str) -> str:
 
 def _ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
     if isinstance(value, dict):
-        return {str(key): _ready(one) for key, one in value.items()}
+        return {str(key): _ready(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_ready(one) for one in value]
+        return [_ready(entry) for entry in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

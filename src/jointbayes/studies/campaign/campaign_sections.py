@@ -14,7 +14,6 @@ from jointbayes.report.model import Block, Callout, Figure, Paragraph, Section, 
 from jointbayes.studies.campaign.campaign_findings import (
     FEWEST_JOINTS,
     CampaignFindings,
-    ChartedQuantity,
     Look,
     PopulationFindings,
 )
@@ -25,7 +24,7 @@ from jointbayes.studies.campaign.charts import (
     population_figure,
     ranking_figure,
 )
-from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS
+from jointbayes.studies.campaign.control import FALSE_ALARM, SIGMAS, ChartedQuantity
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE
 
@@ -41,7 +40,7 @@ _MOST_NAMED = 12
 
 def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
     """Verdict first: what became of the cases, what the population is, what to look at."""
-    counts, found = findings.counts, findings.found
+    counts, joints = findings.counts, findings.joints
     whole = counts[DONE] == counts["cases"] and not counts["not converged"]
     parts = [f"{counts[DONE]} of {counts['cases']} cases are done"]
     parts += [f"{count} {foreign(status)}" for status, count in _not_done(findings).items()]
@@ -57,22 +56,22 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
                 "data.** They are part of the population; their intervals hold only if the model were right.",
             )
         )
-    if found is None:
+    if joints is None:
         text = (
             f"**Too few joints for a population.** Expected {FEWEST_JOINTS} or more cases that are done and converged."
         )
         return (*blocks, Callout("caution", text))
-    if not found.population.converged:
-        worth = f"worth {found.population.effective_populations:.0f} independent draws"
-        text = f"by {found.population.how}, {worth}. What is said of the single joints is not touched by it"
+    if not joints.population.converged:
+        worth = f"worth {joints.population.effective_populations:.0f} independent draws"
+        text = f"by {joints.population.how}, {worth}. What is said of the single joints is not touched by it"
         head = "**The population has NOT converged, do not use its numbers**, nor those of joints given all the others:"
         blocks.append(Callout("bad", f"{head} {text}."))
-    blocks.append(_population_table(found))
-    odd = sum(int(q.outlier.any()) for q in found.quantities)
-    named = [f"{q.name}: {_named(found, q.outlier)}" for q in found.quantities if q.outlier.any()]
+    blocks.append(_population_table(joints))
+    odd = sum(int(q.outlier.any()) for q in joints.quantities)
+    named = [f"{q.name}: {_named(joints, q.outlier)}" for q in joints.quantities if q.outlier.any()]
     if odd:
         blocks.append(Callout("caution", f"**Outliers.** {'; '.join(named)}. They are part of the population."))
-    noisy = float(found.population.monte_carlo.max())
+    noisy = float(joints.population.monte_carlo.max())
     if noisy > _NOISY:
         blocks.append(
             Callout(
@@ -86,16 +85,16 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
 
 def campaign_sections(findings: CampaignFindings) -> tuple[Section, ...]:
     """The body of the report."""
-    found = findings.found
+    joints = findings.joints
     sections = [_look_section(findings)]
-    if found is not None:
+    if joints is not None:
         sections += [
-            _population_section(found),
-            _control_section(found),
-            _ranking_section(found),
-            _joint_section(found),
+            _population_section(joints),
+            _control_section(joints),
+            _ranking_section(joints),
+            _joint_section(joints),
         ]
-        sections.append(_method_section(found))
+        sections.append(_method_section(joints))
     return tuple(section for section in sections if section is not None)
 
 
@@ -107,8 +106,8 @@ def _sentence(parts: Sequence[str]) -> str:
     return f"{', '.join(parts)}."
 
 
-def _named(found: PopulationFindings, chosen: NDArray[np.bool_]) -> str:
-    labels = [foreign(_cut(found.draws.rows[i].label)) for i in np.flatnonzero(chosen)]
+def _named(joints: PopulationFindings, chosen: NDArray[np.bool_]) -> str:
+    labels = [foreign(_cut(joints.draws.rows[i].label)) for i in np.flatnonzero(chosen)]
     more = f" and {len(labels) - _MOST_NAMED} more" if len(labels) > _MOST_NAMED else ""
     return f"{', '.join(labels[:_MOST_NAMED])}{more}"
 
@@ -138,8 +137,8 @@ def _kind(look: Look) -> str:
     return "bad" if look.gravity <= 3 else "caution" if look.gravity <= 6 else ""
 
 
-def _population_table(found: PopulationFindings) -> Table:
-    unresolved = _unresolved(found)
+def _population_table(joints: PopulationFindings) -> Table:
+    unresolved = _unresolved(joints)
     head = ("Stiffness", "Unit", "Median of the population", "95 % of joints lie within", "Scatter")
     rows = tuple(
         (
@@ -149,21 +148,23 @@ def _population_table(found: PopulationFindings) -> Table:
             f"{number(k.low95[0])} … {number(k.high95[0])}",
             _scatter_text(k, resolved=k.name not in unresolved),
         )
-        for k in found.stiffness
+        for k in joints.stiffness
     )
     note = (
-        f"Of {len(found.draws.rows)} joints, freed of what their own errors add. In brackets: 95 % credible intervals. "
-        "Scatter is the standard deviation from joint to joint, in percent that of ln k."
+        f"Of {len(joints.draws.rows)} joints, freed of what their own errors add. In brackets: 95 % credible intervals."
+        " Scatter is the standard deviation from joint to joint, in percent that of ln k."
     )
     if unresolved:
         note += " A scatter that the joints' own errors hide has only an upper end, with 97.5 % probability."
     return Table("The population of joints", head, rows, align="lllll", note=note)
 
 
-def _unresolved(found: PopulationFindings) -> set[str]:
+def _unresolved(joints: PopulationFindings) -> set[str]:
     """Stiffnesses whose coordinate has a scatter that the joints do not tell from none."""
-    hidden = found.population.unresolved(found.draws.draws)
-    return {axis.quantity for axis, one in zip(found.draws.parametrisation.axes, hidden, strict=True) if one}
+    hidden = joints.population.unresolved(joints.draws.draws)
+    return {
+        axis.quantity for axis, is_hidden in zip(joints.draws.parametrisation.axes, hidden, strict=True) if is_hidden
+    }
 
 
 def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:
@@ -177,18 +178,18 @@ def _scatter_text(k: PopulationStiffness, *, resolved: bool) -> str:
     return f"{number(100 * k.scatter[0], 2)} % ({low} … {high} %)"
 
 
-def _population_section(found: PopulationFindings) -> Section:
-    names = found.draws.parametrisation.names
-    shown = [q for q in found.quantities if q.name in names]
+def _population_section(joints: PopulationFindings) -> Section:
+    names = joints.draws.parametrisation.names
+    shown = [q for q in joints.quantities if q.name in names]
     figure = Figure(
         "population",
         "Estimates of the joints, each by itself (grey), and the population (line with its 95 % band). Grey is wider "
         "than the line by what the estimates' own errors add.",
-        f"Distribution of {len(found.draws.rows)} joints over {', '.join(q.label for q in shown)}.",
-        population_figure(shown, [_density(found, q) for q in shown]),
+        f"Distribution of {len(joints.draws.rows)} joints over {', '.join(q.label for q in shown)}.",
+        population_figure(shown, [_density(joints, q) for q in shown]),
     )
     head = ("Coordinate", "Mean", "Scatter", "Prior of the mean", "Prior of the scatter", "Monte Carlo error")
-    rows = tuple(_coordinate_row(found, i, axis) for i, axis in enumerate(found.draws.parametrisation.axes))
+    rows = tuple(_coordinate_row(joints, i, axis) for i, axis in enumerate(joints.draws.parametrisation.axes))
     note = (
         "Posterior median and 95 % credible interval. The prior of the mean is normal, that of the scatter "
         "half-normal; both are as wide as the priors that the joints were sampled under. Monte Carlo error of mean and "
@@ -197,8 +198,8 @@ def _population_section(found: PopulationFindings) -> Section:
     return Section("population-section", "The population", (figure, Table("Coordinates", head, rows, note=note)))
 
 
-def _coordinate_row(found: PopulationFindings, i: int, axis: Coordinate) -> tuple[str, ...]:
-    population, prior = found.population, found.prior
+def _coordinate_row(joints: PopulationFindings, i: int, axis: Coordinate) -> tuple[str, ...]:
+    population, prior = joints.population, joints.prior
     mean, scatter = (np.quantile(part[:, i], [0.5, 0.025, 0.975]) for part in (population.mean, population.scatter))
     return (
         axis.label,
@@ -210,10 +211,10 @@ def _coordinate_row(found: PopulationFindings, i: int, axis: Coordinate) -> tupl
     )
 
 
-def _density(found: PopulationFindings, quantity: ChartedQuantity) -> tuple[Array, Array, Array, Array]:
+def _density(joints: PopulationFindings, quantity: ChartedQuantity) -> tuple[Array, Array, Array, Array]:
     """Abscissa on the chart's scale and the population's density there: 2.5, 50 and 97.5 %."""
-    i = found.draws.parametrisation.names.index(quantity.name)
-    mean, scatter = found.population.mean[:, i], found.population.scatter[:, i]
+    i = joints.draws.parametrisation.names.index(quantity.name)
+    mean, scatter = joints.population.mean[:, i], joints.population.scatter[:, i]
     value = quantity.chart.value
     middle, reach = float(np.median(mean)), 4 * float(np.median(scatter))
     low, high = np.quantile(value, [0.005, 0.995])
@@ -224,19 +225,19 @@ def _density(found: PopulationFindings, quantity: ChartedQuantity) -> tuple[Arra
     return (x, *np.quantile(density, [0.025, 0.5, 0.975], axis=0))
 
 
-def _control_section(found: PopulationFindings) -> Section:
-    rows, count = found.draws.rows, len(found.draws.rows)
-    dated = found.order == "date" and count > _MOST_JOINTS
+def _control_section(joints: PopulationFindings) -> Section:
+    rows, count = joints.draws.rows, len(joints.draws.rows)
+    dated = joints.order == "date" and count > _MOST_JOINTS
     labels = [row.date.date().isoformat() if dated and row.date else row.label for row in rows]
     text = (
-        f"Individuals charts by {found.order}. The centre line is the median of all joints. The limits of a joint lie "
+        f"Individuals charts by {joints.order}. The centre line is the median of all joints. The limits of a joint lie "
         f"{SIGMAS:g} standard deviations to either side, made up of the scatter from one joint to the next (median "
         "moving range, freed of the estimates' errors) and of the joint's own error. So a single odd joint or a slow "
         "drift does not widen them, and a joint that is hardly known raises no alarm. Of joints that are all alike "
         f"{100 * _BEYOND:.2g} % lie beyond them by chance: about {number(_BEYOND * count, 2)} of {count} in each chart."
     )
-    blocks: list[Block] = [Paragraph(text), _chart_table(found)]
-    for q in found.quantities:
+    blocks: list[Block] = [Paragraph(text), _chart_table(joints)]
+    for q in joints.quantities:
         beyond = int((q.chart.beyond | q.outlier).sum())
         shown = "each joint with its 95 % credible interval" if count <= MOST_INTERVALS else (
             "medians; joints beyond their limits with their 95 % credible intervals, the limits as medians over "
@@ -245,31 +246,31 @@ def _control_section(found: PopulationFindings) -> Section:
         blocks.append(
             Figure(
                 f"control-{q.name}",
-                f"Control chart of {q.label} by {found.order}: {shown}.",
-                f"Control chart of {q.label} of {count} joints by {found.order}; {beyond} lie beyond their limits.",
-                control_figure(q, labels, found.order),
-                control_plot(q, found.order),
+                f"Control chart of {q.label} by {joints.order}: {shown}.",
+                f"Control chart of {q.label} of {count} joints by {joints.order}; {beyond} lie beyond their limits.",
+                control_figure(q, labels, joints.order),
+                control_plot(q, joints.order),
             )
         )
     return Section("control", "Control charts and outliers", tuple(blocks))
 
 
-def _chart_table(found: PopulationFindings) -> Table:
+def _chart_table(joints: PopulationFindings) -> Table:
     head = ("Quantity", "Centre line", "Scatter, joint to joint", "Scatter of all", "Beyond limits", "Outliers")
     rows = []
-    for q in found.quantities:
-        centre = f"{number(float(q.on_scale(np.array(q.chart.centre))))}{'' if q.unit == '1' else f' {q.unit}'}"
+    for q in joints.quantities:
+        centre = f"{number(float(q.value_in_unit(np.array(q.chart.centre))))}{'' if q.unit == '1' else f' {q.unit}'}"
         scatter = [
             f"{number(100 * s, 2)} %" if q.logarithmic else number(s, 2)
             for s in (q.chart.short_term, q.chart.long_term)
         ]
         rows.append((q.label, centre, *scatter, str(int(q.chart.beyond.sum())), str(int(q.outlier.sum()))))
-    limit = found.quantities[0].outlier_limit
+    limit = joints.quantities[0].outlier_limit
     note = "Scatter by medians, in percent that of ln k; a scatter of all above that from joint to joint is a drift. "
     if np.isfinite(limit):
         note += (
             f"An outlier lies more than {limit:.1f} standard deviations, of scatter of all and own error together, "
-            f"from the centre line. Of campaigns of {len(found.draws.rows)} joints all of one normal population, "
+            f"from the centre line. Of campaigns of {len(joints.draws.rows)} joints all of one normal population, "
             f"{100 * FALSE_ALARM:g} % have one or more, all stiffnesses together."
         )
     else:
@@ -277,8 +278,8 @@ def _chart_table(found: PopulationFindings) -> Table:
     return Table("Control charts", head, tuple(rows), note=note)
 
 
-def _ranking_section(found: PopulationFindings) -> Section:
-    labels = [row.label for row in found.draws.rows]
+def _ranking_section(joints: PopulationFindings) -> Section:
+    labels = [row.label for row in joints.draws.rows]
     count = len(labels)
     blocks: list[Block] = [
         Paragraph(
@@ -286,7 +287,7 @@ def _ranking_section(found: PopulationFindings) -> Section:
             "is not known: the rank has a 95 % credible interval of its own."
         )
     ]
-    for q in found.quantities:
+    for q in joints.quantities:
         order = np.argsort(q.shrunken[:, 1])
         chosen = order if count <= 2 * _RANKED + 1 else np.concatenate([order[:_RANKED], order[-_RANKED:]])
         rows = tuple(_rank_row(q, labels[i], i, int(np.flatnonzero(order == i)[0]) + 1) for i in chosen)
@@ -315,34 +316,34 @@ def _rank_row(q: ChartedQuantity, label: str, i: int, place: int) -> tuple[str, 
     )
 
 
-def _joint_section(found: PopulationFindings) -> Section:
+def _joint_section(joints: PopulationFindings) -> Section:
     """Estimates with and without the others: of all joints, or of those that the others move the most."""
-    count, rows = len(found.draws.rows), found.draws.rows
-    moved = np.max([np.abs(_moved(q)) for q in found.quantities], axis=0)
+    count, rows = len(joints.draws.rows), joints.draws.rows
+    moved = np.max([np.abs(_moved(q)) for q in joints.quantities], axis=0)
     whole = count <= _MOST_JOINTS
     chosen = np.arange(count) if whole else np.argsort(-moved)[:_MOVED]
     head, cells = ["Joint"], [[foreign(_cut(rows[i].label)) for i in chosen]]
-    for q in found.quantities:
+    for q in joints.quantities:
         unit = "" if q.unit == "1" else f" ({q.unit})"
         head += [f"{q.name}{unit} by itself", "given all"]
         for ends in (q.own, q.shrunken):
             cells.append([f"{number(ends[i, 1])} ({interval((ends[i, 0], ends[i, 2]))})" for i in chosen])
     head.append("Effective draws")
-    cells.append([f"{found.population.effective[i]:.0f}" for i in chosen])
+    cells.append([f"{joints.population.effective[i]:.0f}" for i in chosen])
     shown = "" if whole else f" that the others move the most, {_MOVED} of {count}"
     note = (
         "Median and 95 % credible interval of a joint by its own measurement, and given all the others. Effective "
         f"draws: below {LEAST_EFFECTIVE:g} the figures given all joints are not to be trusted. "
     )
     note += "" if whole else "Every joint stands in `joints.csv`."
-    kinds = tuple("" if found.population.trusted[i] else "caution" for i in chosen)
+    kinds = tuple("" if joints.population.trusted[i] else "caution" for i in chosen)
     table = Table(f"Joints{shown}", tuple(head), tuple(zip(*cells, strict=True)), note=note, row_kinds=kinds)
     blocks: list[Block] = [table]
-    untrusted = ~found.population.trusted
+    untrusted = ~joints.population.trusted
     if untrusted.any():
         text = (
             f"**Reweighting is not to be trusted for {int(untrusted.sum())} of {count} joints**: too few of their "
-            f"draws lie where the population is. {_named(found, untrusted)}. More draws of these cases help."
+            f"draws lie where the population is. {_named(joints, untrusted)}. More draws of these cases help."
         )
         blocks.insert(0, Callout("caution", text))
     return Section("joints", "Joints with and without the others", tuple(blocks))
@@ -354,15 +355,15 @@ def _moved(q: ChartedQuantity) -> Array:
     return np.asarray((scale(q.shrunken[:, 1]) - q.chart.value) / q.chart.sd)
 
 
-def _method_section(found: PopulationFindings) -> Section:
-    axes = ", ".join(axis.label for axis in found.draws.parametrisation.axes)
+def _method_section(joints: PopulationFindings) -> Section:
+    axes = ", ".join(axis.label for axis in joints.draws.parametrisation.axes)
     text = (
         f"The population is normal in {axes}, each by itself, and cut off where a joint is not positive definite. Its "
         "mean μ and scatter σ have the posterior p(μ, σ) ∏ ⟨p(θ | μ, σ)/π(θ)⟩, where the mean is over the draws θ of a "
         "joint and π is the prior they were drawn under (Hogg, Myers and Bovy 2010, DOI 10.1088/0004-637X/725/2/2166; "
         "Lunn et al. 2013, DOI 10.1111/rssc.12007). A joint given all the others has the same draws with these "
-        f"weights, averaged over the posterior of μ and σ. Drawn by {found.population.how}, worth "
-        f"{found.population.effective_populations:.0f} independent draws. Cases that failed or did not converge "
+        f"weights, averaged over the posterior of μ and σ. Drawn by {joints.population.how}, worth "
+        f"{joints.population.effective_populations:.0f} independent draws. Cases that failed or did not converge "
         "have no part in it."
     )
     return Section("method", "How this was computed", (Paragraph(text),))

@@ -65,7 +65,7 @@ class BaseCase:
         data, spec, faults = self._judged(values, where)
         if spec is None:
             # a serial number as a title, say, is no number
-            texts = {key: given[key] if _at_fault(key, faults) else value for key, value in values.items()}
+            texts = {key: given[key] if _is_at_fault(key, faults) else value for key, value in values.items()}
             again = self._judged(texts, where)
             if again[1] is not None:
                 data, spec, faults = again
@@ -103,7 +103,7 @@ class BaseCase:
         return f"{where}: {key}, {self._files[int(number)]}:{line}: {words}"
 
 
-def _at_fault(key: str, faults: list[str]) -> bool:
+def _is_at_fault(key: str, faults: list[str]) -> bool:
     return any(f": {key}: " in fault for fault in faults)
 
 
@@ -199,7 +199,7 @@ class CampaignCase:
             text = read_case_text(self.path, self.allow_outside).text
             return text, self.check()
         data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
-        return toml_text(data), self._of_one_test(spec)
+        return toml_text(data), self._require_one_test(spec)
 
     def check(self) -> CaseSpec:
         """The case checked, without its text; errors as for `read`."""
@@ -207,9 +207,9 @@ class CampaignCase:
             spec = parse_case(read_case_text(self.path, self.allow_outside))
         else:
             _, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
-        return self._of_one_test(spec)
+        return self._require_one_test(spec)
 
-    def _of_one_test(self, spec: CaseSpec) -> CaseSpec:
+    def _require_one_test(self, spec: CaseSpec) -> CaseSpec:
         if spec.setups:
             raise CaseError(
                 f"{self.where}: setups: found the set-ups {', '.join(spec.setups)}; expected cases of one test each in "
@@ -264,7 +264,7 @@ def read_cases(
         raise CaseError(f"{tables[0]}: found a table and {len(paths) - 1} more; expected one table, or case files")
     if not tables and base is not None:
         raise CaseError(f"{base}: found a base case with case files; expected it with a table; give a table in CSV")
-    found = _rows(tables[0], base) if tables else _of_files(sources)
+    found = _rows(tables[0], base) if tables else _case_files(sources)
     cases = tuple(replace(case, allow_outside=allow_outside) for case in found)
     _require_own_keys(cases)
     faults: list[str] = []
@@ -283,7 +283,7 @@ def read_cases(
     return cases
 
 
-def _of_files(sources: Sequence[str | Path]) -> Iterator[CampaignCase]:
+def _case_files(sources: Sequence[str | Path]) -> Iterator[CampaignCase]:
     found: list[Path] = []
     for source in sources:
         matches = sorted(glob(str(source), recursive=True)) if not Path(source).exists() else [str(source)]

@@ -17,7 +17,7 @@ from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
 from jointbayes.report.markup import format_numbers
 from jointbayes.report.model import SERIES_COLOURS, LinePlot, Series
-from jointbayes.studies.campaign.campaign_findings import ChartedQuantity
+from jointbayes.studies.campaign.control import ChartedQuantity
 
 Flags = NDArray[np.bool_]
 Curve = tuple[Array, Array, Array, Array]
@@ -43,7 +43,7 @@ def control_figure(quantity: ChartedQuantity, labels: Sequence[str], order: str)
         chart, place = quantity.chart, np.arange(1.0, len(labels) + 1)
         beyond = chart.beyond | quantity.outlier
         _limits(axes, quantity, place)
-        axes.axhline(float(quantity.on_scale(np.array(chart.centre))), color=_GREEN, lw=1.0, label="centre line")
+        axes.axhline(float(quantity.value_in_unit(np.array(chart.centre))), color=_GREEN, lw=1.0, label="centre line")
         few = len(place) <= MOST_INTERVALS
         _points(axes, place[~beyond], quantity.own[~beyond], _BLUE, intervals=few, label="joint")
         if beyond.any():
@@ -81,7 +81,7 @@ def _limits(axes: Axes, quantity: ChartedQuantity, place: Array) -> None:
         place = np.array([place[group].mean() for group in groups])
         half = np.array([np.median(half[group]) for group in groups])
     for side, label in ((1, "control limits"), (-1, None)):
-        limit = quantity.on_scale(centre + side * half)
+        limit = quantity.value_in_unit(centre + side * half)
         style = {"lw": 0.9, "ls": "--"} if len(place) <= _MOST_NAMED else {"lw": 0.6}
         axes.step(place, limit, where="mid", color=_GREY, label=label, **style)
 
@@ -99,7 +99,7 @@ def _scale(axes: Axes, quantity: ChartedQuantity, beyond: Flags, few: bool) -> N
         low, high = max(low - room, min(low, shown.min())), min(high + room, max(high, shown.max()))
     margin = 0.05 * (high - low)
     _value_axis(axes.yaxis, axes.set_yscale, quantity)
-    axes.set_ylim(*quantity.on_scale(np.array([low - margin, high + margin])))
+    axes.set_ylim(*quantity.value_in_unit(np.array([low - margin, high + margin])))
 
 
 def _value_axis(axis: Axis, set_scale: Callable[[str], None], quantity: ChartedQuantity) -> None:
@@ -108,21 +108,29 @@ def _value_axis(axis: Axis, set_scale: Callable[[str], None], quantity: ChartedQ
         axis.set_major_locator(MaxNLocator(6))
         return
     set_scale("log")
-    axis.set_major_locator(_OneTwoFive())
+    axis.set_major_locator(_RoundValues())
     axis.set_major_formatter(FuncFormatter(lambda value, _: format_numbers(number(value, 3))))
     axis.set_minor_formatter(NullFormatter())
 
 
-class _OneTwoFive(MaxNLocator):
-    """Round values on a logarithmic axis: 1, 2, 5 of each decade over decades, evenly spaced ones within less."""
+class _RoundValues(MaxNLocator):
+    """Round values on an axis: on a logarithmic one 1, 2, 5 of each decade, evenly spaced ones within less than 5."""
+
+    def __init__(self, logarithmic: bool = True, most: int | None = None) -> None:
+        super().__init__(5 if most is None else most - 1)
+        self._logarithmic, self._most = logarithmic, most
 
     def tick_values(self, vmin: float, vmax: float) -> list[float]:
         low, high = sorted((vmin, vmax))
-        if high / low < 5:
-            return list(MaxNLocator(5).tick_values(low, high))
+        if not self._logarithmic or low <= 0 or high / low < 5:
+            return list(super().tick_values(low, high))
         decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
         steps = [1.0, 2.0, 5.0] if len(decades) < 5 else [1.0]
-        return [float(10.0**decade * step) for decade in decades for step in steps]
+        ticks = [float(10.0**decade * step) for decade in decades for step in steps]
+        if self._most is None:
+            return ticks
+        inside = [tick for tick in ticks if low <= tick <= high]
+        return inside[:: max(1, -(-len(inside) // self._most))]
 
 
 def _axis_label(quantity: ChartedQuantity) -> str:
@@ -142,8 +150,8 @@ def control_plot(quantity: ChartedQuantity, order: str) -> LinePlot:
     """The interactive twin of a control chart."""
     chart = quantity.chart
     place = np.arange(1.0, len(chart.value) + 1)
-    low, high = (quantity.on_scale(chart.centre + side * chart.half_width) for side in (-1, 1))
-    centre = quantity.on_scale(np.full(len(place), chart.centre))
+    low, high = (quantity.value_in_unit(chart.centre + side * chart.half_width) for side in (-1, 1))
+    centre = quantity.value_in_unit(np.full(len(place), chart.centre))
     beyond = chart.beyond | quantity.outlier
     series = [
         Series("within control limits", place, kind="band", y_low=low, y_high=high),
@@ -208,13 +216,13 @@ def population_figure(
             edges = np.linspace(x[0], x[-1], min(_BINS, max(8, int(2 * np.sqrt(len(value)))) + 1))
             count, _ = np.histogram(np.clip(value, x[0], x[-1]), edges)
             height = count / (len(value) * (edges[1] - edges[0]))
-            for (left, right), top in zip(pairwise(quantity.on_scale(edges)), height, strict=True):
+            for (left, right), top in zip(pairwise(quantity.value_in_unit(edges)), height, strict=True):
                 axes.fill([left, left, right, right], [0, top, top, 0], color="0.8", lw=0)
-            at = quantity.on_scale(x)
+            at = quantity.value_in_unit(x)
             axes.fill_between(at, low, high, color=_BLUE, alpha=0.3, lw=0)
             axes.plot(at, middle, color=_BLUE, lw=1.2)
             _value_axis(axes.xaxis, axes.set_xscale, quantity)
-            axes.xaxis.set_major_locator(_Few(quantity.logarithmic))
+            axes.xaxis.set_major_locator(_RoundValues(quantity.logarithmic, 4))
             axes.set_xlim(at[0], at[-1])
             axes.set_ylim(0, 1.4 * max(float(height.max()), float(middle.max())))
             axes.set_yticks([])
@@ -224,18 +232,3 @@ def population_figure(
         row[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
     return svg(draw, 7.4, 2.4)
-
-
-class _Few(MaxNLocator):
-    """At most four round values on an axis, logarithmic or not."""
-
-    def __init__(self, logarithmic: bool) -> None:
-        super().__init__(3)
-        self._logarithmic = logarithmic
-
-    def tick_values(self, vmin: float, vmax: float) -> list[float]:
-        if not self._logarithmic or min(vmin, vmax) <= 0 or max(vmin, vmax) / min(vmin, vmax) < 5:
-            return list(super().tick_values(vmin, vmax))
-        ticks = _OneTwoFive().tick_values(vmin, vmax)
-        inside = [tick for tick in ticks if min(vmin, vmax) <= tick <= max(vmin, vmax)]
-        return inside[:: max(1, -(-len(inside) // 4))]

@@ -69,6 +69,50 @@ class ControlChart:
         return np.asarray((self.value - self.centre) / np.hypot(self.long_term, self.sd))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ChartedQuantity:
+    """One stiffness of every joint, or the coordinate that stands for one of either sign; joints in their order.
+
+    Intervals have rows of 2.5, 50 and 97.5 %, shape (joints, 3), in `unit`.
+
+    Parameters
+    ----------
+    name, label, unit
+        Of the stiffness or coordinate; the label is that of an axis.
+    logarithmic
+        Whether chart and scores are those of the logarithm.
+    own
+        Median and interval of each joint by itself.
+    shrunken
+        Median and interval of each joint given all the others.
+    rank
+        Rank of each joint among all, 1 the lowest: median and 95 % interval, shape (joints, 3).
+    chart
+        Control chart, of the logarithm where `logarithmic`.
+    outlier_limit
+        Score beyond which a joint is an outlier; infinite where there are too few joints.
+    """
+
+    name: str
+    label: str
+    unit: str
+    logarithmic: bool
+    own: Array
+    shrunken: Array
+    rank: Array
+    chart: ControlChart
+    outlier_limit: float
+
+    @property
+    def outlier(self) -> NDArray[np.bool_]:
+        """Whether a joint is an outlier, shape (joints,)."""
+        return np.asarray(np.abs(self.chart.score) > self.outlier_limit)
+
+    def value_in_unit(self, value: Array) -> Array:
+        """What the chart calls a value, in `unit`."""
+        return np.asarray(np.exp(value)) if self.logarithmic else value
+
+
 def control_chart(value: Array, sd: Array) -> ControlChart:
     """Centre, scatter and limits of estimates in their order.
 

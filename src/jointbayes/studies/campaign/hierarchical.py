@@ -79,7 +79,7 @@ class PopulationPrior:
             object.__setattr__(self, name, part)
 
     @classmethod
-    def of_joints(cls, mean: ArrayLike, sd: ArrayLike) -> "PopulationPrior":
+    def from_joints(cls, mean: ArrayLike, sd: ArrayLike) -> "PopulationPrior":
         """From the priors of the single joints, mean and standard deviation of each, shape (joints, d).
 
         μ has the mean and the variance of their mixture, and σ is half-normal with its standard deviation: a

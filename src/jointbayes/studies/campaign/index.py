@@ -182,7 +182,7 @@ def _date(text: str | None) -> datetime.datetime | None:
     return date.astimezone(datetime.UTC).replace(tzinfo=None) if date is not None and date.tzinfo else date
 
 
-def in_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
+def chart_order(rows: Sequence[CaseRow]) -> tuple[tuple[CaseRow, ...], str]:
     """Cases in the order of a control chart, and what that is: by date, by serial number or as in the table.
 
     By date if every case has one that is not the same for all, else by serial number if every case has one, in which

@@ -1,25 +1,34 @@
-"""The further measurements that a case could be given, from its `[plan]` table."""
+"""The further measurements that a case could be given, from its `[plan]` table, and the set-ups that it proposes."""
 
+import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.build import noise_law, recipe_of
+from jointbayes.case.build import joints_of, noise_law, noise_of, recipe_of
 from jointbayes.case.case import Case
+from jointbayes.case.case_text import CaseText
+from jointbayes.case.combined import CaseSetup
 from jointbayes.case.errors import show_key
-from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.files import as_measured
+from jointbayes.case.schema.case import CaseSpec, parse_planned
 from jointbayes.case.schema.data import SyntheticFrfSpec
+from jointbayes.case.schema.matrices import MatricesSpec
+from jointbayes.case.schema.measured import MeasuredSpec
 from jointbayes.case.schema.settings import PlanSpec
-from jointbayes.errors import CaseError
+from jointbayes.case.setup_texts import planned_texts
+from jointbayes.case.toml_text import fault_start
+from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
+from jointbayes.joint import as_joints
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
-from jointbayes.studies.planning.proposed import proposed_setups
 
 _G = 1e-3
 _DOFS = ("outputs", "inputs")
@@ -39,8 +48,8 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
     CaseError
         If the data are natural frequencies, or a proposed set-up cannot be.
     """
-    specs = {one.name: one.spec for one in case.setups} or {"": case.spec}
-    sources = {one.name: one.source for one in case.setups}
+    specs = {test.name: test.spec for test in case.setups} or {"": case.spec}
+    sources = {test.name: test.source for test in case.setups}
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
     found: list[Candidate] = []
     for part in case.problem.parts:
@@ -73,7 +82,7 @@ class _Maker:
     def all(self) -> tuple[Candidate, ...]:
         seen = {frozenset((o, i)) for o in self._data.outputs for i in self._data.inputs}
         found: list[Candidate] = []
-        for candidate in self._at_dofs():
+        for candidate in self._dof_candidates():
             ports = candidate.ports
             pairs = {frozenset((o, i)) for o in ports.outputs for i in ports.inputs}
             if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
@@ -82,9 +91,9 @@ class _Maker:
         noise = self._problem.noise
         if noise is None or noise.averages_out:
             found.append(repeated(self._problem, self._spec.plan.averages_factor))
-        return tuple(map(self._on_setup, (*found, *self._band(), *self._mass())))
+        return tuple(map(self._name_after_setup, (*found, *self._band(), *self._mass())))
 
-    def _on_setup(self, candidate: Candidate) -> Candidate:
+    def _name_after_setup(self, candidate: Candidate) -> Candidate:
         """A candidate with the name of its set-up, if it is one of several."""
         name = self._problem.setup
         if not name:
@@ -98,7 +107,7 @@ class _Maker:
         names, columns = self._problem.structures.names, self._problem.structural_columns
         return family_of_recipe(recipe, {name: known[i].range for name, i in zip(names, columns, strict=True)})
 
-    def _at_dofs(self) -> Iterator[Candidate]:
+    def _dof_candidates(self) -> Iterator[Candidate]:
         here, struck = self._data.outputs, self._data.inputs
         new_outputs = [dof for dof in self._spec.plan_outputs if dof not in here]
         new_inputs = [dof for dof in self._spec.plan_inputs if dof not in struck]
@@ -188,3 +197,111 @@ class _Maker:
         if share in (0.0, 1.0) and points <= {"1", str(spans + 1)} and len(points) == 1:
             return "at the tip"
         return "at mid-span" if share == 0.5 else "on the beam"
+
+
+#: So many of a set-up's changes are named in a sentence.
+_NAMED = 3
+
+
+def proposed_setups(case: Case) -> tuple[Candidate, ...]:
+    """Candidates that are set-ups, in the order of the case file.
+
+    A set-up is measured as its own tables say; beside measured data at their DOFs and lines, with their noise.
+
+    Raises
+    ------
+    CaseError
+        If one cannot be; file, line and key.
+    """
+    texts, found = planned_texts(case.source), []
+    for name, spec in parse_planned(case.source).items():
+        try:
+            found.append(_candidate(_built(name, texts[name], spec, case), case.problem))
+        except JointBayesError as error:
+            place = fault_start(*texts[name].place(()))
+            raise CaseError(f"{place} plan.setups.{name}: {error}") from error
+    return tuple(found)
+
+
+def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
+    """A proposed set-up as far as it can be without data, of which those of the first present one say what they are."""
+    if not case.setups:
+        raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
+    first = case.setups[0]
+    if isinstance(spec.data, MeasuredSpec):
+        spec = as_measured(spec, first.measurement)
+    if isinstance(spec.structure, MatricesSpec):
+        raise ModelError(
+            "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "
+            "something; remove it"
+        )
+    recipe = recipe_of(spec.structure, spec.data, first.measurement)
+    joint = as_joints(joints_of(spec))
+    joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
+    noise, of_noise = noise_of(spec.noise, first.measurement)
+    return CaseSetup(name, text, spec, recipe, (), joint, first.measurement, noise, of_noise)
+
+
+def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
+    measured, data, name = setup.measurement, setup.spec.data, setup.name
+    assert isinstance(measured, FrfMeasurement)
+    if isinstance(data, SyntheticFrfSpec):
+        ports = Ports(np.array(data.lines_hz()), data.outputs, data.inputs)
+        law, quantity = noise_law(data.noise), data.quantity
+    else:
+        frf = measured.frf
+        ports, law, quantity = Ports(frf.frequency_hz, frf.outputs, frf.inputs), estimated_law(measured), frf.quantity
+    for label in ports.outputs + ports.inputs:
+        lacking = setup.spec.structure.absent(label)
+        if lacking is not None:
+            raise ModelError(f"found no {label} in its structure; expected the DOFs of the present data; number alike")
+    named, of_noise = setup.named_nuisances()
+    own = tuple(
+        nuisance for nuisance, known in zip(named, setup.quantities, strict=True) if nuisance.name != known.name
+    )
+    known = {nuisance.name for nuisance in problem.prior.nuisances}
+    foreign = [nuisance.name for nuisance in named if nuisance not in own and nuisance.name not in known]
+    if foreign:
+        raise ModelError(
+            f"found that {foreign[0]} is uncertain, which it shares with present set-ups that do not have it; expected "
+            f"one of its own; state it in [plan.setups.{name}.uncertain]"
+        )
+    unknown = [nuisance.name for nuisance in of_noise if nuisance.name not in known]
+    if unknown:
+        raise ModelError(
+            f"found that {unknown[0]} of its noise is inferred, which no present set-up shares with it; expected noise "
+            'that is known, or as in a present one; state [noise] for all set-ups, or scale = "known"'
+        )
+    places = map(setup.spec.structure.place, ports.outputs)
+    return Candidate(
+        name,
+        "setup",
+        f"the set-up {name}{_changes(setup.source)}",
+        setup.structure,
+        ports,
+        quantity,
+        law,
+        position=" / ".join(dict.fromkeys(places)),
+        setup=name,
+        own=own,
+        joint=setup.joint,
+        noise=setup.noise,
+        residual_kind=setup.spec.noise.residuals,
+    )
+
+
+def _changes(text: CaseText) -> str:
+    """What a set-up has different from the rest of the file, for a sentence; not how well it is known."""
+    keys = [key for key in text.own if key[0] != "uncertain" and all(isinstance(part, str) for part in key)]
+    ends = sorted((key for key in keys if not any(o[: len(key)] == key and o != key for o in keys)), key=text.order)
+    said = [f"{key[-1]} = {_value(text.data, key)}" for key in ends[:_NAMED]]
+    if not said:
+        return ""
+    return f" ({', '.join(said)}{', …' if len(ends) > _NAMED else ''})"
+
+
+def _value(data: Mapping[str, Any], key: tuple[str | int, ...]) -> str:
+    value: Any = data
+    for part in key:
+        value = value[part]
+    return json.dumps(value, ensure_ascii=False)

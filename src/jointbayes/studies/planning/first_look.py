@@ -1,31 +1,112 @@
-"""A first look at further measurements: what Fisher information, linearised about draws of the posterior, says of each.
+"""The present problem over more quantities: those that proposed set-ups have for themselves, as errors of overhangs.
 
-Measurements that are independent given the parameters add their Fisher information, so that a set of candidates is a
-sum of matrices. This is exact for a Gaussian posterior about a known point, costs milliseconds, and is not what a plan
-recommends by: it chooses which of many candidates are worth simulating (`jointbayes.studies.planning.simulation`).
-
-References
-----------
-Chaloner, K., Verdinelli, I. (1995). Bayesian experimental design: a review. Statistical Science 10(3), 273-304.
-DOI 10.1214/ss/1177009939
-Papadimitriou, C. (2004). Optimal sensor placement methodology for parametric identification of structural systems.
-Journal of Sound and Vibration 278, 923-947. DOI 10.1016/j.jsv.2003.10.063 (sequential choice of a set)
+The present data know nothing of them, so that the present posterior of all is that of the present quantities times the
+prior of the new ones, and draws of it are present draws beside draws of that prior.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference import Problem
+from jointbayes.inference import Nuisance, Problem
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
 from jointbayes.studies.planning.candidates import Candidate
-from jointbayes.studies.planning.own_quantities import WithOwn, own_of
+
+#: The present set-up beside others, if it has no name: one that no set-up of a case can have.
+_PRESENT = "(present)"
+
+
+def own_of(candidates: Iterable[Candidate]) -> tuple[Nuisance, ...]:
+    """Quantities that candidates have for themselves, in their order."""
+    return tuple({nuisance.name: nuisance for candidate in candidates for nuisance in candidate.own}.values())
+
+
+@dataclass(frozen=True, eq=False)
+class WithOwn:
+    """A problem over its quantities and further ones, of which its data say nothing.
+
+    Parameters
+    ----------
+    present
+        The problem in hand.
+    own
+        The further quantities; with none of them all is as it is.
+    """
+
+    present: Problem
+    own: tuple[Nuisance, ...]
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Problem over all quantities, those of the noise last, for the priors and set-ups; it is not to be sampled."""
+        if not self.own:
+            return self.present
+        known = self.present.prior.nuisances
+        end = len(known) - self.present.log_posterior.likelihood.hyper_count
+        prior = replace(self.present.prior, nuisances=(*known[:end], *self.own, *known[end:]))
+        setup = "" if self.present.setups else self.present.setup or _PRESENT
+        return replace(self.present, prior=prior, setup=setup)
+
+    @cached_property
+    def present_columns(self) -> NDArray[np.intp]:
+        """Where the coordinates of the present problem stand among all."""
+        return np.array([self.problem.names.index(name) for name in self.present.names], dtype=np.intp)
+
+    @cached_property
+    def own_columns(self) -> NDArray[np.intp]:
+        """Where the others stand."""
+        return np.array([self.problem.names.index(nuisance.name) for nuisance in self.own], dtype=np.intp)
+
+    def joined(self, theta: ArrayLike, own: ArrayLike) -> Array:
+        """θ of all, shape (n, D), from that of the present problem, shape (n, d), and the others, shape (n, D − d)."""
+        known = np.asarray(theta, dtype=float)
+        if not self.own:
+            return known
+        out = np.empty((len(known), len(self.problem.names)))
+        out[:, self.present_columns], out[:, self.own_columns] = known, own
+        return out
+
+    def drawn(self, theta: ArrayLike, rng: np.random.Generator) -> Array:
+        """Draws of all, shape (n, D), from draws of the present problem, shape (n, d)."""
+        known = np.asarray(theta, dtype=float)
+        own = [nuisance.prior.sample(rng, len(known)) for nuisance in self.own]
+        return self.joined(known, np.stack(own, axis=-1) if own else np.empty((len(known), 0)))
+
+    def middle(self, theta: ArrayLike) -> Array:
+        """θ of all, shape (n, D), with the others in the middle of their priors, from θ (n, d)."""
+        known = np.asarray(theta, dtype=float)
+        return self.joined(known, np.tile([nuisance.prior.mean for nuisance in self.own], (len(known), 1)))
+
+    def log_density(self, theta: ArrayLike) -> Array:
+        """ln p(θ | present data) up to the evidence, shape (n,), of θ of all, shape (n, D)."""
+        t = np.atleast_2d(np.asarray(theta, dtype=float))
+        if not self.own:
+            return self.present.log_posterior(t)
+        out = self.present.log_posterior(t[:, self.present_columns])
+        for column, nuisance in zip(self.own_columns, self.own, strict=True):
+            out += nuisance.prior.log_density(t[:, column])
+        return out
+
+    def fisher(self, theta: ArrayLike) -> FisherInformation:
+        """Information of the present data and of the priors of all, at θ of all, shape (D,)."""
+        point = np.asarray(theta, dtype=float)
+        known = fisher_information(self.present, point[self.present_columns])
+        if not self.own:
+            return known
+        data = np.zeros((point.size, point.size))
+        data[np.ix_(self.present_columns, self.present_columns)] = known.data
+        prior = self.problem.prior
+        return FisherInformation(
+            self.problem.names, point, data, np.diag(prior.precision), prior.sd, self.problem.parametrisation
+        )
+
 
 Names = tuple[str, ...]
 
@@ -108,11 +189,11 @@ class FirstLook:
         points = whole.middle(draws)
         self._present = [whole.fisher(theta) for theta in points]
         self._added = {
-            name: [measurement_information(one, whole.problem, theta) for theta in points]
-            for name, one in candidates.items()
+            name: [measurement_information(candidate, whole.problem, theta) for theta in points]
+            for name, candidate in candidates.items()
         }
 
-    def at(self, names: Names) -> Linearised:
+    def linearised(self, names: Names) -> Linearised:
         """Figures of one set."""
         return Linearised(names, np.array([
             sd_of(replace(now, data=now.data + sum(self._added[name][i] for name in names)), self._quantity)
@@ -145,8 +226,8 @@ def worth_simulating(looks: Sequence[Linearised], most: int) -> tuple[Linearised
     One could come first if the least of its linearised figures, halved, is no more than twice the greatest of that
     with the least median. Ordered by their median.
     """
-    ordered = sorted(looks, key=lambda one: one.median)
+    ordered = sorted(looks, key=lambda look: look.median)
     if len(ordered) <= most:
         return tuple(ordered)
     limit = ordered[0].ends[1] * MARGIN
-    return tuple(one for one in ordered if one.ends[0] / MARGIN <= limit)
+    return tuple(look for look in ordered if look.ends[0] / MARGIN <= limit)

@@ -1,28 +1,38 @@
 """Simulations of all candidates, then of those that could still come first; each is kept once it is made."""
 
 import json
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, get_args
+
+import pydantic
 
 from jointbayes.case.case import Case
-from jointbayes.own_directory import OwnDirectory
 from jointbayes.posterior.fingerprint import run_fingerprint
-from jointbayes.posterior.identifiability import Verdict
-from jointbayes.studies.planning.candidates import Candidate
-from jointbayes.studies.planning.forecast import Method, SimulatedPosterior, Simulation
-from jointbayes.studies.planning.simulation import Simulator
+from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
+from jointbayes.studies.planning.first_look import Names
+from jointbayes.studies.planning.simulator import Simulator
 from jointbayes.studies.study_directory import append_line, kept_lines
-
-Names = tuple[str, ...]
 
 #: Name of the file of simulations that are done.
 KEPT = "simulations.jsonl"
 #: So many of those that could still come first are simulated further.
 MOST_AGAIN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """One simulated measurement in the file: of which draws, candidates and truth, and what it left."""
+
+    draws: str
+    names: Names
+    truth: int
+    posterior: SimulatedPosterior | None
+
+
+_LINE = pydantic.TypeAdapter(_Line)
 
 
 class KeptSimulations:
@@ -56,26 +66,22 @@ class KeptSimulations:
         """Take those of this digest of draws; those of other draws stay in the file, and are passed over."""
         self._draws = draws
         for line in self._lines:
-            if isinstance(line, dict) and line.get("draws") == draws:
-                self.done |= _simulated(line)
+            with suppress(pydantic.ValidationError):
+                kept = _LINE.validate_python(line)
+                if kept.draws == draws:
+                    self.done[kept.names, kept.truth] = kept.posterior
 
     def add(self, names: Names, truth: int, posterior: SimulatedPosterior | None) -> None:
         """Keep one more."""
         if self._file is not None:
-            values = None if posterior is None else asdict(posterior)
-            append_line(self._file, {"draws": self._draws, "names": names, "truth": truth, "posterior": values})
+            append_line(self._file, asdict(_Line(self._draws, names, truth, posterior)))
         self.done[names, truth] = posterior
-
-
-def plan_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
-    """The directory of a plan, new or of an earlier start; entered, it keeps other processes out."""
-    return OwnDirectory(directory, "a plan")
 
 
 def plan_fingerprint(case: Case, seed: int, assume: Mapping[str, float] | None, truths: int) -> dict[str, str]:
     """What simulations of a plan depend on, part by part, in words of a message."""
     parts = run_fingerprint(case.problem, case, seed, case.sampler)
-    for name, spec in {"": case.spec, **{one.name: one.spec for one in case.setups}}.items():
+    for name, spec in {"": case.spec, **{test.name: test.spec for test in case.setups}}.items():
         for key, value in spec.plan.model_dump(mode="json").items():
             parts[f"setups.{name}.plan.{key}" if name else f"plan.{key}"] = json.dumps(value, sort_keys=True)
     return parts | {"assumed joint": str(sorted((assume or {}).items())), "number of truths": str(truths)}
@@ -126,7 +132,7 @@ class Race:
             for truth in truths:
                 if (names, truth) in done:
                     continue
-                self._kept.add(names, truth, self._simulator.after(measured, truth))
+                self._kept.add(names, truth, self._simulator.posterior_after(measured, truth))
                 left, self._made = left - 1, self._made + 1
                 seconds = (time.monotonic() - self._began) / self._made * left
                 self._tell(f"simulating candidate {number} of {len(entrants)}: {' + '.join(names)}, measurement "
@@ -137,22 +143,8 @@ class Race:
 
 def could_come_first(outcome: Mapping[Names, Simulation]) -> list[Names]:
     """The three of least median whose range begins below the end of that of the first, in this order."""
-    ranked = sorted((one.median, names) for names, one in outcome.items() if one.valid)
+    ranked = sorted((simulation.median, names) for names, simulation in outcome.items() if simulation.valid)
     if not ranked:
         return []
     limit = outcome[ranked[0][1]].range80[1]
     return [names for _, names in ranked[:MOST_AGAIN] if outcome[names].range80[0] <= limit]
-
-
-def _simulated(line: Mapping[str, Any]) -> dict[tuple[Names, int], SimulatedPosterior | None]:
-    """The simulation of a line; nothing where it holds none."""
-    try:
-        key, values = (tuple(map(str, line["names"])), int(line["truth"])), line["posterior"]
-        if values is None:
-            return {key: None}
-        sd, effective, verdict, method = (values[name] for name in ("sd", "effective", "verdict", "method"))
-        if verdict not in get_args(Verdict) or method not in get_args(Method):
-            return {}
-        return {key: SimulatedPosterior(float(sd), verdict, float(effective), method)}
-    except (KeyError, TypeError, ValueError):
-        return {}

@@ -1,24 +1,35 @@
 """Calibrate the analysis of one case: many data sets with known truths, analysed side by side."""
 
+import hashlib
+import json
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import pydantic
 
 from jointbayes.case.case import Case
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
+from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.sampling import SamplerSettings
-from jointbayes.studies.calibration.data_set import DENSITY, DataSet, Job, analyse_packed
-from jointbayes.studies.calibration.kept import KeptDataSets, calibration_directory, fingerprint
-from jointbayes.studies.calibration.result import Calibration
-from jointbayes.studies.calibration.simulation import require_simulable
+from jointbayes.studies.calibration import Calibration, calibration_directory
+from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
+from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.studies.tasks import run_tasks
 
 if TYPE_CHECKING:
     from distributed import Client
+
+
+#: File of data sets that are done.
+KEPT = "data_sets.jsonl"
+_LINE = pydantic.TypeAdapter(DataSet)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,25 +108,26 @@ def calibrate(
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     tell = progress or (lambda _progress: None)
     if directory is None:
-        done = _done(job, n, None, tell, engine)
+        done = _done(job, n, None, {}, tell, engine)
     else:
-        source = case if data_from is None else data_from
-        with calibration_directory(directory) as own:
-            kept = KeptDataSets(own.path, fingerprint(case, source, job.settings, job.seed), len(job.names))
-            done = _done(job, n, kept, tell, engine)
+        head = fingerprint(case, case if data_from is None else data_from, job.settings, job.seed)
+        with calibration_directory(directory) as locked:
+            kept = kept_data_sets(locked.path / KEPT, head, len(job.names))
+            done = _done(job, n, locked.path / KEPT, {i: kept[i] for i in kept if i < n}, tell, engine)
     other = "" if job.source is job.analysis else job.source.name
-    return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)))
+    title, text = ("", "") if isinstance(case, Problem) else (case.title, case.text)
+    return Calibration(job.analysis.name, other, job.seed, job.names, tuple(done[i] for i in range(n)), title, text)
 
 
 def _done(
     job: Job,
     n: int,
-    kept: KeptDataSets | None,
+    file: Path | None,
+    done: dict[int, DataSet],
     tell: Callable[[CalibrationProgress], None],
     engine: dict[str, Any],
 ) -> dict[int, DataSet]:
-    """The first n data sets by number: those that are kept, and the others."""
-    done = {} if kept is None else {i: one for i, one in kept.done.items() if i < n}
+    """The first n data sets by number: those that are done, and the others, kept in a file as they come."""
     before = len(done)
     tell(CalibrationProgress(before, before, n))
     packed = _packed(job)
@@ -124,8 +136,8 @@ def _done(
         i = int(outcome.key)
         if outcome.error is None:
             done[i] = outcome.value
-            if kept is not None:
-                kept.add(outcome.value)
+            if file is not None:
+                append_line(file, asdict(outcome.value))
         else:  # not kept: a worker may have died of something else, and is given another chance next time
             done[i] = DataSet(i, 0.0, error=outcome.error)
         tell(CalibrationProgress(len(done), before, n))
@@ -164,3 +176,46 @@ def _packed(job: Job) -> bytes:
             f"calibrate: found a problem that cannot be sent to another process ({error}); expected priors and noise "
             "models whose classes are defined at the top of a module; move them there"
         ) from error
+
+
+def kept_data_sets(file: Path, head: Mapping[str, str], quantities: int) -> dict[int, DataSet]:
+    """Data sets that are done by their number, one line of a file each; one that was cut off is done again.
+
+    Parameters
+    ----------
+    file
+        The file; its first line says what all data sets depend on.
+    head
+        What that is, as `fingerprint` has it.
+    quantities
+        How many quantities are ranked.
+
+    Raises
+    ------
+    CaseError
+        If the file holds data sets that depend on something else: what differs.
+    """
+    done = {}
+    for line in kept_lines(file, head, "data sets", "calibration"):
+        with suppress(pydantic.ValidationError):
+            kept = _LINE.validate_python(line)
+            ranked = (kept.truth, kept.rank, kept.low, kept.high)
+            if kept.error or all(len(values) == quantities for values in ranked):
+                done[kept.index] = kept
+    return done
+
+
+def fingerprint(
+    analysis: Case | Problem, source: Case | Problem, settings: SamplerSettings, seed: int
+) -> dict[str, str]:
+    """What data sets depend on, part by part, in words of a message; `source` gives truths and data."""
+    parts = {**_run_parts(analysis, settings, seed), "number of ranked draws": str(DRAWS)}
+    if source is analysis:
+        return parts
+    whole = json.dumps(_run_parts(source, settings, seed), sort_keys=True)
+    return {**parts, "source of data": hashlib.sha256(whole.encode()).hexdigest()[:16]}
+
+
+def _run_parts(case: Case | Problem, settings: SamplerSettings, seed: int) -> dict[str, str]:
+    problem, stated = (case, None) if isinstance(case, Problem) else (case.problem, case)
+    return run_fingerprint(problem, stated, seed, settings)

@@ -1,4 +1,4 @@
-"""Data sets for calibration: a truth from a problem's own prior, and measured values from its own likelihood.
+"""One data set of a calibration: a truth, data from it, their posterior, and the rank of the truth among its draws.
 
 What a case takes from its measured values, the stated variance above all, stays as the case has it. A variance computed
 anew from each simulated FRF would be a function of the truth that the analysis takes as given: it would tell it where
@@ -6,18 +6,161 @@ the resonances lie, and no prior knows of that.
 """
 
 import math
-from dataclasses import replace
+import pickle
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.inference.residuals import PURE_NOISE
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement, ModeMeasurement
+from jointbayes.sampling import SamplerSettings
+from jointbayes.studies.ranks import rank_statistic
+from jointbayes.workflow import sample
+
+#: Draws among which a truth is ranked: few beside the effective ones, so that they are as good as independent.
+DRAWS = 63
+
+#: Ranked like a quantity: the density tells of errors that each quantity by itself does not show.
+DENSITY = "log density"
+
+
+@dataclass(frozen=True, slots=True)
+class DataSet:
+    """What became of one data set; truth, rank and ends of the 95 % interval are in the order of the quantities.
+
+    Parameters
+    ----------
+    index
+        Its number, from 0.
+    seconds
+        Processor time.
+    truth, rank, low, high
+        Of each quantity; empty where the analysis failed.
+    converged
+        Whether the sampler met its stop rule.
+    mode_agrees
+        Whether joint mode and MAP are one.
+    ess
+        Effective draws of the quantity that has the fewest.
+    error
+        Why there is no posterior; empty where there is one.
+    """
+
+    index: int
+    seconds: float
+    truth: tuple[float, ...] = ()
+    rank: tuple[int, ...] = ()
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    converged: bool = False
+    mode_agrees: bool = False
+    ess: float = 0.0
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """What all data sets of a calibration have in common.
+
+    Parameters
+    ----------
+    analysis
+        The problem whose posteriors are judged.
+    source
+        The problem that gives truths and data; the same one, or another whose data are measured alike.
+    settings
+        Of the sampler.
+    seed
+        Of the calibration.
+    """
+
+    analysis: Problem
+    source: Problem
+    settings: SamplerSettings
+    seed: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the quantities that are ranked."""
+        return quantity_names(self.analysis, self.source)
+
+
+def quantity_names(analysis: Problem, source: Problem) -> tuple[str, ...]:
+    """Quantities of which both problems have an opinion; the log density where both have the same coordinates."""
+    theirs = _uncertain(source)
+    shared = tuple(name for name in _uncertain(analysis) if name in theirs)
+    same = analysis.names == source.names and analysis.parametrisation == source.parametrisation
+    return (*shared, DENSITY) if same else shared
+
+
+def _uncertain(problem: Problem) -> tuple[str, ...]:
+    """Stiffnesses that the prior leaves open, other coordinates of the joint, and the nuisances."""
+    some = problem.prior.stiffness(problem.prior.sample(np.random.default_rng(0), 8))
+    stiffnesses = [q.name for q, values in zip(problem.quantities, some.T, strict=True) if np.ptp(values) > 0]
+    return (*stiffnesses, *(name for name in problem.names if name not in stiffnesses))
+
+
+def _values(problem: Problem, theta: Array) -> dict[str, Array]:
+    """Stiffnesses in their units, other coordinates and values of the nuisances, each (n,), at θ (n, d)."""
+    prior = problem.prior
+    coordinates = dict(zip(problem.parametrisation.names, prior.joint(theta).T, strict=True))
+    stiffnesses = dict(zip((q.name for q in problem.quantities), prior.stiffness(theta).T, strict=True))
+    nuisances = dict(zip((n.name for n in prior.nuisances), prior.nuisance_values(theta).T, strict=True))
+    return coordinates | stiffnesses | nuisances
+
+
+def analyse(job: Job, index: int) -> DataSet:
+    """Draw data set number `index` and analyse it: a pure function of the job and the number."""
+    began = time.process_time()
+    rng = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(index,)))
+    try:
+        theta = job.source.prior.sample(rng, 1)
+        problem = simulated_problem(job.analysis, job.source, theta[0], rng)
+        posterior = sample(problem, seed=int(rng.integers(2**32)), settings=job.settings)
+    except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return DataSet(index, time.process_time() - began, error=reason)
+    names = job.names
+    true, drawn = _values(job.source, theta), _values(problem, posterior.theta)
+    if DENSITY in names:
+        true[DENSITY], drawn[DENSITY] = problem.log_posterior(theta), posterior.log_density.ravel()
+    truth = np.array([true[name][0] for name in names])
+    draws = np.stack([drawn[name] for name in names], axis=-1)
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    return DataSet(
+        index,
+        time.process_time() - began,
+        _numbers(truth),
+        tuple(rank_statistic(truth, draws, DRAWS, rng).tolist()),
+        _numbers(low),
+        _numbers(high),
+        posterior.converged,
+        posterior.mode_agrees,
+        float(min(posterior.record.sampler["ess"].values())),
+    )
+
+
+def _numbers(values: ArrayLike) -> tuple[float, ...]:
+    return tuple(np.asarray(values, dtype=float).tolist())
+
+
+def analyse_packed(packed: bytes, index: int) -> DataSet:
+    """The same in a worker, from a pickled job, which each worker unpacks once."""
+    return analyse(_unpacked(packed), index)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(packed: bytes) -> Job:
+    job: Job = pickle.loads(packed)
+    return job
 
 
 def require_simulable(analysis: Problem, source: Problem) -> None:
@@ -53,8 +196,8 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
         return
     setups = [[part.setup for part in problem.parts] for problem in (analysis, source)]
     other = ["set-ups"] if setups[0] != setups[1] else []
-    for one, its in zip(analysis.parts, source.parts, strict=False):
-        here, there = _measured(one.measurement), _measured(its.measurement)
+    for analysed, simulated in zip(analysis.parts, source.parts, strict=False):
+        here, there = _measured(analysed.measurement), _measured(simulated.measurement)
         other += [name for name, value in here.items() if value != there.get(name)]
     if other:
         differing = " and ".join(dict.fromkeys(other))
@@ -89,11 +232,11 @@ def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.
         If there is no finite FRF, or natural frequencies are out of order.
     """
     pairs = zip(analysis.parts, source.parts, strict=True)
-    simulated = [with_values(part, simulated_values(its, theta, rng)) for part, its in pairs]
+    simulated = [replace_values(part, simulated_values(its, theta, rng)) for part, its in pairs]
     if not analysis.setups:
         return simulated[0]
     each = zip(analysis.setups, simulated, strict=True)
-    return replace(analysis, setups=tuple(replace(one, measurement=part.measurement) for one, part in each))
+    return replace(analysis, setups=tuple(replace(test, measurement=part.measurement) for test, part in each))
 
 
 def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
@@ -137,7 +280,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     return predicted * np.exp(np.sqrt(2 * spread) * z.real)
 
 
-def with_values(problem: Problem, values: NDArray[Any]) -> Problem:
+def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
     """The problem of one set-up with other measured values, and what it states of the noise as it is.
 
     FRFs at the joint, which the likelihood does not contain and only the paper's iteration needs, are left out.

@@ -1,20 +1,24 @@
 """The report of a comparison, and its table for the terminal: words and tables from the numbers of ``compare.json``."""
 
 import datetime
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.arrays import Array
+from jointbayes.case.case import Case
 from jointbayes.joint.quantities import without_damping
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.rounding import number
 from jointbayes.report.canvas import margin_labels, panels, svg
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, Section, Table
-from jointbayes.studies.comparison.result import GRADES
+from jointbayes.report.run_directory import json_text, require_writable, write_whole
+from jointbayes.studies.comparison import GRADES, Comparison
 
 Row = dict[str, Any]
 
@@ -242,3 +246,38 @@ def _settings(summary: dict[str, Any]) -> Table:
     rows = [("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])]
     rows += [(foreign(name), foreign(str(version))) for name, version in summary["versions"].items()]
     return Table("Settings and versions", ("Item", "Value"), tuple(rows), align="ll")
+
+
+#: File by which the directory of a comparison is known.
+COMPARISON_MARK = "compare.json"
+
+
+def write_comparison(comparison: Comparison, cases: Sequence[Case], directory: str | os.PathLike[str]) -> Path:
+    """Write the run directory of a comparison, whole or absent.
+
+    Parameters
+    ----------
+    comparison
+        What was compared.
+    cases
+        Its cases, whose text is kept.
+    directory
+        Where to write, as for `write_report`; an older comparison of the same name is replaced.
+
+    Returns
+    -------
+    Path
+        The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
+
+    Raises
+    ------
+    CaseError
+        If the directory exists and holds no comparison.
+    """
+    target = Path(directory)
+    require_writable(target, COMPARISON_MARK)
+    summary = comparison.summary()
+    report = build_comparison_report(summary, datetime.datetime.now(datetime.UTC).date())
+    files = {COMPARISON_MARK: json_text(summary), **{f"cases/{case.name}.toml": case.text for case in cases}}
+    write_whole(target, report, files)
+    return target

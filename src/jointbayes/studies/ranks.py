@@ -314,15 +314,15 @@ def judge(
             raise ModelError(f"calibration: found ranks of {name} beyond 0 to {draws}, or none; correct them")
         band = ecdf_band(counts.size + missing, draws, probability)
         p_value, shares = min(
-            (_with_missing(counts, draws, missing, at) for at in (0, draws)[: 1 + (missing > 0)]),
-            key=lambda one: one[0],
+            (_p_value_and_shares(counts, draws, missing, at) for at in (0, draws)[: 1 + (missing > 0)]),
+            key=lambda pair: pair[0],
         )
         covered = coverage(intervals[name], truths[name], missing)
         results.append(QuantityCalibration(name, counts, draws, missing, band, shares, p_value, covered))
     return tuple(results)
 
 
-def _with_missing(counts: IntArray, draws: int, missing: int, at: int) -> tuple[float, Array]:
+def _p_value_and_shares(counts: IntArray, draws: int, missing: int, at: int) -> tuple[float, Array]:
     """The p-value, and the empirical distribution, with the missing ranks put at one place."""
     whole = np.append(counts, np.full(missing, at, dtype=np.int64))
     shares = ecdf(whole, draws)

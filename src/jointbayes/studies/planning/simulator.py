@@ -28,10 +28,8 @@ from jointbayes.posterior.evidence import PARETO_LIMIT, WeightedDraws
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.monte_carlo import pareto_k
 from jointbayes.sampling import Coordinates, Start, fit_proposal
-from jointbayes.studies.planning.candidates import Candidate
-from jointbayes.studies.planning.first_look import measurement_information
-from jointbayes.studies.planning.forecast import Method, SimulatedPosterior
-from jointbayes.studies.planning.own_quantities import WithOwn, own_of
+from jointbayes.studies.planning.candidates import Candidate, Method, SimulatedPosterior
+from jointbayes.studies.planning.first_look import WithOwn, measurement_information, own_of
 
 #: Fewer effective draws than this say too little about a standard deviation: 5 % of it at this number.
 LEAST_EFFECTIVE = 200.0
@@ -61,7 +59,7 @@ class WithFurther:
     """
 
     def __init__(self, present: Callable[[Array], Array], further: Sequence[Problem]) -> None:
-        self._present, self._further = present, [one.log_posterior for one in further]
+        self._present, self._further = present, [problem.log_posterior for problem in further]
 
     def __call__(self, theta: ArrayLike) -> Array:
         """Log density, shape (n,), of θ, shape (n, d)."""
@@ -74,7 +72,7 @@ class WithFurther:
 
     def new_log_likelihood(self, theta: Array) -> Array:
         """ln L of the further data alone, shape (n,), of θ, shape (n, d), inside the prior's support."""
-        return sum((one.log_likelihood(theta) for one in self._further), np.zeros(len(theta)))
+        return sum((problem.log_likelihood(theta) for problem in self._further), np.zeros(len(theta)))
 
 
 class Simulator:
@@ -140,14 +138,14 @@ class Simulator:
         arrays = self.truths, self._draws, np.array(self._seed)
         return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()[:16]
 
-    def after(self, candidates: Sequence[Candidate], truth: int) -> SimulatedPosterior | None:
+    def posterior_after(self, candidates: Sequence[Candidate], truth: int) -> SimulatedPosterior | None:
         """Posterior after a set of further measurements of truth number `truth`; None where it is not found.
 
         A candidate has the same noise for the same truth, alone and in every set.
         """
         whole = WithOwn(self._problem, own_of(candidates))
-        names = tuple(one.name for one in whole.own)
-        own = [one.prior.sample(self._generator(truth, one.name), 1) for one in whole.own]
+        names = tuple(nuisance.name for nuisance in whole.own)
+        own = [nuisance.prior.sample(self._generator(truth, nuisance.name), 1) for nuisance in whole.own]
         theta = whole.joined(self.truths[truth][None], np.reshape(own, (1, -1)))[0]
         further = [c.problem(whole.problem, theta, self.noise(truth, c)) for c in candidates]
         density = WithFurther(whole.log_density, further)

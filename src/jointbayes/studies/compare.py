@@ -15,8 +15,7 @@ from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling import Start
-from jointbayes.studies.comparison.leave_one_out import LeaveOneOut, leave_one_out
-from jointbayes.studies.comparison.result import Candidate, Comparison, PriorEdge
+from jointbayes.studies.comparison import Candidate, Comparison, LeaveOneOut, PriorEdge, leave_one_out
 from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import find_map
 

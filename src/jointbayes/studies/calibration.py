@@ -1,0 +1,378 @@
+"""What a calibration found: ranks and coverage of each quantity, judged together, and the report of it."""
+
+import csv
+import datetime
+import io
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure as Canvas
+
+from jointbayes.arrays import Array
+from jointbayes.errors import ModelError
+from jointbayes.own_directory import OwnDirectory
+from jointbayes.posterior.rounding import number
+from jointbayes.report.canvas import panels, svg
+from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
+from jointbayes.report.run_directory import json_text, write_into
+from jointbayes.studies.data_sets import DRAWS, DataSet
+from jointbayes.studies.ranks import QuantityCalibration, judge
+
+#: Share of right analyses that fail, at most: over all quantities together, each at this over their number.
+FALSE_ALARM = 0.01
+#: Below this the verdict says that a second seed should be looked at.
+SUSPICIOUS = 0.05
+_SHOWN = 3  # different errors in a summary
+
+
+def calibration_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
+    """The directory of a calibration, new or of an earlier start; entered, it keeps other processes out."""
+    return OwnDirectory(directory, "a calibration")
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Ranks of truths over many simulated data sets of one case, and whether they are what they should be.
+
+    Parameters
+    ----------
+    name
+        Of the case whose analysis was calibrated.
+    source
+        Name of the case that gave truths and data, where it is another; empty where it is the same.
+    seed
+        Of the calibration.
+    names
+        Quantities that were ranked.
+    data_sets
+        All of them, in order; those whose analysis failed as well.
+    title, case_text
+        Of the case, where a case file states it.
+
+    Raises
+    ------
+    ModelError
+        If not one data set has a posterior.
+    """
+
+    name: str
+    source: str
+    seed: int
+    names: tuple[str, ...]
+    data_sets: tuple[DataSet, ...]
+    title: str = ""
+    case_text: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.analysed:
+            why = f": {self.errors[0]}" if self.errors else ""
+            raise ModelError(
+                f"calibrate: found that not one of {len(self.data_sets)} data sets of {self.name} could be analysed"
+                f"{why}; expected posteriors; run the case itself first"
+            )
+
+    def __repr__(self) -> str:
+        return f"Calibration({self.name!r}, {len(self.data_sets)} data sets): {self.verdict}"
+
+    @cached_property
+    def analysed(self) -> tuple[DataSet, ...]:
+        """Data sets that have a posterior, converged or not."""
+        return tuple(data_set for data_set in self.data_sets if not data_set.error)
+
+    @property
+    def failed(self) -> int:
+        """Data sets whose analysis ended in an error."""
+        return len(self.data_sets) - len(self.analysed)
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The different errors."""
+        return tuple(dict.fromkeys(data_set.error for data_set in self.data_sets if data_set.error))
+
+    @property
+    def not_converged(self) -> int:
+        """Data sets whose sampler did not meet its stop rule; they are ranked as the others."""
+        return sum(not data_set.converged for data_set in self.analysed)
+
+    @cached_property
+    def quantities(self) -> tuple[QuantityCalibration, ...]:
+        """Each quantity with its band, which all of them keep together in 99 % of right analyses at least."""
+        each = range(len(self.names))
+        return judge(
+            {self.names[i]: self._column("rank", i) for i in each},
+            {self.names[i]: np.stack([self._column("low", i), self._column("high", i)], axis=-1) for i in each},
+            {self.names[i]: self._column("truth", i) for i in each},
+            DRAWS,
+            1 - FALSE_ALARM / len(self.names),
+            self.failed,
+        )
+
+    def _column(self, field: str, i: int) -> Array:
+        return np.array([getattr(data_set, field)[i] for data_set in self.analysed])
+
+    @property
+    def p_value(self) -> float:
+        """Probability, at most, that a right analysis looks as bad in its worst quantity: Bonferroni's bound."""
+        return min(1.0, len(self.quantities) * min(quantity.p_value for quantity in self.quantities))
+
+    @property
+    def outside(self) -> tuple[QuantityCalibration, ...]:
+        """Quantities whose ranks leave their band."""
+        return tuple(quantity for quantity in self.quantities if not quantity.inside_band)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the ranks of all quantities stay inside their bands."""
+        return not self.outside
+
+    @property
+    def verdict(self) -> str:
+        """The outcome in a sentence."""
+        count, of = len(self.data_sets), f" of {self.source}" if self.source else ""
+        if self.passed:
+            near = (
+                f" That is below {SUSPICIOUS:g}: look at another seed, or at more data sets."
+                if self.p_value < SUSPICIOUS
+                else ""
+            )
+            return (
+                f"Calibrated: over {count} data sets{of} the ranks of all {len(self.names)} quantities stay inside "
+                f"their bands (p = {self.p_value:.2g}; a right analysis falls below {FALSE_ALARM:g} in at most 1 of "
+                f"{1 / FALSE_ALARM:.0f} calibrations).{near}"
+            )
+        findings = "; ".join(f"{quantity.name}: {quantity.finding}" for quantity in self.outside)
+        return (
+            f"NOT CALIBRATED: over {count} data sets{of} the ranks of {len(self.outside)} of {len(self.names)} "
+            f"quantities leave their bands (p = {self.p_value:.2g}). {findings}."
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What else has to be known of it, in sentences."""
+        notes = []
+        if self.failed:
+            shown = "; ".join(self.errors[:_SHOWN])
+            notes.append(
+                f"{self.failed} of {len(self.data_sets)} analyses failed, and count as intervals that missed, with "
+                f"ranks at the end that looks worse: {shown}."
+            )
+        if self.not_converged:
+            notes.append(
+                f"{self.not_converged} of {len(self.data_sets)} samplers did not converge. Their ranks count as the "
+                "others: leaving them out would leave out certain truths."
+            )
+        return tuple(notes)
+
+    def write(self, directory: str | os.PathLike[str]) -> Path:
+        """Write what was found into the directory that `calibrate` was given, or any other, each file whole or absent.
+
+        Returns
+        -------
+        Path
+            The directory: ``report.html``, ``report.pdf``, ``summary.json``, ``ranks.csv``, ``case.toml`` of a case,
+            and ``figures/ranks.svg``.
+
+        Raises
+        ------
+        WriteError
+            If a file cannot be written, the directory holds something else, or another process is at work in it.
+        """
+        report = build_calibration_report(self, self.title or self.name, datetime.datetime.now(datetime.UTC).date())
+        files = {"ranks.csv": ranks_csv(self)} | ({"case.toml": self.case_text} if self.case_text else {})
+        files["summary.json"] = json_text(self.summary())  # last: where it is, all the rest is
+        with calibration_directory(directory) as locked:
+            write_into(locked.path, report, files)
+        return locked.path
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers as JSON: what ``summary.json`` of a calibration holds."""
+        analysed: Sequence[DataSet] = self.analysed
+        return {
+            "schema_version": 1,
+            "case": self.name,
+            "data_from": self.source or None,
+            "seed": self.seed,
+            "data_sets": len(self.data_sets),
+            "failed": self.failed,
+            "errors": list(self.errors[:_SHOWN]),
+            "converged": len(analysed) - self.not_converged,
+            "mode_agrees": sum(data_set.mode_agrees for data_set in analysed),
+            "median_ess": float(np.median([data_set.ess for data_set in analysed])),
+            "median_seconds": float(np.median([data_set.seconds for data_set in self.data_sets])),
+            "total_seconds": float(np.sum([data_set.seconds for data_set in self.data_sets])),
+            "ranked_among": DRAWS,
+            "passed": self.passed,
+            "p_value": self.p_value,
+            "false_alarm": FALSE_ALARM,
+            "verdict": self.verdict,
+            "notes": list(self.notes),
+            "quantities": {quantity.name: _entry(quantity) for quantity in self.quantities},
+        }
+
+
+def _entry(quantity: QuantityCalibration) -> dict[str, Any]:
+    return {
+        "inside_band": quantity.inside_band,
+        "p_value": quantity.p_value,
+        "largest_deviation": quantity.largest_deviation,
+        "finding": None if quantity.inside_band else quantity.finding,
+        "coverage95": quantity.coverage.share,
+        "covered": quantity.coverage.inside,
+        "coverage_interval95": list(quantity.coverage.interval95),
+    }
+
+
+_COLUMNS = 4
+_FIGURE = "ranks"
+
+
+def calibration_table(calibration: Calibration) -> Table:
+    """Each quantity: whether its ranks stay inside the band, and how often its intervals held the truth."""
+    rows = []
+    for quantity in calibration.quantities:
+        low, high = quantity.coverage.interval95
+        rows.append(
+            (
+                quantity.name,
+                "inside" if quantity.inside_band else f"OUTSIDE: {quantity.finding}",
+                f"{quantity.p_value:.2g}",
+                f"{quantity.largest_deviation:+.3f}",
+                f"{100 * quantity.coverage.share:.1f} % ({100 * low:.1f} to {100 * high:.1f})",
+            )
+        )
+    return Table(
+        "Ranks of the truths, and 95 % intervals that held them",
+        ("Quantity", "Ranks and band", "p", "Largest deviation", "Intervals that held the truth"),
+        tuple(rows),
+        align="llrrr",
+        note="In brackets what so many data sets can tell of the share (95 %). A deviation above 0: draws lie above "
+        f"the truths. The bands are those of {len(rows)} quantities together, p is that of each by itself.",
+        row_kinds=tuple("good" if quantity.inside_band else "bad" for quantity in calibration.quantities),
+    )
+
+
+def calibration_lines(calibration: Calibration) -> list[str]:
+    """A calibration as lines for the terminal."""
+    return [*calibration_table(calibration).lines(), *calibration.notes, calibration.verdict]
+
+
+def build_calibration_report(calibration: Calibration, title: str, date: datetime.date) -> Report:
+    """Build the report, the verdict first."""
+    suspicious = calibration.p_value < SUSPICIOUS or bool(calibration.notes)
+    kind: Kind = "bad" if not calibration.passed else "caution" if suspicious else "good"
+    sections = (
+        Section("quantities", "Ranks and coverage", (calibration_table(calibration), _figure(calibration))),
+        Section("data-sets", "Data sets", (_data_sets(calibration),)),
+        Section("method", "How this was computed", tuple(Paragraph(text) for text in _method(calibration))),
+    )
+    source = f", by data of {calibration.source}" if calibration.source else ""
+    return Report(
+        title=title,
+        subtitle=f"Calibration of the analysis of {calibration.name}{source}",
+        lead=(Callout(kind, calibration.verdict), *(Callout("caution", note) for note in calibration.notes)),
+        sections=sections,
+        date=date,
+        version=version("jointbayes"),
+    )
+
+
+def _method(calibration: Calibration) -> tuple[str, ...]:
+    truths = calibration.source or "the case"
+    return (
+        f"Truths were drawn from the priors of {truths}, of the joint and of all else that is uncertain, and data from "
+        "its likelihood at its own lines. Each data set was analysed like the case itself, from the search for the "
+        "mode to the draws; the sampler ended with fewer draws than a run's, enough for ranks. If prior, likelihood "
+        "and sampler are right, the rank of the truth among draws is uniform, for each quantity and for the log "
+        "density, and a 95 % interval holds the truth in 95 % of the cases (Talts et al. 2018, arXiv:1804.06788).",
+        f"The rank is that among {DRAWS} draws picked at random. Bands for the empirical distribution of uniform ranks "
+        "are exact and simultaneous over all positions (Säilynoja et al. 2022, DOI 10.1007/s11222-022-10090-6). Each "
+        f"has the level 1 − {FALSE_ALARM:g}/{len(calibration.names)}, so that in at least "
+        f"{100 * (1 - FALSE_ALARM):.0f} % of right analyses the ranks of all quantities stay inside, however they "
+        "depend on each other (Bonferroni). "
+        "Coverage has no part in the verdict: it follows from the ranks.",
+        "Data sets whose sampler did not converge are ranked like the others; those whose analysis failed count as "
+        "intervals that missed, with ranks at the end that looks worse.",
+        f"Seed {calibration.seed}. Data set i depends on the seed and i alone, not on how many there are.",
+    )
+
+
+def _data_sets(calibration: Calibration) -> Table:
+    summary = calibration.summary()
+    rows = (
+        ("analysed", str(len(calibration.analysed))),
+        ("failed", str(calibration.failed)),
+        ("sampler not converged", str(calibration.not_converged)),
+        ("joint mode and MAP agree", str(summary["mode_agrees"])),
+        ("effective draws, median", number(summary["median_ess"])),
+        ("processor time of each, median", f"{summary['median_seconds']:.2g} s"),
+        ("processor time of all", f"{summary['total_seconds'] / 60:.3g} min"),
+    )
+    return Table(f"What became of {len(calibration.data_sets)} data sets", ("", "Data sets"), rows, align="lr")
+
+
+def _figure(calibration: Calibration) -> Figure:
+    quantities = calibration.quantities
+    words = "; ".join(f"{quantity.name} {'inside' if quantity.inside_band else 'outside'}" for quantity in quantities)
+    caption = (
+        "Empirical distribution of the ranks less the uniform one, with its simultaneous band. Above 0 throughout: "
+        "draws lie above the truths. Above 0 on the left and below on the right: posteriors are too narrow."
+    )
+    return Figure(_FIGURE, caption, f"Ranks of the truths and their bands: {words}.", ranks_figure(quantities))
+
+
+def ranks_figure(quantities: Sequence[QuantityCalibration]) -> str:
+    """SVG text: for each quantity the distribution of its ranks less the uniform one, in its band."""
+    columns = min(_COLUMNS, len(quantities))
+    rows = -(-len(quantities) // columns)
+
+    def draw(canvas: Canvas) -> None:
+        axes = panels(canvas, rows, columns, top=0.25, apart=(0.3, 0.15), sharex=True, sharey=True)
+        for ax, quantity in zip(axes.ravel(), quantities, strict=False):
+            u, colour = quantity.band.position, SERIES_COLOURS[0 if quantity.inside_band else 1]
+            ax.fill_between(u, quantity.band.low - u, quantity.band.high - u, step="post", color="0.85", lw=0)
+            ax.step(u, quantity.shares - u, where="post", lw=1.0, color=colour)
+            ax.set_title(quantity.name if quantity.inside_band else f"{quantity.name}: outside", fontsize=8)
+        for ax in axes.ravel()[len(quantities) :]:
+            ax.set_axis_off()
+        for ax in axes[:, 0]:
+            ax.set_ylabel("ECDF − uniform")
+        for i, ax in enumerate(axes.ravel()[: len(quantities)]):
+            if i + columns >= len(quantities):
+                ax.set_xlabel("rank / draws")
+                ax.tick_params(labelbottom=True)
+
+    return svg(draw, 1.0 + 1.8 * columns, 0.6 + 1.7 * rows)
+
+
+def ranks_csv(calibration: Calibration) -> str:
+    """One row for each data set: what became of it, and truth, rank and interval of each quantity."""
+    names = calibration.names
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator="\n")
+    each = [f"{name}.{part}" for name in names for part in ("rank", "truth", "low95", "high95")]
+    table.writerow(["data_set", "status", "converged", "ess", "seconds", "error", *each])
+    for data_set in calibration.data_sets:
+        if data_set.error:
+            table.writerow(
+                [data_set.index, "failed", "", "", round(data_set.seconds, 3), data_set.error, *[""] * len(each)]
+            )
+            continue
+        values = [
+            x for parts in zip(data_set.rank, data_set.truth, data_set.low, data_set.high, strict=True) for x in parts
+        ]
+        status = [
+            data_set.index,
+            "done",
+            str(data_set.converged).lower(),
+            round(data_set.ess, 1),
+            round(data_set.seconds, 3),
+            "",
+        ]
+        table.writerow([*status, *values])
+    return stream.getvalue()

@@ -1,0 +1,179 @@
+"""What to measure next: the plan of a case, ranked by simulated measurements."""
+
+import os
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+
+from jointbayes.case.case import Case
+from jointbayes.case.errors import show_key
+from jointbayes.errors import CaseError
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.sampling import Progress
+from jointbayes.studies.planning.candidates import Candidate
+from jointbayes.studies.planning.case_candidates import candidates_of
+from jointbayes.studies.planning.first_look import FirstLook, Linearised, Names, sets_of, worth_simulating
+from jointbayes.studies.planning.plan_report import Plan, PlannedMeasurement, plan_directory
+from jointbayes.studies.planning.race import (
+    KEPT,
+    KeptSimulations,
+    Race,
+    plan_fingerprint,
+)
+from jointbayes.studies.planning.simulator import Simulator, assumed_truth, stated_joint
+from jointbayes.threads import one_blas_thread
+from jointbayes.workflow import sample
+
+#: Simulated truths of each candidate, and of those few that could still come first after that.
+FIRST, ALL = 9, 19
+#: So many candidates are simulated whatever the first look says of them; of sets of several, so many at most.
+MOST_SINGLES, MOST_SETS = 12, 8
+
+
+@one_blas_thread()
+def plan(
+    case: Case,
+    posterior: Posterior | None = None,
+    seed: int | None = None,
+    *,
+    assume: Mapping[str, float] | None = None,
+    simulations: int = ALL,
+    directory: str | os.PathLike[str] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Plan:
+    """Rank the further measurements that a case could be given.
+
+    Parameters
+    ----------
+    case
+        Case with FRF data; its `[plan]` names the stiffness to be known best and the candidates.
+    posterior
+        Posterior of the case; by default it is sampled.
+    seed
+        Seed of the one random generator; by default the case's.
+    assume
+        Quantities of the joint that makes every simulated measurement, each by its name (``{"k11": 1e9, ...}``). By
+        default joints are drawn from the present posterior.
+    simulations
+        Measurements to simulate of each candidate that could come first; 9 at most of the others. 0 leaves the
+        linearised first look, which recommends nothing.
+    directory
+        Where the draws of the present posterior and each simulation are kept as they are made: a plan that was cut off
+        goes on where it was, and is the same bit for bit. By default nowhere.
+    progress
+        Called with a line of text at each step, of simulations with about how long the others will take.
+
+    Returns
+    -------
+    Plan
+        ``.recommended``, ``.sentence``, ``.measurements``, ``.summary()``.
+
+    Raises
+    ------
+    CaseError
+        If the data are natural frequencies, the posterior is of another case, there is nothing to choose from, or
+        `assume` does not name every quantity of the joint; if the directory holds simulations of another plan: which
+        part of it differs.
+    ModelError
+        If the prior thinks the assumed joint impossible.
+    WriteError
+        If the directory holds something else, or another process is at work in it.
+    """
+    tell = progress or (lambda line: None)
+    bodies = [(part.setup, body.name) for part in case.problem.parts for body in part.measured_bodies]
+    if bodies:
+        setup, name = bodies[0]
+        source = {test.name: test.source for test in case.setups}.get(setup, case.source)
+        expected = "expected a modelled structure, for FRFs of a body say nothing of other lines and DOFs"
+        words = "found a measured body", expected, "plan with a model of it"
+        raise CaseError(source.fault(("bodies", name), show_key(source.written(("bodies", name))), *words))
+    candidates = {c.name: c for c in candidates_of(case)}
+    if posterior is not None and posterior.problem.names != case.problem.names:
+        raise CaseError(f"{case.name}: found a posterior over other parameters; expected one of this case")
+    seed, parameter = case.spec.sampling.seed if seed is None else seed, case.plan_parameter
+    problem, settings = case.problem, case.spec.plan
+    joint = None if assume is None else stated_joint(case.name, problem, assume)
+    stated = _stated_sets(case, candidates)
+    truths, target = max(simulations, FIRST), None if directory is None else Path(directory)
+    with nullcontext() if target is None else plan_directory(target):
+        kept = KeptSimulations(target and target / KEPT, plan_fingerprint(case, seed, assume, truths))
+        if posterior is None:
+            posterior = _present(case, seed, target and target / "present", tell)
+        truth = None if joint is None else assumed_truth(problem, posterior.mode_theta, joint)
+        simulator = Simulator(
+            problem, parameter, posterior.theta, coordinate_systems(problem), np.random.default_rng([seed, 7]),
+            truths=truths, assumed=truth,
+        )  # fmt: skip
+        kept.take(simulator.digest)
+        if kept.done:
+            tell(f"going on with {len(kept.done)} simulations that are kept")
+        tell(f"first look at {len(candidates)} candidates")
+        look = FirstLook(problem, candidates, parameter, simulator.truths[:FIRST])
+        chosen, others, left_out = _chosen(candidates, look, settings.max_measurements, stated)
+        # truths from draws that have not converged would be simulated for nothing
+        count = simulations if posterior.converged else 0
+        entrants = [estimate.names for estimate in chosen]
+        simulated = Race(simulator, candidates, kept, tell).run(entrants, min(FIRST, count), count)
+    planned = [
+        PlannedMeasurement(tuple(candidates[name] for name in estimate.names), estimate, simulated.get(estimate.names))
+        for estimate in (*chosen, *others)
+    ]
+    planned.sort(
+        key=lambda measurement: (
+            not measurement.ranked,
+            measurement.sd_after if measurement.ranked else measurement.linearised.median,
+        )
+    )
+    return Plan(
+        case.name, case.title, seed, parameter, simulator.now, tuple(planned), posterior.converged,
+        posterior.reason, truth is not None, left_out, case.text,
+    )  # fmt: skip
+
+
+def _present(case: Case, seed: int, checkpoint: Path | None, tell: Callable[[str], None]) -> Posterior:
+    """Draws of the present posterior, kept in a directory of their own while they are made."""
+    tell("sampling the present posterior")
+
+    def report(progress: Progress) -> None:
+        left = max(0.0, progress.elapsed_seconds * (progress.expected_steps / progress.steps - 1))
+        tell(f"sampling the present posterior: step {progress.steps} of about {progress.expected_steps}, about "
+             f"{left:.0f} s left before candidates are simulated")  # fmt: skip
+
+    return sample(case, seed, progress=report, checkpoint=checkpoint, resume=True)
+
+
+def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:
+    """Sets that the plan of a case states, in the order in which their candidates are named."""
+    found = []
+    for number, names in enumerate(case.spec.plan.together):
+        unknown = [name for name in names if name not in candidates]
+        if unknown:
+            words = f'found "{unknown[0]}"', f"expected names of candidates: {', '.join(candidates)}", "correct it"
+            raise CaseError(case.source.fault(("plan", "together", number), "plan.together", *words))
+        found.append(tuple(name for name in candidates if name in names))
+    return tuple(dict.fromkeys(found))
+
+
+def _chosen(
+    candidates: Mapping[str, Candidate], look: FirstLook, size: int, stated: tuple[Names, ...]
+) -> tuple[tuple[Linearised, ...], tuple[Linearised, ...], int]:
+    """What is simulated, single candidates that are not, and the number of sets that could come first and are not.
+
+    Sets that are stated are simulated whatever the first look says of them.
+    """
+    singles = [look.linearised((name,)) for name in candidates]
+    chosen = worth_simulating(singles, MOST_SINGLES)
+    others = tuple(estimate for estimate in singles if estimate not in chosen)
+    chosen = (*chosen, *map(look.linearised, stated))
+    if size < 2 or len(candidates) < 2:
+        return chosen, others, 0
+    sets = [
+        look.linearised(names)
+        for names in sets_of(tuple(candidates), size, lambda names: look.linearised(names).median)
+        if names not in stated
+    ]
+    worth = worth_simulating(sets, MOST_SETS)
+    return (*chosen, *worth[:MOST_SETS]), others, len(worth[MOST_SETS:])

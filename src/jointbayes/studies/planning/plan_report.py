@@ -1,0 +1,384 @@
+"""A plan: what to measure next, in a sentence, as the numbers of `plan.json`, and as a report."""
+
+import datetime
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure as Canvas
+
+from jointbayes.own_directory import OwnDirectory
+from jointbayes.posterior.information.directions import spread_in_words
+from jointbayes.posterior.rounding import number
+from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import SERIES_COLOURS, Callout, Figure, Kind, Paragraph, Report, Section, Table
+from jointbayes.report.run_directory import json_text, write_into
+from jointbayes.studies.planning.candidates import Candidate, SimulatedPosterior, Simulation
+from jointbayes.studies.planning.first_look import Linearised, Names
+
+Entry = Mapping[str, Any]
+
+
+#: A measurement helps if it leaves at most this share of the present standard deviation, in the median.
+HELPS = 0.9
+#: Another is about as good as the first if it did better for at least this share of the truths.
+AS_GOOD = 1 / 3
+
+
+def plan_directory(directory: str | os.PathLike[str]) -> OwnDirectory:
+    """The directory of a plan, new or of an earlier start; entered, it keeps other processes out."""
+    return OwnDirectory(directory, "a plan")
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMeasurement:
+    """A candidate, or a set of them, and what is forecast of it.
+
+    Parameters
+    ----------
+    candidates
+        The measurements to be made together.
+    linearised
+        First look by Fisher information about draws of the present posterior.
+    simulation
+        What simulated measurements say; None where none was made.
+    """
+
+    candidates: tuple[Candidate, ...]
+    linearised: Linearised
+    simulation: Simulation | None = None
+
+    @property
+    def names(self) -> Names:
+        """Names of the candidates."""
+        return tuple(candidate.name for candidate in self.candidates)
+
+    @property
+    def label(self) -> str:
+        """The names in one."""
+        return " + ".join(self.names)
+
+    @property
+    def words(self) -> str:
+        """The candidates for a sentence."""
+        words = [candidate.words for candidate in self.candidates]
+        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+    @property
+    def ranked(self) -> bool:
+        """Whether simulations stand behind it, so that it may be recommended."""
+        return self.simulation is not None and self.simulation.valid
+
+    @property
+    def sd_after(self) -> float:
+        """Median simulated standard deviation; NaN where it is not ranked."""
+        return self.simulation.median if self.simulation is not None and self.simulation.valid else math.nan
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of `plan.json`."""
+        low, high = self.linearised.ends
+        return {
+            "names": list(self.names),
+            "words": self.words,
+            "positions": [candidate.position for candidate in self.candidates],
+            "simulated": None if self.simulation is None else _simulated(self.simulation),
+            "linearised": {"median": _finite(self.linearised.median), "range": [_finite(low), _finite(high)]},
+        }
+
+
+def _simulated(simulation: Simulation) -> dict[str, Any]:
+    return {
+        "valid": simulation.valid,
+        "sd_median": _finite(simulation.median),
+        "sd_range80": [_finite(end) for end in simulation.range80],
+        "sds": [_finite(sd) for sd in simulation.sds.tolist()],
+        "verdict": simulation.verdict if simulation.found else None,
+        "verdict_count": simulation.agreeing if simulation.found else 0,
+        "truths": len(simulation.posteriors),
+        "lost": simulation.lost,
+        "reweighted": simulation.reweighted,
+        "least_effective": min((draws.effective for draws in simulation.found), default=None),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Further measurements of a case, ranked by simulation.
+
+    Parameters
+    ----------
+    case_name, title
+        Of the case.
+    seed
+        Seed of the one random generator.
+    parameter
+        The stiffness to be known best.
+    now
+        What the present posterior says of it.
+    measurements
+        Candidates and sets: simulated ones first, by their median standard deviation; then the others, by their
+        linearised one.
+    converged, reason
+        Whether the sampler of the present posterior converged, and why it stopped.
+    assumed
+        Whether the joint of the simulated measurements was stated, rather than drawn from the present posterior.
+    left_out
+        Sets that could come first by their linearised range and were not simulated, for there are too many.
+    case_text
+        Of the case file.
+    """
+
+    case_name: str
+    title: str
+    seed: int
+    parameter: str
+    now: SimulatedPosterior
+    measurements: tuple[PlannedMeasurement, ...]
+    converged: bool
+    reason: str
+    assumed: bool = False
+    left_out: int = 0
+    case_text: str = ""
+
+    @property
+    def ranked(self) -> tuple[PlannedMeasurement, ...]:
+        """Measurements with simulations behind them, the best first."""
+        return tuple(measurement for measurement in self.measurements if measurement.ranked)
+
+    @property
+    def recommended(self) -> PlannedMeasurement | None:
+        """The measurement to make next.
+
+        That of the least median simulated standard deviation, if it leaves at most nine tenths of the present one.
+        None if no simulation stands behind any, or if the present posterior had not converged.
+        """
+        best = next(iter(self.ranked), None)
+        if best is None or not self.converged or best.sd_after > HELPS * self.now.sd:
+            return None
+        return best
+
+    @property
+    def as_good(self) -> tuple[PlannedMeasurement, ...]:
+        """Measurements that did better than the recommended one for a third of the same truths or more."""
+        best = self.recommended
+        if best is None:
+            return ()
+        return tuple(measurement for measurement in self.ranked[1:] if _share_better(measurement, best) >= AS_GOOD)
+
+    @property
+    def sentence(self) -> str:
+        """The recommendation in plain words."""
+        if not self.converged:
+            return f"No recommendation: the draws of the present posterior have not converged ({self.reason})."
+        if not self.ranked:
+            return "No recommendation: every simulation failed."
+        best = self.recommended
+        now = f"{spread_in_words(self.now.sd)} ({self.now.verdict})"
+        if best is None:
+            first = self.ranked[0]
+            return (
+                f"None of the {len(self.ranked)} simulated measurements would narrow {self.parameter} much: it is now "
+                f"known to {now}, and after the best, {first.words}, to {spread_in_words(first.sd_after)}."
+            )
+        assert best.simulation is not None
+        low, high = best.simulation.range80
+        said = (
+            f"Measure next: {best.words}. It is expected to make {self.parameter} known to "
+            f"{spread_in_words(best.sd_after)} ({best.simulation.verdict}); now it is known to {now}. In 80 % of "
+            f"simulated measurements: {spread_in_words(low)} to {spread_in_words(high)}."
+        )
+        others = ", ".join(measurement.words for measurement in self.as_good)
+        return f"{said} About as good: {others}." if others else said
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader must know to trust the plan."""
+        notes = []
+        if self.assumed:
+            notes.append("The measurements were simulated for a stated joint, not for what the present data allow.")
+        lost = [
+            measurement.label
+            for measurement in self.measurements
+            if measurement.simulation is not None and not measurement.simulation.valid
+        ]
+        if lost:
+            notes.append(f"Not ranked, because too many simulations failed: {', '.join(lost)}.")
+        if self.left_out:
+            notes.append(
+                f"{self.left_out} further sets that could rank first by the linearised estimate were not simulated."
+            )
+        return tuple(notes)
+
+    def write(self, directory: str | os.PathLike[str]) -> Path:
+        """Write the plan into the directory that `plan` was given, or any other; each file is whole or absent.
+
+        Returns
+        -------
+        Path
+            The directory: ``report.html``, ``report.pdf``, ``plan.json``, ``case.toml``, ``figures/plan.svg``.
+
+        Raises
+        ------
+        WriteError
+            If a file cannot be written, the directory holds something else, or another process is at work in it.
+        """
+        summary = self.summary()
+        report = build_plan_report(summary, datetime.datetime.now(datetime.UTC).date())
+        # plan.json last: where it is, all the rest is
+        with plan_directory(directory) as locked:
+            write_into(locked.path, report, {"case.toml": self.case_text, "plan.json": json_text(summary)})
+        return locked.path
+
+    def summary(self) -> dict[str, Any]:
+        """The plan as one JSON-ready dictionary: `plan.json`, described in docs/planning.md."""
+        best = self.recommended
+        return {
+            "schema_version": 2,
+            "case": self.case_name,
+            "title": self.title,
+            "seed": self.seed,
+            "parameter": self.parameter,
+            "assumed": self.assumed,
+            "converged": self.converged,
+            "reason": self.reason,
+            "now": {"sd": _finite(self.now.sd), "verdict": self.now.verdict},
+            "measurements": [measurement.as_json() for measurement in self.measurements],
+            "recommended": None if best is None else list(best.names),
+            "as_good": [list(measurement.names) for measurement in self.as_good],
+            "sentence": self.sentence,
+            "notes": list(self.notes),
+        }
+
+
+def _share_better(measurement: PlannedMeasurement, best: PlannedMeasurement) -> float:
+    """Share of the truths that both were simulated for in which the first leaves less than the second."""
+    assert measurement.simulation is not None
+    assert best.simulation is not None
+    count = min(len(measurement.simulation.sds), len(best.simulation.sds))
+    mine, other = measurement.simulation.sds[:count], best.simulation.sds[:count]
+    both = np.isfinite(mine) & np.isfinite(other)
+    return float((mine < other)[both].mean()) if both.any() else 0.0
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def candidate_table(summary: Mapping[str, Any]) -> Table:
+    """Each measurement: simulated ones by their median standard deviation, then those that were not simulated."""
+    parameter, now = summary["parameter"], summary["now"]
+    present = ("(now)", "", spread_in_words(now["sd"]), number(now["sd"]), now["verdict"], "present posterior")
+    rows = [_row(entry, summary["recommended"]) for entry in summary["measurements"]]
+    return Table(
+        f"Further measurements and how well {parameter} would then be known",
+        (
+            "Measurement",
+            "Position",
+            f"{parameter} known to (80 %)",
+            f"sd of ln {parameter} (80 %)",
+            "Verdict then",
+            "Based on",
+        ),
+        (*rows, present),
+        align="llllll",
+        note="Median over simulated measurements, and the range that holds 80 % of them. Linearised: ranked by Fisher "
+        "information alone, and never recommended.",
+    )
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """A plan as lines for the terminal: the table, the recommendation and notes."""
+    table = candidate_table(plan.summary())
+    return [*table.lines(), table.note, "", plan.sentence, *plan.notes]
+
+
+def _row(entry: Entry, recommended: Sequence[str] | None) -> tuple[str, ...]:
+    names = foreign(" + ".join(entry["names"])) + (" (recommended)" if entry["names"] == recommended else "")
+    where = foreign(" + ".join(place for place in entry["positions"] if place))
+    simulated = entry["simulated"]
+    if simulated is None:
+        sd = entry["linearised"]["median"]
+        return names, where, "–", f"about {number(sd)} (linearised)", "–", "not simulated"
+    if not simulated["valid"]:
+        return names, where, "–", "–", "–", f"{simulated['lost']} of {simulated['truths']} simulations failed"
+    low, high = simulated["sd_range80"]
+    known = f"{spread_in_words(simulated['sd_median'])} ({spread_in_words(low)} to {spread_in_words(high)})"
+    sds = f"{number(simulated['sd_median'])} ({number(low)} to {number(high)})"
+    count = simulated["truths"] - simulated["lost"]
+    return names, where, known, sds, simulated["verdict"], f"{count} simulations"
+
+
+def build_plan_report(summary: Mapping[str, Any], date: datetime.date) -> Report:
+    """Build the report of a plan from its summary, the recommendation first."""
+    parameter = summary["parameter"]
+    entries: Sequence[Entry] = summary["measurements"]
+    source = "the stated joint" if summary["assumed"] else "joints drawn from the present posterior"
+    how = (
+        f"Each measurement was simulated, with noise, for {source}, the same ones for all candidates; the posterior "
+        "of the data in hand together with each simulated measurement was computed by reweighting draws of the present "
+        "posterior, or by importance sampling where too few of them stayed effective. The ranges hold 80 % of the "
+        "simulated measurements, so that the value found later should lie within its range in four of five cases. "
+        "Candidates that could come first by their range were simulated more often."
+    )
+    sections = (
+        Section("candidates", "Candidates", (candidate_table(summary), _figure(entries, parameter, summary["now"]))),
+        Section("method", "How this was computed", (Paragraph(how),)),
+    )
+    kind: Kind = "bad" if not summary["converged"] else "caution" if summary["recommended"] is None else "good"
+    return Report(
+        title=foreign(summary["title"]),
+        subtitle=f"What to measure next to know {parameter}",
+        lead=(
+            Callout(kind, foreign(summary["sentence"])),
+            *(Callout("caution", foreign(note)) for note in summary["notes"]),
+        ),
+        sections=sections,
+        date=date,
+        version=version("jointbayes"),
+    )
+
+
+def _figure(entries: Sequence[Entry], parameter: str, now: Entry) -> Figure:
+    simulated = [e for e in entries if e["simulated"] is not None and e["simulated"]["valid"]]
+    alt = f"Standard deviation of ln {parameter} after each simulated measurement: " + ", ".join(
+        f"{foreign(' + '.join(e['names']))} {number(e['simulated']['sd_median'])}" for e in simulated
+    )
+    caption = (
+        f"Standard deviation of ln {parameter} after each measurement: every simulated one (small points), their "
+        "median (large points) and the range of 80 % (lines). Crosses: linearised, of those that were not simulated. "
+        "Dashed: now."
+    )
+    return Figure("plan", caption, alt, _ranges(entries, parameter, now))
+
+
+def _ranges(entries: Sequence[Entry], parameter: str, now: Entry) -> str:
+    """One line for each measurement, best on top, on a logarithmic axis."""
+
+    def draw(canvas: Canvas) -> None:
+        labels, margin = margin_labels([" + ".join(e["names"]) for e in entries])
+        axes = panels(canvas, left=margin, top=0.3)[0, 0]
+        place = np.arange(len(entries))[::-1]
+        colour = SERIES_COLOURS[0]
+        for y, entry in zip(place, entries, strict=True):
+            simulated = entry["simulated"]
+            if simulated is not None and simulated["valid"]:
+                sds = [sd for sd in simulated["sds"] if sd is not None]
+                axes.hlines(y, *simulated["sd_range80"], color=colour, lw=2)
+                axes.plot(sds, np.full(len(sds), y), "o", ms=2.5, color=SERIES_COLOURS[1], alpha=0.6)
+                axes.plot(simulated["sd_median"], y, "o", ms=6, color=colour)
+            elif simulated is None and entry["linearised"]["median"] is not None:
+                axes.plot(entry["linearised"]["median"], y, "x", ms=6, color="0.4")
+        axes.axvline(now["sd"], color="0.4", ls="--", lw=1, label="now")
+        axes.set_xscale("log")
+        axes.set_yticks(place, labels)
+        axes.set_ylim(-0.6, len(entries) - 0.4)
+        axes.set_xlabel(f"Standard deviation of ln {parameter}")
+        legend_above(axes)
+
+    return svg(draw, 6.2, 1.2 + 0.3 * len(entries))
