@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.cases import ROOT
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.schema.virtual_test import VirtualTestSpec
-from jointbayes.case.simulation import simulate
+from jointbayes.case.simulated_test import simulate
+from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.frf import FrfSet
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.measurement.variance import coherence_variance

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import jointbayes as jb
-from jointbayes.case.build import true_stiffness
+from jointbayes.case.case_objects import true_stiffness
 from jointbayes.frf import FrfSet, MeasuredBody, Ports, Substructures, receptance_model
 from jointbayes.joint import Joint, Joints
 from jointbayes.measurement.formats import write_frf

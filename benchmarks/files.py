@@ -20,7 +20,7 @@ import numpy as np
 
 import jointbayes as jb
 from benchmarks.calibration_data import case_of
-from jointbayes.case.simulation import simulate
+from jointbayes.case.simulated_test import simulate
 from jointbayes.joint import LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.measurement.formats import FORMATS, write_records

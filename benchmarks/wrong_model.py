@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from jointbayes.case.build import recipe_of
+from jointbayes.case.case_objects import recipe_of
 from jointbayes.frf import NaturalFrequencies, Ports
 from jointbayes.joint import LogStiffness
 from jointbayes.measurement import RelativeNoise, synthesise_frf

@@ -21,7 +21,7 @@ import numpy as np
 
 import jointbayes as jb
 from benchmarks.record import kept_lines
-from jointbayes.case.build import recipe_of
+from jointbayes.case.case_objects import recipe_of
 from jointbayes.case.case_text import read_case_text
 from jointbayes.frf import Ports
 from jointbayes.measurement import RelativeNoise, synthesise_frf

@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 import jointbayes as jb
-from jointbayes.case.schema.case import CaseSpec
+from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.cli.commands import main
 from jointbayes.joint import COORDINATES
 from jointbayes.posterior import Posterior, RunRecord, package_versions, summarise

@@ -3,7 +3,7 @@
 from jointbayes.case.case import Case as Case
 from jointbayes.case.case import case_from_text as case_from_text
 from jointbayes.case.case import load_case as load_case
-from jointbayes.case.simulation import simulate as simulate
+from jointbayes.case.simulated_test import simulate as simulate
 from jointbayes.errors import CaseError as CaseError
 from jointbayes.errors import CheckpointError as CheckpointError
 from jointbayes.errors import JointBayesError as JointBayesError

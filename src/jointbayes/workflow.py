@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.case.case import Case, case_around, case_from_text, load_case
-from jointbayes.case.schema.case import needs_files, parse_setups
-from jointbayes.case.schema.measured import MeasuredSpec
+from jointbayes.case.spec.measured_table import MeasuredSpec
+from jointbayes.case.spec.parse import needs_files, parse_setups
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.identification import (
     Images,

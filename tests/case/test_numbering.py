@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.numbering import find_numbering
+from jointbayes.case.doubts import find_numbering
 from jointbayes.cli.commands import main
 from tests.conftest import CONFIGS
 

@@ -90,7 +90,7 @@ def test_every_command_that_reads_a_case_has_the_option(home, monkeypatch, comma
     def stop(*_arguments, **_options):
         raise CaseError("stopped here")
 
-    for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "case.simulation.simulate",
+    for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "case.simulated_test.simulate",
                   "studies.compare.compare", "studies.planning.make_plan.plan"):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.{place}", stop)
     path = case_in(home, '"../tip.npz"')

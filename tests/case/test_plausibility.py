@@ -14,8 +14,9 @@ from pydantic import BaseModel
 import jointbayes as jb
 from jointbayes.case import plausibility
 from jointbayes.case.case_text import case_text
-from jointbayes.case.schema.case import CaseSpec, parse_case
-from jointbayes.case.schema.limits import LIMITS, TABLE, limit_text
+from jointbayes.case.spec.fields import LIMITS, TABLE, limit_text
+from jointbayes.case.spec.parse import parse_case
+from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
@@ -263,7 +264,9 @@ def test_the_documentation_states_limits_and_thresholds():
     stated = re.findall(
         r"^\| (\S+) \| (\S+) \| (`.*`) \|$", page[page.index("## Limits") : page.index("## Warnings")], re.M
     )
-    expected = [(limit_text(t.least), limit_text(t.most), ", ".join(f"`{key}`" for key in t.keys)) for t in TABLE]
+    expected = [
+        (limit_text(t.least), limit_text(t.most), ", ".join(f"`{key}`" for key in t.keys.split())) for t in TABLE
+    ]
     assert stated == expected
     warned = page[page.index("## Warnings") :]
     for ends in (plausibility.WAVE_SPEED, plausibility.YOUNGS_MODULUS, plausibility.DENSITY, plausibility.SLENDERNESS):

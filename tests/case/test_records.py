@@ -7,7 +7,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case import Case
-from jointbayes.case.simulation import simulate
+from jointbayes.case.simulated_test import simulate
 from jointbayes.errors import CaseError
 from jointbayes.measurement.formats import write_records
 from tests.conftest import TABLE_3, best_of, cheap_text, edited

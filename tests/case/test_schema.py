@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointbayes.case.schema.case import CaseSpec, parse_case
-from jointbayes.case.schema.fields import Spec
-from jointbayes.case.schema.section import CircleSpec
+from jointbayes.case.spec.fields import Spec
+from jointbayes.case.spec.parse import CheckedCaseSpec, parse_case
+from jointbayes.case.spec.structure_table import CircleSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError
 from tests.conftest import CONFIGS, shipped_text
@@ -650,7 +650,7 @@ def test_models_are_frozen_and_check_what_python_code_builds():
     with pytest.raises(pydantic.ValidationError):
         case.title = "other"
     with pytest.raises(pydantic.ValidationError, match=r"prior\.k22"):
-        CaseSpec.model_validate(case.model_dump() | {"prior": {}})
+        CheckedCaseSpec.model_validate(case.model_dump() | {"prior": {}})
 
 
 def test_every_key_of_the_schema_says_what_it_expects():

@@ -2,9 +2,8 @@
 
 import pytest
 
-from jointbayes.case.case_text import case_text
-from jointbayes.case.schema.case import parse_planned, parse_setups
-from jointbayes.case.setup_texts import setup_texts, without_inherited
+from jointbayes.case.case_text import case_text, setup_texts, without_inherited
+from jointbayes.case.spec.parse import parse_planned, parse_setups
 from jointbayes.errors import CaseError
 from jointbayes.inference import StudentNoise
 from tests.case.test_bodies import TEXT as MEASURED

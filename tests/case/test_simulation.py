@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.schema.virtual_test import VirtualTestSpec
-from jointbayes.case.simulation import Truth, describe, simulate
+from jointbayes.case.simulated_test import Truth, describe, simulate
+from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case import build as case_objects
+from jointbayes.case import combined
 from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge, summarise
@@ -362,7 +362,7 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
     assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 2 %"
-    monkeypatch.setitem(case_objects.WORKSHOP_SD_PERCENT, "youngs_modulus", 3.0)
+    monkeypatch.setitem(combined.WORKSHOP_SD_PERCENT, "youngs_modulus", 3.0)
     assert assumed_words(case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
 
 

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.toml_writer import toml_text
+from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
 from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, run_cases
 from jointbayes.studies.campaign.case_table import read_cases

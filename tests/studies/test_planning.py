@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.build import recipe_of
+from jointbayes.case.case_objects import recipe_of
 from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import CorrelatedNoise

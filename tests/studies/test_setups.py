@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.case.simulation import Truth, simulate
+from jointbayes.case.simulated_test import Truth, simulate
 from jointbayes.cli.commands import main
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.studies.compare import hypothesis_problem, require_same_data

@@ -10,29 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.build import joints_of, largest_ratio, measurement_of, noise_of, recipe_of, stiffness_of
-from jointbayes.case.case_text import CaseText, case_text, read_case_text
-from jointbayes.case.combined import CaseSetup, default_priors_of, prior_of, problem_of
-from jointbayes.case.files import (
-    as_measured,
-    plan_of,
-    require_inside,
+from jointbayes.case.case_files import as_measured, plan_of, require_inside, with_matrices
+from jointbayes.case.case_objects import measurement_of, noise_of, recipe_of
+from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, setup_texts
+from jointbayes.case.combined import (
+    CaseSetup,
+    default_priors_of,
+    largest_ratio,
+    prior_of,
+    problem_of,
     require_lowest,
 )
-from jointbayes.case.matrix_files import with_matrices
-from jointbayes.case.numbering import find_numbering
-from jointbayes.case.plausibility import (
-    InputWarning,
-    input_warnings,
-    numbering_warnings,
-    sign_warnings,
-    stated_band_hz,
-    truth_warnings,
-)
-from jointbayes.case.schema.bodies import labels_of_bodies
-from jointbayes.case.schema.case import CaseSpec, needs_files, parse_case, parse_planned, parse_setups
-from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.setup_texts import setup_texts
+from jointbayes.case.doubts import find_numbering, numbering_warnings, sign_warnings, truth_warnings
+from jointbayes.case.plausibility import input_warnings, stated_band_hz
+from jointbayes.case.spec.measured_table import MeasuredSpec
+from jointbayes.case.spec.parse import needs_files, parse_case, parse_planned, parse_setups
+from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import KeyPath, fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import MeasuredBody
@@ -87,7 +80,7 @@ class Case:
     @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if the case names any."""
-        return stiffness_of(self.spec.reference) if self.spec.reference else None
+        return self.spec.reference.values() if self.spec.reference else None
 
     @property
     def reference_source(self) -> str:
@@ -281,7 +274,7 @@ def _setup(
     with _told_of(source, spec) as tell:
         joints = "joints" if spec.joints else "joint"
         tell(joints)
-        joint = as_joints(joints_of(spec))
+        joint = as_joints(spec.joint_objects)
         _require_dofs_of_offsets(spec, place)
         if isinstance(spec.data, MeasuredSpec):
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
@@ -304,7 +297,7 @@ def _setup(
         noise, of_noise = noise_of(spec.noise, measurement)
         bodies: tuple[MeasuredBody, ...] = ()
         if spec.bodies:
-            from jointbayes.case.bodies import measured_bodies
+            from jointbayes.case.case_files import measured_bodies
 
             tell("bodies")
             named = (*joint.labels, *_ports(measurement))
@@ -331,7 +324,6 @@ def _require_one_place(
 
 def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) -> None:
     """Refuse own axes and offsets of joints that need DOFs which the structure lacks, by their keys."""
-    elsewhere = labels_of_bodies(spec.bodies)
     for name, joint in spec.all_joints.items():
         sides = (
             ("offset_mm", joint.dofs, joint.offset_mm),
@@ -343,7 +335,7 @@ def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) ->
             turned = Joint(dofs, axes=joint.axes).labels
             for label in Joint(dofs, axes=joint.axes, offset_m=offset).labels:
                 absent, held = spec.structure.absent(label) is not None, label in spec.structure.supports
-                if label in elsewhere or not (absent or held):
+                if label in spec.measured_labels or not (absent or held):
                     continue
                 table = ("joints", name) if name else ("joint",)
                 path = (*table, "axes" if label in turned else key)

@@ -8,13 +8,14 @@ tables out of the base first, such as a table of another kind. Each key keeps th
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jointbayes.case.named_files import with_files
+from jointbayes.case.keys import with_files
+from jointbayes.case.spec.fields import Finding
 from jointbayes.case.toml_text import (
     KeyPath,
     fault_line,
@@ -24,14 +25,38 @@ from jointbayes.case.toml_text import (
     printable,
     read_text,
     similar,
+    toml_text,
 )
-from jointbayes.case.toml_writer import toml_text
 from jointbayes.errors import CaseError
 
 _MOST_FILES = 10  # that build on each other
-_EXTENDS, _REMOVE = "extends", "remove"
+_EXTENDS, _REMOVE, _SETUPS = "extends", "remove", "setups"
+_LEVEL = ("level",)  # keys of a set-up that are none of its case
 
 Place = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class InputWarning:
+    """A value that no rule forbids and that is probably a slip.
+
+    Parameters
+    ----------
+    file, line
+        Where it stands: the case file, or one that it builds on.
+    key
+        Its key, with its tables.
+    text
+        What was found, what is expected, and the likely slip.
+    """
+
+    file: str
+    line: int
+    key: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.text}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +107,19 @@ class CaseText:
     def fault(self, path: KeyPath, key: str, *parts: str) -> str:
         """One line of a `CaseError` on a key: file, line, key, then found; expected; what to do."""
         return fault_line(*self.place(path), key, *parts)
+
+    def warnings(self, findings: Iterable[Finding]) -> tuple[InputWarning, ...]:
+        """Findings as warnings, each at the file and line of its key."""
+        return tuple(
+            InputWarning(
+                *self.place(finding.loc),
+                ".".join(map(str, self.written(finding.loc))),
+                "; ".join(
+                    [finding.found, *([f"expected {finding.expected}"] * bool(finding.expected)), finding.remedy]
+                ),
+            )
+            for finding in findings
+        )
 
 
 def read_case_text(path: str | os.PathLike[str], allow_outside: bool = False) -> CaseText:
@@ -208,7 +246,7 @@ def merged(base: CaseText, over: CaseText) -> tuple[dict[str, Any], dict[KeyPath
     """
     data, places = dict(base.data), dict(base.places)
     for index, path in enumerate(_removed(over)):
-        if not _without(data, path):
+        if not _take_out(data, path):
             shown = ".".join(path)
             near = similar(shown, (".".join(map(str, known)) for known in base.places))
             remedy = f'did you mean "{near}"?' if near else "correct or remove it"
@@ -244,15 +282,15 @@ def _removed(over: CaseText) -> list[tuple[str, ...]]:
     return paths
 
 
-def _without(data: dict[str, Any], path: tuple[str, ...]) -> bool:
+def _take_out(data: dict[str, Any], path: tuple[str, ...]) -> bool:
     """Take a key out of tables, which are copied on the way; whether it was there."""
     *above, last = path
     table = data
-    for part in above:
-        if not isinstance(table.get(part), Mapping):
+    for key in above:
+        if not isinstance(table.get(key), Mapping):
             return False
-        table[part] = dict(table[part])
-        table = table[part]
+        table[key] = dict(table[key])
+        table = table[key]
     return table.pop(last, None) is not None
 
 
@@ -267,3 +305,73 @@ def _lay_over(data: dict[str, Any], over: Mapping[str, Any], path: KeyPath, plac
         for known in [known for known in places if known[: len(here)] == here]:
             del places[known]
         data[key] = value
+
+
+def setup_texts(source: CaseText) -> dict[str, CaseText]:
+    """The text of each set-up by its name; a case of one test is that of a set-up without a name.
+
+    Of each set-up its own table, ``[setups.NAME]``, is merged over the rest of the file, as a case over the one that it
+    extends. What a set-up says of an uncertain quantity, or of the noise, is its own; what the file says holds for all,
+    unless it says `own`.
+
+    Raises
+    ------
+    CaseError
+        If a set-up removes what the rest of the file does not have.
+    """
+    return _texts_below(source, source.data, (_SETUPS,)) or {"": source}
+
+
+def planned_texts(source: CaseText) -> dict[str, CaseText]:
+    """The text of each set-up that a plan proposes, ``[plan.setups.NAME]``, by its name; errors as `setup_texts`."""
+    texts = _texts_below(source, source.data.get("plan"), ("plan", _SETUPS))
+    others = ("plan", "level", "reference")  # of the case, beside which a proposed set-up is one
+    return {
+        name: replace(text, data={k: v for k, v in text.data.items() if k not in others} | {_SETUPS: {name: {}}})
+        for name, text in texts.items()
+    }
+
+
+def _texts_below(source: CaseText, table: object, path: tuple[str, ...]) -> dict[str, CaseText]:
+    stated = table.get(_SETUPS) if isinstance(table, Mapping) else None
+    tables = stated.items() if isinstance(stated, Mapping) else ()
+    return {name: _setup_text(source, table, (*path, name)) for name, table in tables if isinstance(table, Mapping)}
+
+
+def _setup_text(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
+    table, depth = {key: value for key, value in stated.items() if key not in _LEVEL}, len(at)
+    below = {path[depth:]: place for path, place in source.places.items() if path[:depth] == at}
+    inside = {path: place for path, place in below.items() if path and path[0] not in _LEVEL}
+    if "noise" in table:
+        table["noise"] = _own(table["noise"])
+    if isinstance(uncertain := table.get("uncertain"), Mapping):
+        bodies = uncertain.get("bodies")
+        each = {name: _each_own(body) for name, body in bodies.items()} if isinstance(bodies, Mapping) else bodies
+        table["uncertain"] = {**_each_own(uncertain), **({"bodies": each} if "bodies" in uncertain else {})}
+    over = CaseText(source.name, "", table, inside, str(at[-1]), at, frozenset(inside))
+    data, places = merged(source, over)
+    places[()] = source.place(at)
+    return replace(over, data=data, places=places)
+
+
+def _own(table: object) -> object:
+    return {"own": True, **table} if isinstance(table, Mapping) else table
+
+
+def _each_own(tables: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
+    return {key: _own(table) for key, table in tables.items()} if isinstance(tables, Mapping) else tables
+
+
+def without_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
+    """The text of a set-up without a table that stands for all, and its key; None where it is not such a table.
+
+    An uncertain quantity that a set-up does not have, a plan, a virtual test: those of the others are none of it.
+    """
+    depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2, "plan": 1, "virtual_test": 1}
+    depth = depths.get(str(path[0])) if path else None
+    key = tuple(map(str, path[:depth]))
+    if not text.setup or depth is None or len(key) < depth or any(place[:depth] == key for place in text.own):
+        return None
+    data = dict(text.data)
+    _take_out(data, key)
+    return key, replace(text, data=data)

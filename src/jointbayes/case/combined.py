@@ -3,6 +3,7 @@
 A case of one test is that of one set-up without a name.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,18 +11,32 @@ from functools import cached_property
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.build import guess_of, joint_marginals, kind_of, own_stiffnesses, quantities_of, workshop_priors
 from jointbayes.case.case_text import CaseText
-from jointbayes.case.schema.case import CaseSpec
-from jointbayes.case.schema.joint import NamedJointSpec
-from jointbayes.case.schema.setups import joint_of_setup
-from jointbayes.errors import ModelError
-from jointbayes.frf import AnyStructure, MeasuredBody, Substructures
-from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Setup
-from jointbayes.joint import AnyJoint, Parametrisation, blocks_of
+from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec
+from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec
+from jointbayes.case.spec.prior_tables import FactorPriorSpec
+from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
+from jointbayes.case.spec.whole import CaseSpec
+from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.frf import AnyStructure, MeasuredBody, NaturalFrequencies, Substructures, rigid_body_modes
+from jointbayes.identification.resonances import resonances_hz
+from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Setup, Uniform
+from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, as_joints, blocks_of
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Measurement
+from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.structure import StructureRecipe, family_of_recipe
+
+#: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
+DEFAULT_PRIOR_FACTORS = 0.1, 1e6
+DEFAULT_GUESS_FACTOR = 1e3
+#: Bounds of the default priors of a loss factor, and of a dashpot relative to the beam's own stiffness times a second.
+DEFAULT_LOSS = 1e-4, 1.0
+DEFAULT_DASHPOT_FACTORS = 1e-6, 100.0
+_MOST_MODES = 30  # whose frequencies may be uncertain one by one
+
+#: How well material and length are known in a workshop, where the case takes them as exactly known.
+WORKSHOP_SD_PERCENT = {"youngs_modulus": 2.0, "density": 1.0, "length": 0.5}
+_ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +124,10 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
     guesses: list[Array] = []
     for one in setups:
         for name, joint in one.spec.all_joints.items():
-            named, owner = joint_of_setup(one.name, name, one.spec)
+            named, owner = one.spec.joint_of_setup(one.name, name)
             if named in kinds:
                 continue
-            kinds[named] = owner if named != owner else kind_of(joint)
+            kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
                 own = own_stiffnesses(joint, one.spec.structure, one.recipe, one.measurement)
                 priors = joint_marginals(one.spec, joint, own, one.recipe.extent)
@@ -131,7 +146,7 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
 def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
     """Coordinates of joints whose prior no one stated, by their names in the prior of all set-ups."""
     return frozenset(
-        prefixed(joint_of_setup(setup, name, spec)[0], axis.name)
+        prefixed(spec.joint_of_setup(setup, name)[0], axis.name)
         for setup, spec in specs.items()
         for name, joint in spec.all_joints.items()
         if name not in spec.sharing and (joint.prior if isinstance(joint, NamedJointSpec) else spec.prior) is None
@@ -178,3 +193,171 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
         for one in setups
     ]
     return Problem(setups=tuple(each), prior=prior, initial=guess, name=name)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnStiffness:
+    """A structure's stiffness by itself where one of a joint acts, and the softest joint that default priors expect."""
+
+    size: float
+    softest: float
+
+
+def own_stiffnesses(
+    joint: JointSpec, structure: StructureBase, recipe: StructureRecipe, measurement: Measurement
+) -> dict[str, OwnStiffness]:
+    """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
+
+    A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
+    natural frequency is then m ω²: the softest joint is expected there where the default range would not reach so far.
+    Where nothing holds a mass that spring is its stiffness as well. Empty where both sides are measured bodies.
+    """
+    sides = [side for side in (joint.dofs, joint.against) if side and structure.absent(side[0]) is None]
+    if not sides:
+        return {}
+    shown = resonances_hz(measurement)
+    lines = measurement.frf.frequency_hz if isinstance(measurement, FrfMeasurement) else shown
+    lowest = float((shown if shown.size else lines).min())
+    found = {}
+    for quantity in joint.quantities:
+        if quantity.unit == "1":
+            continue
+        i, j = quantity.places[0]
+        springs = [
+            math.sqrt(recipe.own_inertia(side[i]) * recipe.own_inertia(side[j])) * (2 * math.pi * lowest) ** 2
+            for side in sides
+        ]
+        size = recipe.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
+        beyond = shown.size and min(springs) < DEFAULT_PRIOR_FACTORS[0] * size
+        found[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
+    return found
+
+
+def joint_marginals(spec: CaseSpec, joint: JointSpec, own: Mapping[str, OwnStiffness], length: float) -> list[Marginal]:
+    """Priors on the coordinates of one joint of a case: as stated, or from the structure's own stiffnesses and size."""
+    priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
+    if priors is None:
+        return [_default_marginal(axis, own, length) for axis in joint.coordinates]
+    return [getattr(priors, axis.name).marginal() for axis in joint.coordinates]
+
+
+def _default_marginal(axis: Coordinate, own: Mapping[str, OwnStiffness], length: float) -> Marginal:
+    """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
+    if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
+        ends = DEFAULT_LOSS if axis.unit == "1" else [end * own[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]
+        return Uniform(*np.log(ends))
+    if axis.logarithmic:
+        low, high = DEFAULT_PRIOR_FACTORS
+        return Uniform(*np.log([low * own[axis.quantity].softest, high * own[axis.quantity].size]))
+    return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
+
+
+def guess_of(joint: JointSpec, own: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:
+    """First guess of the quantities of a joint, (q,): as stated, or of a coupled pair a translational spring alone.
+
+    Joints of other kinds begin far stiffer than the structure; those between measured bodies in the middle of their
+    priors.
+    """
+    if joint.quantities and not own:
+        guess = joint.parametrisation_object.middle(np.array([marginal.mean for marginal in marginals]))
+        return guess if joint.initial is None else np.concatenate([joint.initial.values(), guess[len(COUPLED) :]])
+    if joint.initial is not None:
+        guess = joint.initial.values()
+    else:
+        yielding = [not q.may_be_negative for q in joint.stiffnesses]
+        if joint.kind == "coupled":
+            yielding[1:] = [False, False]
+        springs = [own[q.name].size if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
+        guess = DEFAULT_GUESS_FACTOR * np.array(springs)
+    damping = [
+        math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
+        * (1.0 if q.unit == "1" else own[q.name].size)
+        for q in joint.damping
+    ]
+    return np.concatenate([guess, damping])
+
+
+def largest_ratio(spec: CaseSpec) -> float:
+    """The largest damping ratio that a case, or one set-up, states; 0 without any."""
+    damping = spec.structure.damping
+    return max(damping.ratio, default=0.0) if isinstance(damping, ModalDampingSpec) else 0.0
+
+
+def workshop_priors(spec: CaseSpec, measurement: Measurement, largest: float) -> dict[str, FactorPriorSpec]:
+    """Priors on material, length and damping as in a workshop, where the case takes them as exactly known.
+
+    One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
+    """
+    known, stated = spec.structure.stated, spec.uncertain.given
+    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in known}
+    if "length_offset" in stated:  # the error of the length is stated
+        usual.pop("length", None)
+    damping = spec.structure.damping
+    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and isinstance(measurement, FrfMeasurement):
+        widest = min(10.0, 0.9 / largest)
+        usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
+    return {name: prior for name, prior in usual.items() if name not in stated}
+
+
+def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> list[tuple[Nuisance, bool]]:
+    """Uncertain quantities of structure and measurement, those of the structure first; and whether a set-up's own."""
+    structure = spec.structure
+    stated = structure.stated | {"gain": ("1", 1.0)}
+    found: list[tuple[Nuisance, bool]] = []
+    for name, prior in spec.uncertain.given.items():
+        if name == "damping_ratio" and isinstance(structure.damping, ModalDampingSpec):
+            ratios = structure.damping.ratio
+            labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
+            each = [Nuisance(n, "1", r, prior.marginal()) for n, r in zip(labels, ratios, strict=True)]
+        elif name == "mode_frequencies":
+            count = _modes_in_band(spec, recipe, measurement)
+            labels = [f"mode_frequency_{i + 1}" for i in range(count)]
+            each = [Nuisance(label, "× predicted", 1.0, prior.marginal()) for label in labels]
+        else:
+            unit, value = stated[name]
+            each = [Nuisance(name, unit, value, prior.marginal(value))]
+        found += [(nuisance, prior.own) for nuisance in each]
+    return sorted(found, key=lambda one: one[0].name == "gain")
+
+
+def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> int:
+    """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
+    if isinstance(measurement, ModalMeasurement):
+        return max(measurement.numbers)
+    rigid = rigid_frequencies_hz(recipe, as_joints(spec.joint_objects), _MOST_MODES)
+    return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
+
+
+def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
+    """Lowest natural frequencies of a structure with a rigid joint, Hz: no more than `most`, nor than it has."""
+    family = family_of_recipe(recipe)
+    count = min(most, family.nominal.n_dofs - rigid_body_modes(family.nominal, joint) - joint.size)
+    if count < 1:  # nothing moves where the joint does not
+        return np.empty(0)
+    rigid = np.eye(joint.size) * RIGID
+    return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
+
+
+def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, measured: Measurement) -> None:
+    """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
+
+    No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.
+
+    Raises
+    ------
+    MeasurementError
+        If natural frequencies, or damping ratios mode by mode, are taken from the data and a lower mode was missed.
+    """
+    damping = spec.structure.damping
+    ratios = isinstance(damping, ModalDampingSpec) and damping.measured
+    modes = measured.provenance.modes if measured.provenance else ()
+    if not modes or not (ratios or isinstance(spec.data, MeasuredFrequenciesSpec)):
+        return
+    rigid = rigid_frequencies_hz(recipe, joint, len(modes))
+    for number, (mode, highest) in enumerate(zip(modes, rigid, strict=False), 1):
+        if mode.frequency_hz > _ABOVE_RIGID * highest:
+            raise MeasurementError(
+                f"data: found mode {number} at {mode.frequency_hz:.4g} Hz; expected it at {highest:.4g} Hz at most, "
+                "where a rigid joint puts it, so that a lower mode was missed; lower f_min_hz, or measure where that "
+                "mode moves"
+            )

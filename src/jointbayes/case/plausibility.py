@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
 
-from jointbayes.case.case_text import CaseText
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.case import CaseSpec
-from jointbayes.case.schema.data import SyntheticFrfSpec
-from jointbayes.case.schema.frame import FrameSpec
-from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.schema.modes import ModesSpec
-from jointbayes.case.schema.section import BoxSpec, CircleSpec, RectangleSpec, SectionSpec, TubeSpec
-from jointbayes.case.schema.structure import BeamSpec, StructureSpec
-
-if TYPE_CHECKING:
-    from jointbayes.case.numbering import Renumbered
-    from jointbayes.inference import JointPrior
-    from jointbayes.measurement.provenance import Provenance
-
+from jointbayes.case.case_text import CaseText, InputWarning
+from jointbayes.case.spec.data_table import SyntheticFrfSpec
+from jointbayes.case.spec.fields import Finding
+from jointbayes.case.spec.frame_table import FrameSpec
+from jointbayes.case.spec.measured_table import MeasuredSpec
+from jointbayes.case.spec.mode_data_table import ModesSpec
+from jointbayes.case.spec.structure_kinds import BeamSpec
+from jointbayes.case.spec.structure_table import StructureBase
+from jointbayes.case.spec.whole import CaseSpec
 
 #: Velocity of sound √(E/ρ) in metals, wood, concrete, plastics and ceramics, m/s.
 WAVE_SPEED = 500.0, 20_000.0
@@ -68,29 +60,6 @@ _SHORT_MM, _LOW_HZ = 20.0, 100.0  # a length and a band below these may be in m 
 _CANTILEVER = 1.8751040687  # first root of cos λ cosh λ = −1
 
 
-@dataclass(frozen=True, slots=True)
-class InputWarning:
-    """A value that no rule forbids and that is probably a slip.
-
-    Parameters
-    ----------
-    file, line
-        Where it stands: the case file, or one that it builds on.
-    key
-        Its key, with its tables.
-    text
-        What was found, what is expected, and the likely slip.
-    """
-
-    file: str
-    line: int
-    key: str
-    text: str
-
-    def __str__(self) -> str:
-        return f"{self.key}: {self.text}"
-
-
 def stated_band_hz(spec: CaseSpec) -> tuple[float, float] | None:
     """Lowest and highest frequency of the data that a case states, Hz; None where they are in a measurement file."""
     data = spec.data
@@ -122,82 +91,7 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
         findings += _shape(structure)
         if not findings and band_hz is not None:  # with findings the frequencies are off because of these
             findings = [*_band(spec, structure, band_hz)]
-    return _placed([*findings, *fractions], text)
-
-
-def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
-    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it.
-
-    Of a set-up the prior is that of its own joints alone.
-    """
-    return _placed(_excluded(spec, prior, text.setup), text)
-
-
-def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
-    """Doubts of the sign, or of the sign of i, of FRFs of files, with which every number of a run would be wrong."""
-    doubts = provenance.sign_doubts if provenance else ()
-    findings = (Finding(("data", "file"), f"found that at {w.where} {w.sentence}", "", w.remedy) for w in doubts)
-    return _placed(findings, text)
-
-
-def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: bool) -> tuple[InputWarning, ...]:
-    """A doubt of the numbers of measured modes, or of their unit, as `jointbayes.case.numbering` finds it."""
-    if doubt is None:
-        return ()
-    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
-    squares = (
-        f"squared residuals of {doubt.better_squares:.3g} and {doubt.stated_squares:.3g} standard deviations in all, "
-        "the joint fitted anew for each"
-    )
-    if doubt.rad_per_s:
-        found = f"found natural frequencies that fit far better divided by 2π, as if they were in rad/s: {squares}"
-        return _placed([Finding(loc, found, "natural frequencies in Hz", "divide them by 2π")], text)
-    stated, better = (", ".join(map(str, numbers)) for numbers in (doubt.stated, doubt.better))
-    found = (
-        f"found natural frequencies that fit far better as those of modes {better} than of modes {stated}: {squares}"
-    )
-    expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
-    remedy = f'if a lower one was left out, write kind = "modes" with numbers = [{better}]'
-    return _placed([Finding(loc, found, expected, remedy)], text)
-
-
-def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding]:
-    """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
-    if not isinstance(spec.data, SyntheticFrfSpec):
-        return
-    joint, loc = prior.parametrisation, ("data", "truth")
-    truth = [spec.data.truth.by_name[_without(setup, name)] for name in joint.stiffness_names]
-    if not joint.describes(truth):
-        each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
-        kinds = " and ".join(dict.fromkeys(one.parametrisation for one in spec.all_joints.values()))
-        found = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
-        yield Finding(loc, found, "a truth that the analysis can find", "choose another parametrisation or truth")
-        return
-    for axis, marginal, value in zip(joint.axes, prior.marginals, joint.coordinates(truth), strict=True):
-        low, high = marginal.support
-        if not low <= value <= high:
-            shown, least, most = (math.exp(x) if axis.logarithmic else x for x in (value, low, high))
-            found = f"found a truth with {axis.name} = {shown:.4g}, which the prior excludes"
-            expected = f"{axis.name} from {least:.4g} to {most:.4g}, so that the analysis can find it"
-            of_truth = _without(setup, axis.quantity)
-            place = (of_truth,) if spec.data.truth.stiffness is None else ("stiffness", *of_truth.split("."))
-            own, _, name = _without(setup, axis.name).rpartition(".")
-            table = f"joints.{own}.prior.{name}" if own else f"prior.{name}"
-            yield Finding((*loc, *place), found, expected, f"widen [{table}] or correct the truth")
-
-
-def _without(setup: str, name: str) -> str:
-    """Name of a quantity of a set-up as its own tables have it."""
-    return name.removeprefix(f"{setup}.") if setup else name
-
-
-def _placed(findings: Iterable[Finding], text: CaseText) -> tuple[InputWarning, ...]:
-    found = []
-    for finding in findings:
-        path = finding.loc
-        words = "; ".join([finding.found, *([f"expected {finding.expected}"] * bool(finding.expected)), finding.remedy])
-        found.append(InputWarning(*text.place(path), ".".join(map(str, text.written(path))), words))
-    return tuple(found)
+    return text.warnings([*findings, *fractions])
 
 
 def _fractions(table: Mapping[str, object], path: tuple[str, ...] = ()) -> Iterator[Finding]:
@@ -227,7 +121,7 @@ def _numbers(value: object) -> Iterator[float]:
         yield value
 
 
-def _materials(structure: StructureSpec) -> Iterator[Finding]:
+def _materials(structure: StructureBase) -> Iterator[Finding]:
     """Yield what is wrong with each material: of a frame, its own and those of bodies and members that state one."""
     if isinstance(structure, BeamSpec | FrameSpec):
         yield from _material(("structure",), structure.youngs_modulus_gpa, structure.density_kg_m3)
@@ -269,7 +163,7 @@ def _material(loc: tuple[str | int, ...], modulus: float, density: float) -> Ite
 
 def _shape(structure: BeamSpec) -> Iterator[Finding]:
     """Yield a beam shorter than it is thick, and one thinner than any wire."""
-    key, thickness = _thickest(structure.section)
+    key, thickness = max(structure.section.sizes_mm.items(), key=lambda size: size[1])
     length, ratio = structure.length_mm, structure.length_mm / thickness
     low, high = SLENDERNESS
     if low <= ratio <= high:
@@ -291,7 +185,9 @@ def _shape(structure: BeamSpec) -> Iterator[Finding]:
 def _band(spec: CaseSpec, structure: BeamSpec, band_hz: tuple[float, float]) -> Iterator[Finding]:
     """Yield a measured band far below or far above the natural frequencies of the beam."""
     lowest, highest = band_hz
-    flexural = _flexural(structure)
+    section = structure.section.section
+    gyration = math.sqrt(section.inertia_z / section.area)  # of bending in the plane of the height
+    flexural = _speed(structure.youngs_modulus_gpa, structure.density_kg_m3) * gyration  # √(EI/ρA), m²/s
     first = _CANTILEVER**2 / (2 * math.pi) * flexural / (structure.length_mm / 1e3) ** 2
     check = "check the units of the beam's length and section (mm) and of the frequencies (Hz)"
     if first > ABOVE_BAND * highest:
@@ -324,36 +220,6 @@ def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...
     if isinstance(data, SyntheticFrfSpec) and data.f_step_hz is not None:
         return ("data", "f_step_hz"), value  # the lowest line, where no f_min_hz is stated
     return ("data", "frequencies_hz"), value
-
-
-def _flexural(structure: BeamSpec) -> float:
-    """√(EI/ρA) of bending in the plane of the height, m²/s."""
-    section = structure.section
-    match section:
-        case CircleSpec():
-            gyration = section.diameter_mm / 4
-        case TubeSpec():
-            gyration = math.hypot(section.outer_diameter_mm, section.inner_diameter_mm) / 4
-        case RectangleSpec():
-            gyration = section.height_mm / math.sqrt(12)
-        case BoxSpec():
-            inner_width, inner_height = section.width_mm - 2 * section.wall_mm, section.height_mm - 2 * section.wall_mm
-            moment = section.width_mm * section.height_mm**3 - inner_width * inner_height**3
-            area = section.width_mm * section.height_mm - inner_width * inner_height
-            gyration = math.sqrt(moment / area / 12)
-    return _speed(structure.youngs_modulus_gpa, structure.density_kg_m3) * gyration / 1e3
-
-
-def _thickest(section: SectionSpec) -> tuple[str, float]:
-    """Key and value of the largest outer dimension of a section, mm."""
-    match section:
-        case CircleSpec():
-            return "diameter_mm", section.diameter_mm
-        case TubeSpec():
-            return "outer_diameter_mm", section.outer_diameter_mm
-        case RectangleSpec() | BoxSpec():
-            wide = section.width_mm > section.height_mm
-            return ("width_mm", section.width_mm) if wide else ("height_mm", section.height_mm)
 
 
 def _speed(modulus_gpa: float, density: float) -> float:

@@ -1,10 +1,11 @@
-"""TOML text: reading it, where its keys stand, and what is wrong where it is not TOML at all."""
+"""TOML text: reading and writing it, where its keys stand, and what is wrong where it is not TOML at all."""
 
 from __future__ import annotations
 
 import bisect
 import difflib
 import json
+import math
 import os
 import re
 import tomllib
@@ -155,11 +156,6 @@ def key_parts(key: str) -> tuple[str, ...]:
     return tuple(parts) if inside == 0 else ()
 
 
-def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
-    """Line of a key, or of the innermost table around it that is written in the file."""
-    return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
-
-
 def similar(word: str, choices: Iterable[str]) -> str | None:
     """Return the choice a misspelt word was probably meant to be, or None."""
     by_lower = {choice.lower(): choice for choice in choices}
@@ -258,3 +254,60 @@ def read_text(path: str | os.PathLike[str]) -> str:
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
         found, remedy = f"cannot be read ({path_fault(error)})", "check the path and its permissions"
     raise CaseError(fault_line(name, line, "file", found, "expected a case file in TOML, UTF-8", remedy))
+
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(data: Mapping[str, Any]) -> str:
+    """Write tables, values and lists as TOML; comments of a text they came from are lost.
+
+    Parameters
+    ----------
+    data
+        What `tomllib.loads` gives.
+
+    Examples
+    --------
+    >>> print(toml_text({"title": "A", "data": {"f_min_hz": 20.0, "file": ["a.csv"]}}), end="")
+    title = "A"
+    <BLANKLINE>
+    [data]
+    f_min_hz = 20.0
+    file = ["a.csv"]
+    """
+    return "\n".join(_table(data, ())) + "\n"
+
+
+def _table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    inside = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+    lines = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if key not in inside]
+    if path and (lines or not inside):
+        lines = ["", f"[{'.'.join(map(_key, path))}]", *lines]
+    for key, value in inside.items():
+        lines += _table(value, (*path, key))
+    return lines
+
+
+def _key(key: str) -> str:
+    return key if _BARE.fullmatch(key) else _text(key)
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON allows it as it is, TOML not
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_key(key)} = {_value(one)}' for key, one in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return str(value)  # dates and times, which Python prints as TOML has them

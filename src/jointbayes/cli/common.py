@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from jointbayes.case.case import Case
-    from jointbayes.case.plausibility import InputWarning
+    from jointbayes.case.case_text import InputWarning
     from jointbayes.posterior import Knowledge, Posterior
     from jointbayes.sampling import UnfinishedRun
 
@@ -54,10 +54,9 @@ def outside_allowed() -> bool:
 
 def load(config: Path) -> "Case":
     """Read a case file; what in it is probably a slip is said on standard error, before any work where possible."""
-    from jointbayes.case.case_text import read_case_text
+    from jointbayes.case.case_text import read_case_text, setup_texts
     from jointbayes.case.plausibility import input_warnings, stated_band_hz
-    from jointbayes.case.schema.case import parse_setups
-    from jointbayes.case.setup_texts import setup_texts
+    from jointbayes.case.spec.parse import parse_setups
     from jointbayes.case.toml_text import fault_line
     from jointbayes.cli.progress import show_phase
 

@@ -57,10 +57,10 @@ def _require_other_file(written: Path, read: Path, option: str) -> None:
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
 def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
     """Measure the truth of a case in a virtual test and write a measurement file, or one for each set-up."""
-    from jointbayes.case.build import generator_of
     from jointbayes.case.case import load_case
-    from jointbayes.case.simulation import describe
-    from jointbayes.case.simulation import simulate as measure
+    from jointbayes.case.case_objects import generator_of
+    from jointbayes.case.simulated_test import describe
+    from jointbayes.case.simulated_test import simulate as measure
     from jointbayes.errors import CaseError
     from jointbayes.measurement.formats import write_records
 

@@ -15,13 +15,13 @@ from typing import Any
 
 import pydantic
 
+from jointbayes.case.case_faults import fault_lines
+from jointbayes.case.case_files import require_inside
 from jointbayes.case.case_text import CaseText, read_case_text
-from jointbayes.case.errors import fault_lines
-from jointbayes.case.files import require_inside
-from jointbayes.case.named_files import named_files
-from jointbayes.case.schema.case import CaseSpec, parse_case
-from jointbayes.case.toml_text import key_parts, similar
-from jointbayes.case.toml_writer import toml_text
+from jointbayes.case.keys import named_files
+from jointbayes.case.spec.parse import CheckedCaseSpec, parse_case
+from jointbayes.case.spec.whole import CaseSpec
+from jointbayes.case.toml_text import key_parts, similar, toml_text
 from jointbayes.errors import CaseError, path_fault
 
 _MARK = "row"  # stands in fault lines for the file, until it is known whether the row or the base is at fault
@@ -78,7 +78,7 @@ class BaseCase:
         for key, value in values.items():
             _set(data, key, value, where)
         try:
-            return data, CaseSpec.model_validate(data), []
+            return data, CheckedCaseSpec.model_validate(data), []
         except pydantic.ValidationError as error:
             return data, None, fault_lines(error, CaseSpec, self._marked(data))
 

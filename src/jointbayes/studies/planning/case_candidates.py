@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.build import joints_of, noise_law, noise_of, recipe_of
 from jointbayes.case.case import Case
-from jointbayes.case.case_text import CaseText
+from jointbayes.case.case_files import as_measured
+from jointbayes.case.case_objects import noise_law, noise_of, recipe_of
+from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.combined import CaseSetup
-from jointbayes.case.errors import show_key
-from jointbayes.case.files import as_measured
-from jointbayes.case.schema.case import CaseSpec, parse_planned
-from jointbayes.case.schema.data import SyntheticFrfSpec
-from jointbayes.case.schema.matrices import MatricesSpec
-from jointbayes.case.schema.measured import MeasuredSpec
-from jointbayes.case.schema.settings import PlanSpec
-from jointbayes.case.setup_texts import planned_texts
+from jointbayes.case.spec.data_table import SyntheticFrfSpec
+from jointbayes.case.spec.fields import show_key
+from jointbayes.case.spec.measured_table import MeasuredSpec
+from jointbayes.case.spec.parse import parse_planned
+from jointbayes.case.spec.settings_tables import PlanSpec
+from jointbayes.case.spec.structure_kinds import MatricesSpec
+from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
@@ -236,7 +236,7 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
             "something; remove it"
         )
     recipe = recipe_of(spec.structure, spec.data, first.measurement)
-    joint = as_joints(joints_of(spec))
+    joint = as_joints(spec.joint_objects)
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
     noise, of_noise = noise_of(spec.noise, first.measurement)
     return CaseSetup(name, text, spec, recipe, (), joint, first.measurement, noise, of_noise)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.case.case import Case
-from jointbayes.case.errors import show_key
+from jointbayes.case.spec.fields import show_key
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems

@@ -5,29 +5,27 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BeforeValidator, Field, Strict
+from pydantic import Field, Strict
 
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.damping import DampingSpec, LossFactorDampingSpec
-from jointbayes.case.schema.fields import Fraction, Labels, Spec, at_most, key_field, listed, not_negative, positive
-from jointbayes.case.schema.section import SectionSpec
-from jointbayes.case.schema.structure_parts import (
+from jointbayes.case.spec.fields import Finding, Fraction, Spec, at_most, key_field, listed, not_negative, positive
+from jointbayes.case.spec.structure_table import (
+    DAMPING,
     KIND,
-    MASS,
+    LAWS,
     POINT,
-    SUPPORTS,
+    POISSON,
     Absence,
-    AnyStructureSpec,
-    absent_dofs,
+    PointName,
+    SectionSpec,
+    StructureBase,
     absent_point,
-    changed_by,
+    metres,
 )
 
 if TYPE_CHECKING:
-    from jointbayes.case.schema.data import TruthSpec
-
+    from jointbayes.structure import Body, FrameRecipe, Member
 
 _SIX = ("x", "y", "z", "rx", "ry", "rz")
 _MOST = 2000  # points, members and masses
@@ -38,9 +36,7 @@ _Points = Annotated[
     dict[str, _Place],
     Field(description=f"the points: for each its name or number and its place in mm, {_VECTOR}", max_length=_MOST),
 ]
-_PointName = Annotated[str, BeforeValidator(lambda name: str(name) if type(name) is int else name)]
 _POINTS = key_field("the names of two points or more that the member runs through, in order", ["a", "b"])
-_POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 _SHEAR = key_field(
     'the shear coefficient, "cowper", a number above 0 and at most 1, or two of them: along height and width', "cowper"
 )
@@ -67,7 +63,7 @@ class _Stuff(Spec):
     """Material, section and shear coefficient: those of a body or member where they differ from what it is part of."""
 
     youngs_modulus_gpa: Annotated[float | None, _E] = None
-    poissons_ratio: Annotated[float | None, _POISSON] = None
+    poissons_ratio: Annotated[float | None, POISSON] = None
     density_kg_m3: Annotated[float | None, _RHO] = None
     shear_coefficient: Annotated[_Shear | None, _SHEAR] = None
     section: Annotated[SectionSpec | None, _SECTION] = None
@@ -76,16 +72,35 @@ class _Stuff(Spec):
 class MemberSpec(_Stuff):
     """A row of straight beams through points."""
 
-    points: Annotated[tuple[_PointName, ...], Strict(False), Field(min_length=2), at_most(_MOST), _POINTS]
+    points: Annotated[tuple[PointName, ...], Strict(False), Field(min_length=2), at_most(_MOST), _POINTS]
     end_section: Annotated[SectionSpec | None, _END_SECTION] = None
     up: Annotated[_Place | None, _UP] = None
     offsets_mm: Annotated[Annotated[tuple[_Place, _Place], Strict(False)] | None, _OFFSETS] = None
+
+    def member(self, *around: _Stuff | FrameSpec) -> Member:
+        """The member; what it does not state is its body's, and what that does not state the frame's."""
+        from jointbayes.structure import BeamMaterial, Member
+
+        modulus, poisson, density, kappa, section = (
+            next(value for owner in (self, *around) if (value := getattr(owner, key)) is not None)
+            for key in _Stuff.model_fields
+        )
+        first, last = self.offsets_mm or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        return Member(
+            self.points,
+            section.section,
+            BeamMaterial(modulus * 1e9, poisson, density),
+            self.end_section.section if self.end_section else None,
+            None if kappa == "cowper" else kappa,
+            self.up,
+            (metres(first), metres(last)),
+        )
 
 
 class PointMassSpec(Spec):
     """A rigid mass at a point."""
 
-    point: Annotated[_PointName, key_field("the name of a point", "tip")]
+    point: Annotated[PointName, key_field("the name of a point", "tip")]
     mass_kg: Annotated[float, not_negative("the mass in kg", 0.5)]
     inertia_kg_m2: Annotated[tuple[float, ...], Strict(False), at_most(6), _INERTIA] = (0.0, 0.0, 0.0)
     offset_mm: Annotated[_Place, _OFFSET] = (0.0, 0.0, 0.0)
@@ -135,6 +150,15 @@ class BodySpec(_Stuff):
         sticking_out = (*offsets, *(number for mass in self.masses for number in (mass.inertia_kg_m2, mass.offset_mm)))
         return None if any(map(any, sticking_out)) else line_length(self.points.values())
 
+    def body(self, frame: _Stuff | FrameSpec) -> Body:
+        """The body, in a frame that states what it does not."""
+        from jointbayes.structure import Body, PointMass
+
+        members = self.members or (MemberSpec(points=tuple(self.points)),)
+        masses = (PointMass(m.point, m.mass_kg, m.inertia_kg_m2, metres(m.offset_mm)) for m in self.masses)
+        places = tuple((name, metres(place)) for name, place in self.points.items())
+        return Body(places, tuple(member.member(self, frame) for member in members), tuple(masses))
+
     def _findings(self) -> Iterator[Finding]:
         for name in self.points:
             if not POINT.fullmatch(name):
@@ -163,14 +187,14 @@ def numbers_between(one: str, other: str, known: Mapping[str, object]) -> list[s
     return [] if any(name in known for name in between) else between
 
 
-class FrameSpec(AnyStructureSpec):
+class FrameSpec(StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
     directions: Annotated[tuple[str, ...], Strict(False), Field(min_length=1), at_most(6), _DIRECTIONS] = _SIX
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     youngs_modulus_gpa: Annotated[float, _E]
-    poissons_ratio: Annotated[float, _POISSON] = 0.3
+    poissons_ratio: Annotated[float, POISSON] = 0.3
     density_kg_m3: Annotated[float, _RHO]
     shear_coefficient: Annotated[_Shear, _SHEAR] = "cowper"
     section: Annotated[SectionSpec | None, _SECTION] = None
@@ -180,9 +204,7 @@ class FrameSpec(AnyStructureSpec):
     bodies: Annotated[
         dict[str, BodySpec], Field(description="a table for each body, as [structure.bodies.tool]", max_length=100)
     ] = {}  # noqa: RUF012
-    supports: Annotated[Labels, SUPPORTS] = ()
-    accelerometer_mass_g: Annotated[float, MASS] = 0.0
-    damping: DampingSpec
+    damping: Annotated[LAWS, DAMPING]
 
     @property
     def all_bodies(self) -> dict[str, BodySpec]:
@@ -211,39 +233,38 @@ class FrameSpec(AnyStructureSpec):
         """
         of_bodies = ("youngs_modulus", "density", "section_size", "shear_coefficient")
         names = [*of_bodies, *(f"{body}.{name}" for body in self.bodies for name in of_bodies)]
-        found = dict.fromkeys(names, ("× stated", 1.0)) | {"accelerometer_mass": ("g", self.accelerometer_mass_g)}
+        stated = dict.fromkeys(names, ("× stated", 1.0)) | {"accelerometer_mass": ("g", self.accelerometer_mass_g)}
         lengths = {name: length for name, body in self.all_bodies.items() if (length := body.length_mm) is not None}
         if len(lengths) == len(self.all_bodies):
             low, high = min(lengths.values()), max(lengths.values())
-            found["length"] = ("mm", high) if math.isclose(low, high) else ("× stated", 1.0)
-        found |= {f"{name}.length": ("mm", length) for name, length in lengths.items() if name}
-        if isinstance(self.damping, LossFactorDampingSpec):
-            found["loss_factor"] = ("1", self.damping.loss_factor)
-        return found
+            stated["length"] = ("mm", high) if math.isclose(low, high) else ("× stated", 1.0)
+        stated |= {f"{name}.length": ("mm", length) for name, length in lengths.items() if name}
+        return stated | super().stated
 
     def absent(self, label: str) -> Absence | None:
         """What to say of a DOF that does not exist."""
         return absent_point(label, self.points_in_order, self.directions)
 
-    def place(self, label: str) -> str:
-        """The point itself: its coordinates are in the file."""
-        return f"point {label.rpartition(':')[0]}"
+    def recipe(self, loaded: tuple[str, ...]) -> FrameRecipe:
+        """The frame, with accelerometers where they sit."""
+        from jointbayes.structure import FrameRecipe
 
-    def of_truth(self, truth: TruthSpec) -> Self:
-        """The frame that makes the data: E and ρ where bodies and members have none of their own."""
-        stated = {
-            "youngs_modulus_gpa": truth.youngs_modulus_gpa,
-            "density_kg_m3": truth.density_kg_m3,
-        }
-        own = {name: value for name, value in stated.items() if value is not None}
-        return self.model_copy(update=own | changed_by(truth))
+        return FrameRecipe(
+            tuple((name, body.body(self)) for name, body in self.all_bodies.items()),
+            self.damping.built(),
+            self.directions,
+            self.supports,
+            self.accelerometer_mass_g * 1e-3,
+            accelerometer_dofs=loaded,
+            element=self.element,
+        )
 
     def _findings(self) -> Iterator[Finding]:
         yield from self._geometry_findings()
         for i, direction in enumerate(self.directions):
             if direction not in _SIX or direction in self.directions[:i]:
                 yield Finding(("directions", i), f'found "{direction[:40]}"', "", "each direction once")
-        yield from absent_dofs(self, self.supports, ("supports",))
+        yield from super()._findings()
 
     def _geometry_findings(self) -> Iterator[Finding]:
         """Yield bodies that are stated twice or not at all, misnamed, or with a member without a section."""

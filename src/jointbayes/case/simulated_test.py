@@ -8,12 +8,12 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.arrays import Array
-from jointbayes.case.build import noise_law, parametrisation_of, true_family, true_stiffness
 from jointbayes.case.case import Case
+from jointbayes.case.case_objects import noise_law, true_family, true_stiffness
 from jointbayes.case.combined import CaseSetup
-from jointbayes.case.errors import show_key
-from jointbayes.case.schema.data import SyntheticFrfSpec
-from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.spec.data_table import SyntheticFrfSpec
+from jointbayes.case.spec.fields import show_key
+from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import FrfSet, Ports, quantity_factor, receptance_model
@@ -83,7 +83,7 @@ class Truth:
     @cached_property
     def matrix(self) -> JointMatrix:
         """True K^J, shape (2, 2)."""
-        return parametrisation_of(self.of.spec).matrix(true_stiffness(self.of.spec, self.data.truth))
+        return self.of.spec.parametrisation.matrix(true_stiffness(self.of.spec))
 
     @cached_property
     def decay_rate(self) -> float:

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import re
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.damping import LossFactorDampingSpec, ModalDampingSpec, RayleighDampingSpec
-from jointbayes.case.schema.data import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
-from jointbayes.case.schema.fields import listed
-from jointbayes.case.schema.joint import JointSpec, NamedJointSpec
-from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec, MeasuredSpec, rotation_findings
-from jointbayes.case.schema.modes import ModesSpec
-from jointbayes.case.schema.noise import NoiseModelSpec
-from jointbayes.case.schema.priors import PriorsSpec, UncertainSpec
-from jointbayes.case.schema.settings import PlanSpec
-from jointbayes.case.schema.setups import ALIKE
-from jointbayes.case.schema.structure import StructureSpec
-from jointbayes.case.schema.structure_parts import absent_dofs
-from jointbayes.case.schema.virtual_test import VirtualTestSpec
+from jointbayes.case.spec.data_table import DataSpec, NaturalFrequenciesSpec, SyntheticFrfSpec
+from jointbayes.case.spec.fields import Finding, KeyPath, listed
+from jointbayes.case.spec.joint_table import ALIKE, JointSpec, NamedJointSpec
+from jointbayes.case.spec.measured_table import (
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    MeasuredSpec,
+)
+from jointbayes.case.spec.mode_data_table import ModesSpec
+from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec
+from jointbayes.case.spec.settings_tables import NoiseModelSpec, PlanSpec, VirtualTestSpec
+from jointbayes.case.spec.structure_table import (
+    LossFactorDampingSpec,
+    ModalDampingSpec,
+    RayleighDampingSpec,
+    StructureBase,
+)
 from jointbayes.joint import COORDINATES
 
 _FREQUENCIES = NaturalFrequenciesSpec | ModesSpec | MeasuredFrequenciesSpec
@@ -27,7 +29,7 @@ _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
 def dof_findings(
-    structure: StructureSpec,
+    structure: StructureBase,
     joints: Mapping[str, JointSpec],
     data: DataSpec,
     plan: PlanSpec,
@@ -55,40 +57,38 @@ def dof_findings(
         labelled |= {("data", "shapes", "dofs"): shapes.dofs, ("data", "shapes", "reference"): shapes.reference}
     labelled |= {("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     for loc, labels in labelled.items():
-        immovable = list(_immovable_dofs(structure, labels, loc, elsewhere))
-        yield from immovable or (_several_points(labels, loc) if loc[0] in ("joint", "joints") else ())
+        immovable = list(_immovable_dofs(structure, _each(loc, labels), elsewhere))
+        yield from immovable
+        point = labels[0].split(":")[0] if labels else ""
+        apart = [i for i, label in enumerate(labels) if label.split(":")[0] != point]
+        if apart and not immovable and loc[0] in ("joint", "joints"):
+            found = f'found "{labels[apart[0]]}" beside "{labels[0]}"'
+            yield Finding((*loc, apart[0]), found, f"DOFs of one point, {point}", "correct it, or make it two joints")
     if isinstance(data, MeasuredSpec):
         yield from _channel_findings(structure, data, elsewhere)
 
 
-def _several_points(labels: Sequence[str], loc: tuple[str, ...]) -> Iterator[Finding]:
-    """Yield the first DOF of one side of a joint that lies at another point than the first."""
-    for i, label in enumerate(labels):
-        point = labels[0].split(":")[0]
-        if label.split(":")[0] != point:
-            found = f'found "{label}" beside "{labels[0]}"'
-            yield Finding((*loc, i), found, f"DOFs of one point, {point}", "correct it, or make it two joints")
-            return
+def _each(loc: KeyPath, labels: Sequence[str]) -> dict[KeyPath, str]:
+    return {(*loc, i): label for i, label in enumerate(labels)}
 
 
 def _immovable_dofs(
-    structure: StructureSpec, labels: Sequence[str], loc: tuple[str, ...], elsewhere: frozenset[str] = frozenset()
+    structure: StructureBase, labelled: Mapping[KeyPath, str], elsewhere: frozenset[str] = frozenset()
 ) -> Iterator[Finding]:
-    """Yield DOFs that neither the structure nor a measured body has, or that cannot move."""
-    yield from (one for one in absent_dofs(structure, labels, loc) if labels[int(one.loc[-1])] not in elsewhere)
-    held = frozenset(structure.supports)
-    for i, label in enumerate(labels):
-        if label in held:
+    """Yield DOFs, by their keys, that neither the structure nor a measured body has, or that cannot move."""
+    for loc, label in labelled.items():
+        absent = None if label in elsewhere else structure.absent(label)
+        if absent is not None:
+            yield Finding(loc, *absent)
+        elif label in structure.supports:
             found = f'"{label}" is held fixed by structure.supports'
-            yield Finding((*loc, i), found, "a DOF that can move", "choose another or free this one")
+            yield Finding(loc, found, "a DOF that can move", "choose another or free this one")
 
 
-def _channel_findings(structure: StructureSpec, data: MeasuredSpec, elsewhere: frozenset[str]) -> Iterator[Finding]:
+def _channel_findings(structure: StructureBase, data: MeasuredSpec, elsewhere: frozenset[str]) -> Iterator[Finding]:
     """Yield channels at DOFs that the structure does not have or that cannot move, and masses counted twice."""
-    labels = {name: channel.label for name, channel in data.channels.items()}
-    names = list(labels)
-    for finding in _immovable_dofs(structure, list(labels.values()), ("data", "channels"), elsewhere):
-        yield replace(finding, loc=("data", "channels", names[int(finding.loc[-1])]))
+    labelled: dict[KeyPath, str] = {("data", "channels", name): c.label for name, c in data.channels.items()}
+    yield from _immovable_dofs(structure, labelled, elsewhere)
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)
         if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
@@ -109,11 +109,16 @@ def _channel_findings(structure: StructureSpec, data: MeasuredSpec, elsewhere: f
             found = f'found rotations in a structure of kind = "{structure.kind}"'
             yield Finding(("data", "rotations"), found, 'kind = "beam", whose points are evenly spaced', "remove it")
             return
-        yield from rotation_findings(data, structure.spans or 0)
-        for label in data.rotations:
-            loc = ("data", "rotations", label)
-            for finding in absent_dofs(structure, [label], loc):
-                yield replace(finding, loc=loc)
+        for label, rotation in data.rotations.items():
+            loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
+            nodes = [int(station.split(":")[0]) for station in rotation.stations]
+            steps = {b - a for a, b in itertools.pairwise(nodes)}
+            if len(steps) != 1 or 0 in steps or max(nodes) > last:
+                found = f"found nodes {', '.join(map(str, nodes))}"
+                expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
+                yield Finding((*loc, "stations"), found, expected, "correct the stations")
+            if (words := structure.absent(label)) is not None:
+                yield Finding(loc, *words)
 
 
 def joints_findings(
@@ -129,9 +134,6 @@ def joints_findings(
         yield Finding(("prior",), "found [prior] with [joints]", expected, "move each to the table of its joint")
     for name, joint in joints.items():
         place = ("joints", name)
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,39}", name):
-            expected = "a name of letters, digits, _ and -, at most 40, a letter first"
-            yield Finding(place, "found a name that tables and figures cannot show", expected, "rename it")
         if joint.shared is not None:
             yield from _sharing_findings(name, joint, joints)
         elif joint.prior is not None:
@@ -204,7 +206,7 @@ _UNSEEN = {
 }
 
 
-def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
     mass = structure.accelerometer_mass_g
     yield from _foreign_quantities(uncertain, structure)
@@ -242,7 +244,7 @@ def uncertain_findings(uncertain: UncertainSpec, structure: StructureSpec, data:
 _OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "mode_frequencies", "gain"}
 
 
-def _foreign_quantities(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:
+def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
     """Yield uncertain quantities that a structure of this kind, or with these bodies, does not have."""
     known = structure.stated
     for name in uncertain.given:
@@ -264,7 +266,7 @@ def _seen(data: DataSpec) -> frozenset[str]:
     return frozenset() if isinstance(data, NaturalFrequenciesSpec) else frozenset({"accelerometer_mass"})
 
 
-def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Iterator[Finding]:
+def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
     """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
     damping = structure.damping
     stated = {"damping_ratio": uncertain.damping_ratio, "loss_factor": uncertain.loss_factor}
@@ -294,7 +296,7 @@ def _damping_findings(uncertain: UncertainSpec, structure: StructureSpec) -> Ite
             yield Finding((*loc, "high_factor"), found, "a factor that leaves the damping ratio below 1", remedy)
 
 
-def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
     damping = structure.damping
     if isinstance(damping, ModalDampingSpec) and damping.measured and not isinstance(data, MeasuredSpec):
@@ -302,14 +304,14 @@ def truth_findings(structure: StructureSpec, data: DataSpec) -> Iterator[Finding
         remedy = "state the ratio: ratio = 0.01"
         expected = 'data of kind = "measured_frf" or "measured_frequencies"'
         yield Finding(("structure", "damping", "ratio"), found, expected, remedy)
-    if isinstance(data, SyntheticFrfSpec):
-        stated = {"youngs_modulus": "youngs_modulus_gpa", "density": "density_kg_m3", "length": "length_mm"}
-        for name, key in stated.items():
-            offered = name in structure.stated and (name != "length" or structure.spans is not None)
-            if getattr(data.truth, key) is not None and not offered:
-                found = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
-                yield Finding(("data", "truth", key), found, "the structure as it is analysed", "remove it")
-    if isinstance(data, SyntheticFrfSpec) and data.truth.damping_ratio is not None and structure.damping.law != "modal":
+    if not isinstance(data, SyntheticFrfSpec):
+        return
+    for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
+        offered = name in structure.stated and (name != "length" or structure.spans is not None)
+        if getattr(data.truth, key) is not None and not offered:
+            found = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "truth", key), found, "the structure as it is analysed", "remove it")
+    if data.truth.damping_ratio is not None and structure.damping.law != "modal":
         found = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
         yield Finding(("data", "truth", "damping_ratio"), found, 'law = "modal"', "remove it or change the law")
 
@@ -318,15 +320,16 @@ def noise_findings(noise: NoiseModelSpec, data: DataSpec) -> Iterator[Finding]:
     """Yield how residuals cannot be judged where the data are natural frequencies."""
     if not isinstance(data, _FREQUENCIES):
         return
-    if noise.residuals != "complex":
-        found = f'found "{noise.residuals}", but natural frequencies have neither magnitude nor phase'
-        yield Finding(("noise", "residuals"), found, _FRF_ONLY, "remove it")
-    if noise.distribution != "gaussian":
-        found = f'found "{noise.distribution}", which is offered for FRFs only'
-        yield Finding(("noise", "distribution"), found, _FRF_ONLY, "remove it")
-    if noise.discrepancy is not None:
-        found = "correlation along frequency needs frequency lines, which natural frequencies do not have"
-        yield Finding(("noise", "discrepancy"), found, _FRF_ONLY, "remove [noise.discrepancy]")
+    reasons = {
+        "residuals": "but natural frequencies have neither magnitude nor phase",
+        "distribution": "which is offered for FRFs only",
+        "discrepancy": "but correlation along frequency needs lines, which natural frequencies do not have",
+    }
+    for key, reason in reasons.items():
+        value = getattr(noise, key)
+        if value != NoiseModelSpec.model_fields[key].default:
+            shown = f'"{value}"' if isinstance(value, str) else "it"
+            yield Finding(("noise", key), f"found {shown}, {reason}", _FRF_ONLY, "remove it")
 
 
 def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
@@ -347,14 +350,14 @@ def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
             yield Finding(("plan", "f_max_hz"), found, f"a number above {data.f_max_hz!r}", "raise or remove it")
 
 
-def virtual_test_findings(test: VirtualTestSpec, structure: StructureSpec, data: DataSpec) -> Iterator[Finding]:
+def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
     """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
     if not isinstance(data, SyntheticFrfSpec):
         if test != VirtualTestSpec():
             yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
         return
     loc = ("virtual_test", "extra_outputs")
-    yield from _immovable_dofs(structure, test.extra_outputs, loc)
+    yield from _immovable_dofs(structure, _each(loc, test.extra_outputs))
     measured = frozenset(data.outputs)
     for i, label in enumerate(test.extra_outputs):
         if label in measured:

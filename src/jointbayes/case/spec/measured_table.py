@@ -1,17 +1,19 @@
-"""The `[data]` table of a case whose data are in measurement files: files, channels, band, variance, rotations."""
+"""The tables of what is in measurement files: `[data]` of a case, and bodies given by their FRFs, `[bodies.NAME]`."""
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
-from jointbayes.case.errors import Finding, raise_findings
-from jointbayes.case.schema.fields import (
+from jointbayes.case.spec.fields import (
+    DATA_KIND,
+    ESTIMATOR,
+    MOST_FILES,
     POINT_LABEL,
+    Finding,
     Fraction,
     Label,
     Labels,
@@ -21,12 +23,13 @@ from jointbayes.case.schema.fields import (
     at_most,
     count_field,
     key_field,
+    law_findings,
     listed,
     not_above,
     not_negative,
     positive,
+    raise_findings,
 )
-from jointbayes.case.schema.limits import MOST_FILES
 from jointbayes.joint.quantities import DIRECTIONS, direction_of, rotation_sign
 
 
@@ -110,6 +113,8 @@ _AVERAGES = Field(ge=1, le=10**6, description="the number of averages, a whole n
 class VarianceSpec(Spec):
     """Variance of measured FRFs; the law of relative and floor is all of it, or the least that is believed."""
 
+    used_with = {"averages": ("source", "coherence")}  # noqa: RUF012 (no field)
+
     source: Annotated[Literal["coherence", "repeats", "relative"], _SOURCE]
     relative: Annotated[float, not_negative("the least standard deviation as a fraction of |H|", 0.001)] = 0.001
     floor: Annotated[float, not_negative("the least standard deviation as a fraction of the median |H|", 0.001)] = 0.0
@@ -117,40 +122,28 @@ class VarianceSpec(Spec):
 
     def _findings(self) -> Iterator[Finding]:
         if self.source == "relative":
-            needed = {"relative", "floor"} - self.model_fields_set
-            if needed:
-                yield from (Finding((key,), missing=True) for key in sorted(needed))
-            elif self.relative + self.floor == 0:
-                yield Finding(("relative",), "relative and floor are both 0", "at least one above 0", "raise one")
-        if self.averages is not None and self.source != "coherence":
-            found = f'found {self.averages!r}, which source = "{self.source}" does not use'
-            yield Finding(("averages",), found, 'source = "coherence"', "write source so, or remove averages")
+            yield from law_findings(self, self.relative, self.floor)
 
 
 _METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
-_ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")
 _WINDOW = key_field('the window of the blocks, "hann" or "boxcar"', "hann")
 _LENGTH = positive("the length of a block in s", 1.0)
 _PULSE = Field(gt=0, description="how long after its trigger the force counts in s, above 0", examples=[0.005])
 _END = key_field("what is left of the exponential window at the end of a block, above 0 and at most 1", 0.05)
 _RANGE = positive("the full scale of the force channel in N", 500.0)
 _OVERLAP = Field(ge=0, lt=1, description="the overlap of blocks, a number of at least 0 and below 1", examples=[0.5])
-#: Keys that one method alone uses.
-_USED_WITH = {
-    "pretrigger_s": "impact",
-    "force_window_s": "impact",
-    "exponential_end": "impact",
-    "force_range_n": "impact",
-    "overlap": "shaker",
-    "window": "shaker",
-}
 
 
 class RecordsSpec(Spec):
     """How FRFs are made from the time histories of a file."""
 
+    used_with = {  # noqa: RUF012 (no field)
+        **dict.fromkeys(("pretrigger_s", "force_window_s", "exponential_end", "force_range_n"), ("method", "impact")),
+        **dict.fromkeys(("overlap", "window"), ("method", "shaker")),
+    }
+
     method: Annotated[Literal["impact", "shaker"], _METHOD]
-    estimator: Annotated[Literal["H1", "H2", "Hv"], _ESTIMATOR] = "H1"
+    estimator: Annotated[Literal["H1", "H2", "Hv"], ESTIMATOR] = "H1"
     block_s: Annotated[float | None, _LENGTH] = None
     pretrigger_s: Annotated[float, not_negative("how long before its trigger a block begins, in s", 0.01)] = 0.0
     force_window_s: Annotated[float | None, _PULSE] = None
@@ -162,11 +155,6 @@ class RecordsSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         if self.method == "shaker" and self.block_s is None:
             yield Finding(("block_s",), missing=True)
-        for key, method in _USED_WITH.items():
-            value = getattr(self, key)
-            if self.method != method and value != type(self).model_fields[key].default:
-                found = f'found {value!r}, which method = "{self.method}" does not use'
-                yield Finding((key,), found, f'method = "{method}"', f"write method so, or remove {key}")
 
 
 _RECORDS = Field(description="how FRFs are made from time histories: method")
@@ -217,17 +205,13 @@ class MeasuredSpec(Spec):
             yield Finding(("channels",), found, "a DOF for each channel that is used", remedy)
 
 
-_KIND = key_field(
-    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
-    "measured_frf",
-)
 _VARIANCE = Field(description="the variance of the FRFs: source")
 
 
 class MeasuredFrfSpec(MeasuredSpec):
     """FRFs of measurement files."""
 
-    kind: Annotated[Literal["measured_frf"], _KIND]
+    kind: Annotated[Literal["measured_frf"], DATA_KIND]
     outputs: Annotated[Labels, key_field("a list of the measured DOFs used; empty: all", ["11:y"])] = ()
     inputs: Annotated[Labels, key_field("a list of the excited DOFs used; empty: all", ["11:y"])] = ()
     variance: Annotated[VarianceSpec, _VARIANCE]
@@ -257,19 +241,48 @@ class MeasuredFrfSpec(MeasuredSpec):
 class MeasuredFrequenciesSpec(MeasuredSpec):
     """Natural frequencies of the modes that FRFs of measurement files show, the lowest ones."""
 
-    kind: Annotated[Literal["measured_frequencies"], _KIND]
+    kind: Annotated[Literal["measured_frequencies"], DATA_KIND]
     variance: Annotated[VarianceSpec | None, _VARIANCE] = None
     modes: Annotated[int | None, count_field("how many modes are used, the lowest ones", 3, 1, 1000)] = None
     sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.001)] = 0.0
     sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.1)] = 0.0
 
 
-def rotation_findings(data: MeasuredFrfSpec, elements: int) -> Iterator[Finding]:
-    """Yield stations that are not evenly spaced nodes where no spacing is stated."""
-    for label, rotation in data.rotations.items():
-        nodes = [int(station.split(":")[0]) for station in rotation.stations]
-        steps = {b - a for a, b in itertools.pairwise(nodes)}
-        if len(steps) != 1 or 0 in steps or max(nodes) > elements + 1:
-            found = f"found nodes {', '.join(map(str, nodes))}"
-            expected = f"different nodes, evenly spaced in one direction, from 1 to {elements + 1}"
-            yield Finding(("data", "rotations", label, "stations"), found, expected, "correct the stations")
+_BODY_KIND = key_field('the kind of body, "measured"', "measured")
+_PROPAGATE = key_field(
+    "true (the noise of the FRFs counts in the likelihood) or false (it is ignored: intervals are too narrow)", True
+)
+_BODY_ROTATIONS = key_field('a table for each rotation, as [bodies.spindle.rotations."spindle:rz"]', {})
+
+
+class MeasuredBodySpec(MeasuredSpec):
+    """A body given by its FRFs between the DOFs that its channels stand for, and rotations between them."""
+
+    kind: Annotated[Literal["measured"], _BODY_KIND]
+    variance: Annotated[VarianceSpec, _VARIANCE]
+    rotations: Annotated[dict[Label, RotationSpec], _BODY_ROTATIONS] = {}  # noqa: RUF012 (frozen model)
+    propagate: Annotated[bool, _PROPAGATE] = True
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """DOFs that the body has: those of its channels, and its rotations."""
+        return tuple(dict.fromkeys((*(channel.label for channel in self.channels.values()), *self.rotations)))
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from super()._findings()
+        measured = {channel.label for channel in self.channels.values()}
+        for label, rotation in self.rotations.items():
+            if ":r" not in label:
+                yield Finding(("rotations", label), f'found "{label}"', "a rotation", 'write for example "spindle:rz"')
+            else:
+                yield from rotation.wrong_directions(label)
+            if rotation.spacing_mm is None:
+                yield Finding(("rotations", label, "spacing_mm"), missing=True)
+            if rotation.in_likelihood:
+                expected = "false: a rotation of a body stands beside its stations, with the noise that they share"
+                yield Finding(("rotations", label, "in_likelihood"), "found true", expected, "remove it")
+            for i, station in enumerate(rotation.stations):
+                if station not in measured:
+                    found = f'found "{station}", which no channel of the body stands for'
+                    place = ("rotations", label, "stations", i)
+                    yield Finding(place, found, "a DOF of the body", "map its channel or correct the station")

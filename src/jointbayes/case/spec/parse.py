@@ -1,90 +1,174 @@
-"""The `[setups.NAME]` and `[level]` tables of a case file, and the rules between the set-ups of one case."""
+"""From the text of a case file to its checked tables, each test by itself and then all together.
+
+Rules between tables stand in `rules`; here they come together, and those between the tests of one case.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterator, Mapping, Sequence
 
-from pydantic import Field, Strict
+import pydantic
 
-from jointbayes.case.case_text import CaseText
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Spec, either, key_field
+from jointbayes.case.case_faults import fault_lines, fault_paths
+from jointbayes.case.case_text import CaseText, case_text, planned_texts, setup_texts, without_inherited
+from jointbayes.case.keys import DATA_FILE, named_files
+from jointbayes.case.spec import rules
+from jointbayes.case.spec.fields import Finding, KeyPath, either, show_key
+from jointbayes.case.spec.joint_table import ALIKE, JointSpec
+from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import similar
+from jointbayes.errors import CaseError
 from jointbayes.joint.quantities import prefixed, without_damping
 
-if TYPE_CHECKING:
-    from jointbayes.case.schema.case import CaseSpec
-    from jointbayes.case.schema.joint import JointSpec
+
+class CheckedCaseSpec(CaseSpec):
+    """A case that agrees with itself."""
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from setups_findings(self)
+        if self.joint is None and not self.joints:
+            yield Finding(("joint",), missing=True)
+            return
+        yield from super()._findings()
+        yield from rules.joints_findings(self.joint, self.joints, self.prior)
+        yield from rules.dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
+        if self.prior is not None and self.joint is not None:
+            yield from rules.prior_findings(self.joint, self.prior)
+        lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
+        yield from rules.truth_names_findings(self.data, self.all_quantities, lone_pair=lone_pair)
+        yield from rules.uncertain_findings(self.uncertain, self.structure, self.data)
+        yield from rules.truth_findings(self.structure, self.data)
+        yield from rules.noise_findings(self.noise, self.data)
+        yield from rules.plan_findings(self.plan, self.data)
+        if self.reference is not None and (not lone_pair or any(joint.own for joint in self.all_joints.values())):
+            found, expected = "found k11, k12 and k22 to compare with", "one coupled joint, the same in all set-ups"
+            yield Finding(("reference",), found, expected, "remove [reference]")
+        yield from rules.virtual_test_findings(self.virtual_test, self.structure, self.data)
 
 
-#: What must be the same in joints that share their quantities.
-ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
+def needs_files(specs: Mapping[str, CaseSpec]) -> bool:
+    """Whether a case cannot be built from its text and the data of a lone test: it names files besides these.
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
-_LEVEL = key_field("the level of the test in the unit of [level], a number", 2.0)
-_LEVEL_NAME = Field(
-    min_length=1,
-    max_length=60,
-    pattern=r"^[^\r\n]+$",
-    description="what the level is, a short text",
-    examples=["torque"],
-)
-_LEVEL_UNIT = Field(
-    max_length=20, pattern=r"^[^\r\n]*$", description="the unit of the level, a short text", examples=["N m"]
-)
-_REMOVE = key_field("a list of keys or tables of the rest of the file that this set-up does not take", ["prior.k12"])
+    Parameters
+    ----------
+    specs
+        Its set-ups, as `parse_setups` gives them.
+    """
+    return any(setup or key != DATA_FILE for setup, spec in specs.items() for key in named_files(spec))
 
 
-def _changes(of: str) -> object:
-    return Field(description=f"what is different in {of}, a table")
+def parse_case(text: str | CaseText, name: str = "case") -> CaseSpec:
+    """Read a case from TOML text; of several set-ups the first, see `parse_setups`.
+
+    Parameters
+    ----------
+    text : str or CaseText
+        The TOML text, which stands alone; or one with the files that it builds on.
+    name : str
+        The file name that error messages show, of a text alone.
+
+    Returns
+    -------
+    CaseSpec
+        The checked case.
+
+    Raises
+    ------
+    CaseError
+        If anything is wrong; one line for each fault, ``FILE:LINE: key: found; expected; what to do``.
+    """
+    return next(iter(parse_setups(text, name).values()))
 
 
-_Table = dict[str, Any] | None
+def parse_setups(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
+    """Read each set-up of a case by its name; a case of one test is that of one without a name.
+
+    Parameters and errors are those of `parse_case`. What the file says for all set-ups of an uncertain quantity, a plan
+    or a virtual test is left out of those that cannot have it, as long as another one can.
+    """
+    source = case_text(text, name) if isinstance(text, str) else text
+    texts = setup_texts(source)
+    specs, faults, dropped = _checked_each(texts)
+    faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no set-up can have
+    if not faults:
+        between = [*between_setups(specs, texts), *integral_findings(specs), *parameter_findings(specs)]
+        faults = [_told(texts[setup], finding) for setup, finding in (*between, *hypotheses_findings(specs))]
+    _raise_faults(faults)
+    return specs
 
 
-class SetupSpec(Spec):
-    """One test of several: what is different from the rest of the file, whose tables these are."""
-
-    level: Annotated[float | None, _LEVEL] = None
-    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
-    structure: Annotated[_Table, _changes("the structure")] = None
-    joint: Annotated[_Table, _changes("the joint")] = None
-    joints: Annotated[_Table, _changes("the joints")] = None
-    bodies: Annotated[_Table, _changes("the measured bodies")] = None
-    prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
-    uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
-    data: Annotated[_Table, _changes("the data")] = None
-    noise: Annotated[_Table, _changes("how residuals are judged")] = None
-    virtual_test: Annotated[_Table, _changes("how `simulate` measures")] = None
+def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
+    """Read each set-up that the plan of a case proposes by its name; errors are those of `parse_case`."""
+    texts = planned_texts(source)
+    if not texts:
+        return {}
+    specs, faults, _ = _checked_each(texts)
+    faults += [_told(texts[name], finding) for name, spec in specs.items() for finding in _own_unknowns(spec)]
+    if not faults:
+        between = between_setups(parse_setups(source) | specs, setup_texts(source) | texts)
+        faults = [_told(texts[name], finding) for name, finding in between if name in texts]
+    _raise_faults(faults)
+    return specs
 
 
-class PlannedSetupSpec(Spec):
-    """A test that could be made: what is different from the rest of the file, whose tables these are."""
-
-    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
-    structure: Annotated[_Table, _changes("the structure")] = None
-    joint: Annotated[_Table, _changes("the joint")] = None
-    joints: Annotated[_Table, _changes("the joints")] = None
-    uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
-    data: Annotated[_Table, _changes("the data")] = None
+def _raise_faults(faults: Sequence[str]) -> None:
+    if faults:
+        raise CaseError("\n".join(dict.fromkeys(faults)))
 
 
-class LevelSpec(Spec):
-    """What the levels of the set-ups are: a torque, a drive level, a temperature."""
+def _told(text: CaseText, finding: Finding) -> str:
+    """A fault between set-ups in one line."""
+    key = show_key(text.written(finding.loc))
+    return text.fault(finding.loc, key, finding.found, f"expected {finding.expected}", finding.remedy)
 
-    name: Annotated[str, _LEVEL_NAME]
-    unit: Annotated[str, _LEVEL_UNIT] = ""
+
+def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
+    """Yield where a proposed set-up says that a joint, or its noise, is its own."""
+    own, remedy = "of its own, of which the present data say nothing", "remove own, or the set-up from the plan"
+    for name, joint in spec.all_joints.items():
+        if joint.own:
+            loc = (*_joint_table(name), "own")
+            yield Finding(loc, f"found a joint {own}", "one that set-ups share", remedy)
+    if spec.noise.own and spec.noise.inferred:
+        yield Finding(("noise", "own"), f"found parameters of the noise {own}", "those that set-ups share", remedy)
+
+
+def _checked_each(
+    texts: Mapping[str, CaseText],
+) -> tuple[dict[str, CaseSpec], list[str], dict[KeyPath, list[str]]]:
+    """Set-ups without fault, faults of the others; and what they do not take of the whole file, with its faults."""
+    specs: dict[str, CaseSpec] = {}
+    faults: list[str] = []
+    dropped: dict[KeyPath, list[str]] = {}
+    for setup, text in texts.items():
+        spec, lines, without = _checked(text)
+        faults += lines
+        for key, line in without.items():
+            dropped.setdefault(key, []).append(line)
+        if spec is not None:
+            specs[setup] = spec
+    return specs, faults, dropped
+
+
+def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, str]]:
+    """One set-up, or its faults; and what it does not take of the rest of the file, each with its fault."""
+    without: dict[KeyPath, str] = {}
+    while True:
+        try:
+            return CheckedCaseSpec.model_validate(text.data), [], without
+        except pydantic.ValidationError as error:
+            lines = fault_lines(error, CaseSpec, text)
+            left = [without_inherited(text, path) for path in fault_paths(error, CaseSpec, text)]
+        if not all(left):
+            return None, lines, without
+        key, text = next(one for one in left if one is not None)
+        without[key] = lines[0]
 
 
 def setups_findings(spec: CaseSpec) -> Iterator[Finding]:
     """Yield names of set-ups that are none or another's, levels of some only, and `own` in a case of one test."""
     others = {"joint": set(spec.joints), "body": {*spec.bodies, *getattr(spec.structure, "bodies", {})}}
     for name in spec.setups:
-        if not _NAME.fullmatch(name):
-            expected = "a name of letters, digits, _ and -, at most 40, a letter first"
-            yield Finding(("setups", name), "found a name that tables and figures cannot show", expected, "rename it")
         for what, names in others.items():
             if name in names:
                 found = f"found the name of a {what}, so that {name}.k11 would be two things"
@@ -110,9 +194,6 @@ def planned_findings(spec: CaseSpec) -> Iterator[Finding]:
     """Yield names of proposed set-ups that are none or a present one's, and data that a plan cannot make."""
     for name, proposed in spec.plan.setups.items():
         loc = ("plan", "setups", name)
-        if not _NAME.fullmatch(name):
-            expected = "a name of letters, digits, _ and -, at most 40, a letter first"
-            yield Finding(loc, "found a name that tables and figures cannot show", expected, "rename it")
         if name in spec.setups:
             yield Finding(loc, "found the name of a present set-up", "a name of its own", "rename it")
         if proposed.data is not None and spec.data.kind != "synthetic_frf":
@@ -124,7 +205,7 @@ def planned_findings(spec: CaseSpec) -> Iterator[Finding]:
 def _own_of_one(spec: CaseSpec) -> Iterator[Finding]:
     """Yield `own` where there is nothing that others could share."""
     owned: list[tuple[str | int, ...]] = [
-        *((("joints", name) if name else ("joint",)) for name, joint in spec.all_joints.items() if joint.own),
+        *(_joint_table(name) for name, joint in spec.all_joints.items() if joint.own),
         *(_place_of(name) for name, prior in spec.uncertain.given.items() if prior.own),
         *([("noise",)] if spec.noise.own else []),
     ]
@@ -132,25 +213,19 @@ def _own_of_one(spec: CaseSpec) -> Iterator[Finding]:
         yield Finding((*loc, "own"), "found true in a case of one test", "several, as [setups.long]", "remove it")
 
 
+def _joint_table(name: str) -> tuple[str, ...]:
+    return ("joints", name) if name else ("joint",)
+
+
 def _place_of(quantity: str) -> tuple[str, ...]:
     body, _, name = quantity.rpartition(".")
     return ("uncertain", "bodies", body, name) if body else ("uncertain", name)
 
 
-def joint_of_setup(setup: str, name: str, spec: CaseSpec) -> tuple[str, str]:
-    """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
-    joints = spec.all_joints
-    owner = spec.sharing.get(name, name)
-    if not joints[owner].own:
-        return name, owner
-    named, owning = (prefixed(setup, one) if one else setup for one in (name, owner))
-    return named, owning
-
-
 def _quantities_of_setups(specs: Mapping[str, CaseSpec]) -> tuple[str, ...]:
     """Names of the stiffnesses of the joints of all set-ups, those that are shared once."""
     found = (
-        prefixed(joint_of_setup(setup, name, spec)[0], quantity.name)
+        prefixed(spec.joint_of_setup(setup, name)[0], quantity.name)
         for setup, spec in specs.items()
         for name, joint in spec.all_joints.items()
         if name not in spec.sharing
@@ -194,12 +269,12 @@ def between_setups(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText])
     known: dict[str, tuple[str, JointSpec]] = {}
     for setup, spec in specs.items():
         for name, joint in spec.all_joints.items():
-            place = ("joints", name) if name else ("joint",)
+            place = _joint_table(name)
             if not joint.own:
                 yield from ((setup, one) for one in _stated_alone(texts[setup], joint, place))
             if name in spec.sharing:
                 continue
-            first, other = known.setdefault(joint_of_setup(setup, name, spec)[1], (setup, joint))
+            first, other = known.setdefault(spec.joint_of_setup(setup, name)[1], (setup, joint))
             unlike = [what for what in ALIKE if getattr(joint, what) != getattr(other, what)]
             if unlike:
                 key = "dofs" if unlike[0] == "directions" else unlike[0]

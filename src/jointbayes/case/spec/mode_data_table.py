@@ -8,9 +8,18 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, Strict
 
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import Label, Labels, Spec, as_list, at_most, key_field, repeated
-from jointbayes.case.schema.limits import MOST_LABELS
+from jointbayes.case.spec.fields import (
+    DATA_KIND,
+    MOST_LABELS,
+    Finding,
+    Label,
+    Labels,
+    Spec,
+    as_list,
+    at_most,
+    key_field,
+    repeated,
+)
 
 _MOST_REPETITIONS, _MOST_MODES = 10_000, 1000
 
@@ -44,10 +53,6 @@ _Numbers = Annotated[
     tuple[Annotated[int, Field(ge=1, le=_MOST_MODES)], ...], Strict(False), Field(min_length=1), at_most(_MOST_MODES)
 ]
 
-_KIND = key_field(
-    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
-    "modes",
-)
 _EACH = "a number of at least 0, or a list of such numbers, one for each mode"
 _FREQUENCIES = key_field(
     "the natural frequencies in Hz, a list with one above 0 for each mode, or a list of such lists, one for each "
@@ -117,7 +122,7 @@ class ModeShapesSpec(Spec):
 class ModesSpec(Spec):
     """Modes of a modal test, or of several repetitions of it."""
 
-    kind: Annotated[Literal["modes"], _KIND]
+    kind: Annotated[Literal["modes"], DATA_KIND]
     frequencies_hz: Annotated[_Rows | None, _FREQUENCIES] = None
     eigenvalues: Annotated[_Rows | None, _EIGENVALUES] = None
     sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.005)] = (0.0,)

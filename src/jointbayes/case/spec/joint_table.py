@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, Strict
 
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import OWN, Labels, Spec, ascii_unit, either, key_field, not_negative
-from jointbayes.case.schema.priors import PriorsSpec
+from jointbayes.case.spec.fields import OWN, Finding, Labels, Spec, either, key_field
+from jointbayes.case.spec.prior_tables import PriorsSpec, StiffnessSpec
+from jointbayes.case.spec.structure_table import metres
 from jointbayes.joint import (
     COORDINATES,
     COUPLED,
@@ -26,34 +26,8 @@ from jointbayes.joint import (
 
 _CROOKED = 1e-6  # of the products of axes
 
-_K11, _K12, _K22 = COUPLED
-_IN = {quantity.name: f"{quantity.words} in {ascii_unit(quantity.unit)}" for quantity in COUPLED}
-
-
-K11_FIELD = not_negative(_IN[_K11.name], 1e8)
-K12_FIELD = key_field(f"{_IN[_K12.name]}, a number with k12² ≤ k11·k22", 0.0)
-K22_FIELD = not_negative(_IN[_K22.name], 1e6)
-
-
-def pair_findings(k11: float, k12: float, k22: float) -> Iterator[Finding]:
-    """Yield that a joint matrix [[k11, k12], [k12, k22]] is not positive semidefinite."""
-    bound = math.sqrt(k11) * math.sqrt(k22)  # not sqrt(k11 k22), which may overflow
-    if abs(k12) > bound * (1 + 1e-12):
-        squares = f"k12² = {k12 * k12:.6g} exceeds k11·k22 = {k11 * k22:.6g}"
-        found = f"{squares}: the joint matrix is not positive semidefinite"
-        yield Finding((_K12.name,), found, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
-
-
-class StiffnessSpec(Spec):
-    """A positive semidefinite joint matrix [[k11, k12], [k12, k22]]."""
-
-    k11: Annotated[float, K11_FIELD]
-    k12: Annotated[float, K12_FIELD]
-    k22: Annotated[float, K22_FIELD]
-
-    def _findings(self) -> Iterator[Finding]:
-        yield from pair_findings(self.k11, self.k12, self.k22)
-
+if TYPE_CHECKING:
+    from jointbayes.joint import Joint, Parametrisation
 
 _DOFS = key_field("the translation and then the rotation, two DOF labels", ["1:y", "1:rz"])
 _AGAINST = key_field("no DOF (joint to ground) or as many as dofs, those of the other side", ["9:y", "9:rz"])
@@ -88,6 +62,10 @@ _LOSS = key_field('a list of springs of the joint that have a loss factor, or ["
 _Vector = Annotated[tuple[float, float, float], Strict(False)]
 _Share = Annotated[float, Field(ge=-1, le=1)]
 _Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
+
+
+#: What must be the same in joints that share their quantities.
+ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
 
 
 class JointSpec(Spec):
@@ -147,6 +125,21 @@ class JointSpec(Spec):
             case "full":
                 return full_stiffnesses(self.directions)
         return COUPLED
+
+    def built(self, name: str = "") -> Joint:
+        """Where it acts."""
+        from jointbayes.joint import Joint
+
+        offsets = [mm and metres(mm) for mm in (self.offset_mm, self.offset_against_mm)]
+        return Joint(self.dofs, self.against, name, self.axes, *offsets)
+
+    @property
+    def parametrisation_object(self) -> Parametrisation:
+        """Its coordinates."""
+        from jointbayes.joint import Damped, parametrisation_named
+
+        kind = parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
+        return Damped(kind, self.viscous, self.loss_factors) if self.damping else kind
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -1,14 +1,27 @@
-"""The tables of a case file that state a prior: `[prior]` for the joint, `[uncertain]` for all else."""
+"""The tables of a case file that state stiffnesses or a prior: `[prior]` for the joint, `[uncertain]` for all else."""
 
+from __future__ import annotations
+
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, create_model
 
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import OWN, Positive, Spec, ascii_unit, key_field, not_above, not_negative, positive
+from jointbayes.case.spec.fields import (
+    OWN,
+    Finding,
+    Positive,
+    Spec,
+    ascii_unit,
+    key_field,
+    not_above,
+    not_negative,
+    positive,
+)
 from jointbayes.joint import (
     COORDINATES,
+    COUPLED,
     DIRECTIONS,
     Coordinate,
     damping_quantities,
@@ -17,11 +30,15 @@ from jointbayes.joint import (
     spring_stiffnesses,
 )
 
+if TYPE_CHECKING:
+    from jointbayes.arrays import Array
+    from jointbayes.inference import Marginal
+
 _DISTRIBUTION = key_field(
     'the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform"
 )
 #: Every coordinate that a joint may have, by name.
-_COUPLED = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
+_AXES = {axis.name: axis for axes in COORDINATES.values() for axis in axes}
 _SPRINGS = {quantity.name: Coordinate.logarithm_of(quantity) for quantity in spring_stiffnesses(DIRECTIONS)}
 _FULL = {axis.name: axis for axis in full_coordinates(DIRECTIONS)}
 _DAMPING = {
@@ -30,9 +47,44 @@ _DAMPING = {
     for springs in [[quantity.name for quantity in stiffnesses if not quantity.may_be_negative]]
     for one in (*damping_quantities(stiffnesses, springs, springs), *damping_quantities(stiffnesses, [], ["all"]))
 }
-_COORDINATES = _COUPLED | {name: axis for name, axis in (_SPRINGS | _FULL | _DAMPING).items() if name not in _COUPLED}
-_UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _COUPLED.values() if axis.logarithmic)
+_COORDINATES = _AXES | {name: axis for name, axis in (_SPRINGS | _FULL | _DAMPING).items() if name not in _AXES}
+_UNITS = ", ".join(f"{axis.name}: {ascii_unit(axis.unit)}" for axis in _AXES.values() if axis.logarithmic)
 _UNIT = f"in the unit of the parameter ({_UNITS})"
+
+
+_K11, _K12, _K22 = COUPLED
+_IN = {quantity.name: f"{quantity.words} in {ascii_unit(quantity.unit)}" for quantity in COUPLED}
+
+
+K11_FIELD = not_negative(_IN[_K11.name], 1e8)
+K12_FIELD = key_field(f"{_IN[_K12.name]}, a number with k12² ≤ k11·k22", 0.0)
+K22_FIELD = not_negative(_IN[_K22.name], 1e6)
+
+
+def pair_findings(k11: float, k12: float, k22: float) -> Iterator[Finding]:
+    """Yield that a joint matrix [[k11, k12], [k12, k22]] is not positive semidefinite."""
+    bound = math.sqrt(k11) * math.sqrt(k22)  # not sqrt(k11 k22), which may overflow
+    if abs(k12) > bound * (1 + 1e-12):
+        squares = f"k12² = {k12 * k12:.6g} exceeds k11·k22 = {k11 * k22:.6g}"
+        found = f"{squares}: the joint matrix is not positive semidefinite"
+        yield Finding((_K12.name,), found, "k12² ≤ k11·k22", f"lower |k12| below {bound:.6g} N")
+
+
+class StiffnessSpec(Spec):
+    """A positive semidefinite joint matrix [[k11, k12], [k12, k22]]."""
+
+    k11: Annotated[float, K11_FIELD]
+    k12: Annotated[float, K12_FIELD]
+    k22: Annotated[float, K22_FIELD]
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from pair_findings(self.k11, self.k12, self.k22)
+
+    def values(self) -> Array:
+        """(k11, k12, k22), shape (3,)."""
+        import numpy as np
+
+        return np.array([self.k11, self.k12, self.k22])
 
 
 class LogUniformPriorSpec(Spec):
@@ -45,6 +97,12 @@ class LogUniformPriorSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.low, self.high, "low", "high", _UNIT)
 
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+        from jointbayes.inference import Uniform
+
+        return Uniform(math.log(self.low), math.log(self.high))
+
 
 class LogNormalPriorSpec(Spec):
     """The logarithm of the stiffness is normal about the logarithm of the median."""
@@ -53,6 +111,12 @@ class LogNormalPriorSpec(Spec):
     median: Annotated[float, positive(f"the median {_UNIT}", 1e9)]
     sd_log: Annotated[float, positive("the standard deviation of the natural logarithm", 1.0)]
 
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+        from jointbayes.inference import Normal
+
+        return Normal(math.log(self.median), self.sd_log)
+
 
 class DecadesPriorSpec(Spec):
     """A guess that is good to so many decades either way with 95 % probability."""
@@ -60,6 +124,12 @@ class DecadesPriorSpec(Spec):
     distribution: Annotated[Literal["decades"], _DISTRIBUTION]
     guess: Annotated[float, positive(f"the guess {_UNIT}", 1e9)]
     decades: Annotated[float, positive("the decades the guess may be off, 95 % inside", 1.0)]
+
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+        from jointbayes.inference import Normal
+
+        return Normal.from_decades(self.guess, self.decades)
 
 
 class UniformStiffnessPriorSpec(Spec):
@@ -72,6 +142,12 @@ class UniformStiffnessPriorSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.low, self.high, "low", "high", _UNIT)
 
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+        from jointbayes.inference import OfStiffness, Uniform
+
+        return OfStiffness(Uniform(self.low, self.high))
+
 
 class NormalStiffnessPriorSpec(Spec):
     """The stiffness itself is normal, cut off at zero."""
@@ -79,6 +155,12 @@ class NormalStiffnessPriorSpec(Spec):
     distribution: Annotated[Literal["normal"], _DISTRIBUTION]
     mean: Annotated[float, positive(f"the mean {_UNIT}", 1e8)]
     sd: Annotated[float, positive(f"the standard deviation {_UNIT}", 2e7)]
+
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+        from jointbayes.inference import Normal, OfStiffness
+
+        return OfStiffness(Normal(self.mean, self.sd))
 
 
 _StiffnessPrior = (
@@ -93,6 +175,12 @@ class UniformPriorSpec(Spec):
     distribution: Annotated[Literal["uniform"], key_field('"uniform"', "uniform")]
     low: Annotated[float, key_field("the lower bound, a number", -1.0)]
     high: Annotated[float, key_field("the upper bound, a number", 1.0)]
+
+    def marginal(self) -> Marginal:
+        """The prior on the coordinate."""
+        from jointbayes.inference import Uniform
+
+        return Uniform(self.low, self.high)
 
 
 def _uniform_prior(axis: Coordinate) -> type[UniformPriorSpec]:
@@ -165,6 +253,20 @@ class _SpreadSpec(Spec):
             yield from (Finding((key,), missing=True) for key in self._ends if key not in given)
         else:
             yield from not_above(low, high, *self._ends, "")
+
+    def marginal(self, value: float = 1.0) -> Marginal:
+        """Prior on the logarithm of a factor on a value, a length in mm; or on an offset in m, that is `value` mm."""
+        from jointbayes.inference import Normal, Uniform
+
+        sd_percent, sd_mm = getattr(self, "sd_percent", None), getattr(self, "sd_mm", None)
+        if sd_percent is not None:
+            return Normal(0.0, sd_percent / 100)
+        if sd_mm is not None:
+            return Normal(0.0, sd_mm / value)
+        ends = [getattr(self, key) for key in self._ends]
+        if isinstance(self, OffsetPriorSpec):
+            return Uniform(*(end / value for end in ends))
+        return Uniform(*map(math.log, ends))
 
 
 class FactorPriorSpec(_SpreadSpec):

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails
 
 from jointbayes.case.case_text import CaseText
-from jointbayes.case.key_units import UNITS, same_stem, stem_of, unit_of
+from jointbayes.case.keys import UNITS, same_stem, stem_of, unit_of
+from jointbayes.case.spec.fields import Finding, quoted, show_key
 from jointbayes.case.toml_text import KeyPath, similar
 
-_LONGEST = 40  # characters of a user's own text repeated in a message
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
 _MOST_TOLD, _MOST_SORTED, _MOST_READ = 20, 100, 5000
 
@@ -41,35 +41,12 @@ _MIDDLES = ("mean", "median", "value", "nominal")
 _SYNONYMS = {"hysteretic": "loss_factor", "structural": "loss_factor"}
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A fault found by a rule of the schema, placed relative to the value the rule looks at.
-
-    ``expected`` may stay empty where the description of the field says it; a ``missing`` finding needs
-    nothing but its place.
-    """
-
-    loc: KeyPath
-    found: str = ""
-    expected: str = ""
-    remedy: str = ""
-    missing: bool = False
-
-
-def raise_findings(findings: Iterable[Finding]) -> None:
-    """Raise what a schema rule found, if anything, as one `PydanticCustomError` that carries it all."""
-    found = list(findings)
-    if found:
-        text = " | ".join(f"{show_key(f.loc)}: {f.found or 'missing'}; {f.expected}" for f in found)
-        raise PydanticCustomError("case_findings", "{text}", {"text": text, "findings": found})
-
-
 def _show(value: object) -> str:
     """Describe a value of a case file in the words of the file, always on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f"the text {_quoted(value)}" if value else "an empty text"
+        return f"the text {quoted(value)}" if value else "an empty text"
     if isinstance(value, int | float):
         # The size of an absurdly long integer says enough, and str() refuses more than 4300 digits.
         is_long = isinstance(value, int) and abs(value) > 10**20
@@ -79,17 +56,6 @@ def _show(value: object) -> str:
     if isinstance(value, Sequence):
         return f"a list of {len(value)}" if value else "an empty list"
     return "a date or time"  # all that TOML has left
-
-
-def show_key(path: Sequence[str | int]) -> str:
-    """Write a key path as in the file; list positions are left to the text of the message."""
-    parts = [p for p in path if isinstance(p, str)]
-    return ".".join(p if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", p) else _quoted(p) for p in parts) or "file"
-
-
-def _quoted(text: str) -> str:
-    shown = text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
-    return f'"{shown}"' if shown.isprintable() else json.dumps(shown)
 
 
 def _is_literal(annotation: object) -> bool:
@@ -156,7 +122,7 @@ class _Fault:
 
     kind: Literal["missing", "unknown", "value"]
     place: _Place
-    finding: Finding = Finding(())
+    finding: Finding = field(default_factory=lambda: Finding(()))
     meant: str | None = None
 
 

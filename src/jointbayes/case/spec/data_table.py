@@ -8,23 +8,25 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from jointbayes.case.errors import Finding
-from jointbayes.case.schema.fields import (
+from jointbayes.case.spec.fields import (
+    DATA_KIND,
     FREQUENCIES,
+    MOST_VALUES,
+    Finding,
     Frequencies,
     Labels,
     Ratios,
     Spec,
     count_field,
     key_field,
+    law_findings,
     not_above,
     not_negative,
     positive,
 )
-from jointbayes.case.schema.joint import K11_FIELD, K12_FIELD, K22_FIELD, pair_findings
-from jointbayes.case.schema.limits import MOST_VALUES
-from jointbayes.case.schema.measured import MeasuredFrequenciesSpec, MeasuredFrfSpec
-from jointbayes.case.schema.modes import ModesSpec
+from jointbayes.case.spec.measured_table import MeasuredFrequenciesSpec, MeasuredFrfSpec
+from jointbayes.case.spec.mode_data_table import ModesSpec
+from jointbayes.case.spec.prior_tables import K11_FIELD, K12_FIELD, K22_FIELD, pair_findings
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
 
@@ -48,11 +50,7 @@ class NoiseSpec(Spec):
 
     def _findings(self) -> Iterator[Finding]:
         if self.coherence is None and self.averages is None:
-            needed = {"relative", "floor"} - self.model_fields_set
-            if needed:  # the defaults of the two serve the other law; here each is to be stated
-                yield from (Finding((key,), missing=True) for key in sorted(needed))
-            elif self.relative + self.floor == 0:
-                yield Finding(("relative",), "relative and floor are both 0", "at least one above 0", "raise one")
+            yield from law_findings(self, self.relative, self.floor)
         elif self.coherence is None or self.averages is None:
             yield Finding(("coherence" if self.coherence is None else "averages",), missing=True)
         elif self.relative > 0:
@@ -102,17 +100,13 @@ class TruthSpec(Spec):
             yield from pair_findings(**given)
 
 
-_KIND = key_field(
-    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
-    "synthetic_frf",
-)
 _QUANTITY = key_field('the measured quantity, "receptance", "mobility" or "accelerance"', "receptance")
 
 
 class SyntheticFrfSpec(Spec):
     """FRFs computed from a stated truth, with noise; the frequencies are a band or a list."""
 
-    kind: Annotated[Literal["synthetic_frf"], _KIND]
+    kind: Annotated[Literal["synthetic_frf"], DATA_KIND]
     outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
     inputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one excited DOF", ["11:y"])]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY] = "receptance"
@@ -165,7 +159,7 @@ class SyntheticFrfSpec(Spec):
 class NaturalFrequenciesSpec(Spec):
     """Measured natural frequencies, the lowest ones in order; the two deviations add in quadrature."""
 
-    kind: Annotated[Literal["natural_frequencies"], _KIND]
+    kind: Annotated[Literal["natural_frequencies"], DATA_KIND]
     frequencies_hz: Annotated[Frequencies, Field(min_length=1), FREQUENCIES]
     sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)] = 0.0
     sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)] = 0.0

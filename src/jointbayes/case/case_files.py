@@ -1,0 +1,346 @@
+"""Files that a case names: how measurement files are read and what they decide; measured bodies; matrices."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from jointbayes.arrays import Array
+from jointbayes.case.spec.measured_table import (
+    MeasuredBodySpec,
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    MeasuredSpec,
+    RotationSpec,
+    VarianceSpec,
+)
+from jointbayes.case.spec.prior_tables import FactorPriorSpec
+from jointbayes.case.spec.structure_kinds import BeamSpec, MatricesSpec, MatrixDampingSpec, asymmetry
+from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase
+from jointbayes.case.spec.whole import CaseSpec
+from jointbayes.errors import CaseError, MeasurementError, printable
+from jointbayes.frf import MeasuredBody
+from jointbayes.joint import as_joints
+from jointbayes.measurement.channels import Channel
+from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.mode_data import Measurement
+from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
+from jointbayes.measurement.rotations import Rotation
+from jointbayes.measurement.signals.hits import HitSettings
+from jointbayes.measurement.signals.impact import ImpactSettings
+from jointbayes.measurement.signals.spectra import ShakerSettings
+from jointbayes.measurement.variance import RelativeNoise
+
+_MOST_BYTES = 200_000_000
+_MOST_ROWS = 2000
+
+Start = Callable[[tuple[str, ...]], str]
+"""Start of a message about a key: file, line, key."""
+_MM, _G = 1e-3, 1e-3
+_NEARLY_GAUSSIAN = 400  # degrees of freedom: the mean square is half a per cent off
+_DAMPING_FACTOR = 3.0  # either way, about damping ratios that were taken from the data
+
+
+def plan_of(spec: CaseSpec) -> MeasurementPlan:
+    """What a case with data of kind ``"measured_frf"`` or ``"measured_frequencies"`` asks for of its files."""
+    data = spec.data
+    assert isinstance(data, MeasuredFrfSpec | MeasuredFrequenciesSpec)
+    frf = data if isinstance(data, MeasuredFrfSpec) else None
+    frequencies = data if isinstance(data, MeasuredFrequenciesSpec) else None
+    return replace(
+        plan_of_files(data),
+        outputs=frf.outputs if frf else (),
+        inputs=frf.inputs if frf else (),
+        rotations=tuple(_rotation(label, one, spec.structure) for label, one in frf.rotations.items()) if frf else (),
+        joint_dofs=as_joints(spec.joint_objects).labels,
+        frequencies=(
+            FrequencyPlan(frequencies.modes, frequencies.sd_relative, frequencies.sd_hz) if frequencies else None
+        ),
+    )
+
+
+def plan_of_files(data: MeasuredFrfSpec | MeasuredFrequenciesSpec | MeasuredBodySpec) -> MeasurementPlan:
+    """What all tables of measurement files ask for of these."""
+    return MeasurementPlan(
+        {name: Channel(c.label, c.sign, c.gain, c.accelerometer_mass_g * _G) for name, c in data.channels.items()},
+        _variance(data.variance) if data.variance else None,
+        data.quantity,
+        data.f_min_hz,
+        data.f_max_hz,
+        data.thin,
+        data.accelerometers == "roving",
+        _signals(data) if data.records else None,
+        exclude_hz=data.exclude_hz,
+        conjugate=data.conjugate,
+    )
+
+
+def _variance(spec: VarianceSpec) -> VarianceSource:
+    law = RelativeNoise(spec.relative, spec.floor) if spec.relative + spec.floor > 0 else None
+    return VarianceSource(spec.source, law, spec.averages, "relative" in spec.model_fields_set)
+
+
+def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
+    spec, band = data.records, (data.f_min_hz, data.f_max_hz)
+    assert spec is not None
+    if spec.method == "shaker":
+        assert spec.block_s is not None
+        return ShakerSettings(spec.block_s, spec.overlap, spec.window, spec.estimator, *band)
+    hits = HitSettings(spec.block_s, spec.pretrigger_s, force_range_n=spec.force_range_n)
+    return ImpactSettings(hits, spec.force_window_s, spec.exponential_end, spec.estimator, *band)
+
+
+def _rotation(label: str, spec: RotationSpec, structure: StructureBase) -> Rotation:
+    """A rotation with the distance of its stations, negative where they run backwards."""
+    first, second, *_ = (int(station.split(":")[0]) for station in spec.stations)
+    assert isinstance(structure, BeamSpec)  # as the rules of the tables ask
+    spacing = (second - first) * structure.length_mm / structure.elements
+    if spec.spacing_mm is not None:
+        spacing = float(np.copysign(spec.spacing_mm, spacing))
+    return Rotation(label, spec.stations, spacing * _MM, spec.scheme, spec.in_likelihood, spec.axis)
+
+
+def require_inside(
+    directory: Path, names: Sequence[str], place: str | Callable[[int], str], key: str = "data.file"
+) -> None:
+    """Refuse measurement files outside the directory of their case: a case of somebody else may name any file.
+
+    Parameters
+    ----------
+    directory
+        Of the case.
+    names
+        Of the files, as the case has them; where they lead by ``..`` or by links is what counts.
+    place
+        Start of the message: where the name stands, or a function that says it of the file of that number.
+    key
+        That names it.
+
+    Raises
+    ------
+    CaseError
+        If one lies elsewhere.
+    """
+    home = directory.resolve()
+    for number, name in enumerate(names):
+        try:
+            inside = (directory / name).resolve().is_relative_to(home)
+        except (OSError, RuntimeError, ValueError):  # links in a circle, a null byte: found again on reading
+            inside = True
+        if not inside:
+            shown = f'"{name}"' if name.isprintable() else json.dumps(name)
+            start = place if isinstance(place, str) else place(number)
+            raise CaseError(
+                f"{start} {key}: found {shown}, which leads out of the directory of the case file; "
+                "expected a measurement file in it or below; move the file there, or allow it: --allow-outside, in "
+                "Python allow_outside=True"
+            )
+
+
+def as_measured(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+    """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
+
+    Raises
+    ------
+    MeasurementError
+        If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
+    """
+    return _with_estimated_variance(_with_measured_damping(spec, measured), measured)
+
+
+def _with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+    """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
+
+    A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
+    dof/(dof − 2) on average, not 1. Only where the case does not choose a distribution itself, and nothing else
+    forbids it.
+    """
+    dof = measured.variance_dof if isinstance(measured, FrfMeasurement) else None
+    noise = spec.noise
+    free = "distribution" not in noise.model_fields_set and noise.discrepancy is None and noise.scale != "integrated"
+    if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
+        return spec
+    chosen = noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})
+    return spec.model_copy(update={"noise": chosen})
+
+
+def _with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+    """The case with the damping ratios that the data show, where it asks for them.
+
+    For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
+    in the likelihood, and a prior as narrow as the modal fit would count them twice.
+
+    Raises
+    ------
+    MeasurementError
+        If the data show no mode with a damping ratio between 0 and 1.
+    """
+    damping = spec.structure.damping
+    if not (isinstance(damping, ModalDampingSpec) and damping.measured):
+        return spec
+    assert measured.provenance is not None
+    ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
+    if not ratios or not all(0 < ratio < 1 for ratio in ratios):
+        raise MeasurementError(
+            f"structure.damping.ratio: found the ratios {list(ratios)} in the data; expected some between 0 and 1; "
+            "state a ratio"
+        )
+    structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
+    uncertain = spec.uncertain
+    if uncertain.damping_ratio is None and isinstance(measured, FrfMeasurement):
+        high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
+        prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
+        uncertain = uncertain.model_copy(update={"damping_ratio": prior})
+    return spec.model_copy(update={"structure": structure, "uncertain": uncertain})
+
+
+def measured_bodies(
+    spec: CaseSpec,
+    used: Iterable[str],
+    directory: Path,
+    allow_outside: bool,
+    place: Callable[[tuple[str, ...]], str],
+) -> tuple[MeasuredBody, ...]:
+    """Read the bodies of a case.
+
+    Parameters
+    ----------
+    spec
+        The case.
+    used
+        DOFs that joints and data name: others of a body are left out.
+    directory
+        From which the names of files count.
+    allow_outside
+        Whether files may lie outside of it.
+    place
+        Start of a message for a key, with file and line.
+
+    Raises
+    ------
+    CaseError
+        If a file lies outside.
+    MeasurementError
+        If a file is missing or wrong, or lacks an FRF.
+    """
+    wanted, bodies = frozenset(used), []
+    for name, body in spec.bodies.items():
+        if not allow_outside:
+            require_inside(directory, body.file, place(("bodies", name, "file")), f"bodies.{name}.file")
+        try:
+            bodies.append(_body(name, body, wanted, directory))
+        except MeasurementError as error:
+            # messages of the files name the table of the data
+            raise MeasurementError(str(error).replace("data.", f"bodies.{name}.")) from error
+    return tuple(bodies)
+
+
+def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: Path) -> MeasuredBody:
+    from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
+
+    measured = read_measurement(spec.file, directory, plan_of_files(spec))
+    assert isinstance(measured, FrfMeasurement)
+    assert measured.provenance is not None  # as of all that is read
+    whole = MeasuredBody.of(measured.frf, measured.variance, name)
+    motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}
+    for label, rotation in spec.rotations.items():
+        if label in wanted:
+            assert rotation.spacing_mm is not None  # as its table asks
+            spacing = rotation.spacing_mm * _MM
+            weights = Rotation(label, rotation.stations, spacing, rotation.scheme, axis=rotation.axis).weights
+            motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
+    if not motions:
+        raise MeasurementError(
+            f"measured body {name}: found no joint, output or input at its DOFs {', '.join(spec.labels)}; expected a "
+            "joint to one of them; name its DOF in the joint, or remove the body"
+        )
+    return replace(whole.seen_at(motions), files=measured.provenance.files)
+
+
+def with_matrices(spec: CaseSpec, directory: Path, allow_outside: bool, start: Start) -> CaseSpec:
+    """The case with the matrices of files that its structure names.
+
+    Parameters
+    ----------
+    spec
+        The case.
+    directory
+        Where files are looked for.
+    allow_outside
+        Whether they may lie elsewhere.
+    start
+        Gives the start of a message about a key.
+
+    Raises
+    ------
+    CaseError
+        If a file cannot be read, or holds no square, symmetric matrix of the right size: file and key.
+    """
+    structure = spec.structure
+    if not isinstance(structure, MatricesSpec):
+        return spec
+    update: dict[str, object] = {}
+    for key in ("stiffness", "mass"):
+        named = getattr(structure, key)
+        if isinstance(named, str):
+            update[key] = _matrix(named, directory, allow_outside, start, ("structure", key), len(structure.dofs))
+    damping = structure.damping
+    if isinstance(damping, MatrixDampingSpec):
+        given = damping.damping_matrix
+        path = ("structure", "damping", "damping_matrix")
+        if isinstance(given, str):
+            given = _matrix(given, directory, allow_outside, start, path, len(structure.dofs))
+        if len(given) != len(structure.dofs):
+            raise CaseError(
+                f"{start(path)} found {len(given)} rows for {len(structure.dofs)} DOFs; expected as many; correct it"
+            )
+        update["damping"] = damping.model_copy(update={"damping_matrix": given})
+    return spec.model_copy(update={"structure": structure.model_copy(update=update)}) if update else spec
+
+
+def _matrix(
+    name: str, directory: Path, allow_outside: bool, start: Start, path: tuple[str, ...], rows: int
+) -> tuple[tuple[float, ...], ...]:
+    begin = f"{start(path)} {printable(name)}:"
+    if not allow_outside:
+        require_inside(directory, [name], start(path).rpartition(" ")[0], ".".join(path))
+    matrix = _read(directory / name, begin)
+    if matrix.ndim == 1 and matrix.size == rows:
+        matrix = np.diag(matrix)
+    if matrix.shape != (rows, rows):
+        raise CaseError(
+            f"{begin} found an array of shape {matrix.shape}; expected ({rows}, {rows}), a row for each of "
+            "structure.dofs; correct the file or the labels"
+        )
+    if not np.isfinite(matrix).all():
+        raise CaseError(f"{begin} found NaN or infinity; expected finite numbers; correct the file")
+    words = asymmetry(matrix)
+    if words is not None:
+        raise CaseError(f"{begin} {words}; expected a symmetric matrix; correct one of the two entries")
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def _read(file: Path, begin: str) -> Array:
+    """Array of a .npy or .csv file."""
+    kinds: Sequence[str] = (".npy", ".csv")
+    if file.suffix.lower() not in kinds:
+        raise CaseError(f"{begin} found the ending {file.suffix!r}; expected {' or '.join(kinds)}; rename the file")
+    try:
+        if not file.is_file():  # nor a pipe, which might never end
+            raise CaseError(f"{begin} found no such file; expected one with the matrix; correct the name")
+        if file.stat().st_size > _MOST_BYTES:
+            raise CaseError(f"{begin} found more than {_MOST_BYTES:g} bytes; expected a matrix of {_MOST_ROWS} rows")
+        if file.suffix.lower() == ".npy":
+            found = np.load(file, allow_pickle=False)
+        else:
+            found = np.loadtxt(file, delimiter=",", ndmin=2)
+        if found.dtype.kind not in "biuf":
+            raise ValueError(f"numbers of kind {found.dtype}")
+        return np.asarray(found, dtype=float)
+    except (OSError, ValueError, EOFError, UnicodeError) as error:
+        said = " ".join(str(error).split())[:100]
+        raise CaseError(
+            f"{begin} found no readable array ({said}); expected numbers, in .csv separated by commas; correct the file"
+        ) from error

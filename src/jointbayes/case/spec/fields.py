@@ -1,0 +1,305 @@
+"""Building blocks of the tables of a case file: described fields, findings, limits, DOF labels, the base model."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NamedTuple, Self
+
+import pydantic
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
+from pydantic_core import PydanticCustomError
+
+from jointbayes.joint import COUPLED
+
+KeyPath = tuple[str | int, ...]
+_LONGEST = 40  # characters of a user's own text repeated in a message
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault found by a rule of the schema, placed relative to the value the rule looks at.
+
+    ``expected`` may stay empty where the description of the field says it; a ``missing`` finding needs
+    nothing but its place.
+    """
+
+    loc: KeyPath
+    found: str = ""
+    expected: str = ""
+    remedy: str = ""
+    missing: bool = False
+
+
+def raise_findings(findings: Iterable[Finding]) -> None:
+    """Raise what a schema rule found, if anything, as one `PydanticCustomError` that carries it all."""
+    every = list(findings)
+    if every:
+        text = " | ".join(f"{show_key(f.loc)}: {f.found or 'missing'}; {f.expected}" for f in every)
+        raise PydanticCustomError("case_findings", "{text}", {"text": text, "findings": every})
+
+
+def show_key(path: Sequence[str | int]) -> str:
+    """Write a key path as in the file; list positions are left to the text of the message."""
+    parts = [p for p in path if isinstance(p, str)]
+    return ".".join(p if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", p) else quoted(p) for p in parts) or "file"
+
+
+def quoted(text: str) -> str:
+    """A text of the user in quotes, on one line and not too long."""
+    shown = text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+    return f'"{shown}"' if shown.isprintable() else json.dumps(shown)
+
+
+#: Of the sampler: beyond these a run fills the memory of any computer, or never ends.
+MOST_ENSEMBLES, MOST_WALKERS, MOST_STEPS, MOST_PROCESSES = 64, 10_000, 10_000_000, 256
+#: Entries of lists: DOFs of 501 points with 5 each; ratios, each of which may be uncertain; files.
+MOST_LABELS, MOST_RATIOS, MOST_FILES = 2505, 100, 1000
+#: Values of the FRFs of synthetic data: more fill the memory.
+MOST_VALUES = 10_000_000
+
+
+class Limits(NamedTuple):
+    """The smallest and the largest magnitude of some keys, in their unit; zero is for the keys themselves to allow."""
+
+    keys: str
+    least: float
+    most: float
+
+
+#: One row for each kind of number; docs/case-file.md shows the same table.
+TABLE = (
+    Limits("length_mm spacing_mm offset_mm offset_against_mm", 1e-3, 1e6),
+    Limits("diameter_mm outer_diameter_mm inner_diameter_mm width_mm height_mm wall_mm", 1e-3, 1e5),
+    Limits("youngs_modulus_gpa", 1e-6, 1e15),
+    Limits("density_kg_m3", 1e-9, 1e9),
+    Limits("accelerometer_mass_g added_mass_g", 1e-12, 1e9),
+    Limits("mass_kg masses_kg", 1e-12, 1e9),
+    Limits("inertia_kg_m2", 1e-30, 1e9),
+    Limits("points offsets_mm offset_mm", 1e-30, 1e9),
+    Limits("up", 1e-30, 1e30),
+    Limits("stiffness_n_per_m damping_n_s_per_m", 1e-12, 1e15),
+    Limits("stiffness mass damping_matrix", 1e-100, 1e100),
+    Limits("loss_factor", 1e-12, 100.0),
+    Limits("alpha_per_s", 1e-12, 1e9),
+    Limits("beta_s", 1e-20, 1e3),
+    Limits(f"{' '.join(quantity.name for quantity in COUPLED)} stiffness low high median guess mean sd", 1e-12, 1e15),
+    Limits("sd_log decades", 1e-6, 100.0),
+    Limits("sd_percent", 1e-6, 100.0),
+    Limits("sd_mm low_mm high_mm", 1e-6, 1e6),
+    Limits("level", 1e-30, 1e30),
+    Limits("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
+    Limits("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
+    Limits("dof scale_dof", 1e-6, 1e9),
+    Limits("f_min_hz f_max_hz f_step_hz frequencies_hz natural_frequencies_hz exclude_hz", 1e-6, 1e9),
+    Limits("sd_hz length_low_hz length_high_hz sample_rate_hz", 1e-6, 1e9),
+    Limits("relative floor", 1e-15, 1e3),
+    Limits("sd_relative damping_sd_relative damping_ratios damping_sd force_noise response_noise", 1e-15, 10.0),
+    Limits("eigenvalues eigenvalue_sd", 1e-12, 1e20),
+    Limits("components", 1e-15, 1e15),
+    Limits("gain", 1e-12, 1e12),
+    Limits("coherence", 1e-6, 1.0),
+    Limits("threshold", 1e-30, 1e3),
+    Limits("line_weight", 1e-6, 10.0),
+    Limits("block_s pretrigger_s force_window_s", 1e-9, 1e6),
+    Limits("force_range_n", 1e-12, 1e12),
+)
+
+#: Limits by key.
+LIMITS: Mapping[str, Limits] = {key: limits for limits in TABLE for key in limits.keys.split()}
+
+
+def limit_text(value: float) -> str:
+    """A limit as it stands in messages and in the documentation: 0.001, 100, 1e6."""
+    mantissa, e, exponent = f"{value:g}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if e else (mantissa if value < 1e4 else f"1e{len(mantissa) - 1}")
+
+
+def _numbers(place: tuple[str | int, ...], value: object) -> Iterator[tuple[tuple[str | int, ...], float]]:
+    """Yield place and value of each number in lists and tables of numbers."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield place, value
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, tuple) else ()
+    for key, part in parts:
+        yield from _numbers((*place, key), part)
+
+
+def key_field(description: str, example: object) -> object:
+    """Field with what is expected of it, and an example."""
+    return Field(description=description, examples=[example])
+
+
+def either(words: Iterable[str]) -> str:
+    """Texts a key may be: one, another or a third."""
+    *first, last = words
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def ascii_unit(unit: str) -> str:
+    """A unit as messages print it: ``"N m/rad"``, ``"no unit"``."""
+    return "no unit" if unit == "1" else unit.replace("·", " ")
+
+
+OWN = key_field("true (each set-up has its own) or false (one for all set-ups)", True)
+DATA_KIND = key_field(
+    'the kind of data, "synthetic_frf", "natural_frequencies", "modes", "measured_frf" or "measured_frequencies"',
+    "synthetic_frf",
+)
+ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")
+FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
+
+
+def positive(what: str, example: float) -> object:
+    """Field for a number above zero."""
+    return Field(gt=0, description=f"{what}, a number greater than 0", examples=[example])
+
+
+def not_negative(what: str, example: float) -> object:
+    """Field for a number of at least zero."""
+    return Field(ge=0, description=f"{what}, a number of at least 0", examples=[example])
+
+
+def count_field(what: str, example: int, least: int, most: int = 2**32 - 1, step: int = 1) -> object:
+    """Field for a whole number within limits."""
+    text = f"{what}, {'a whole' if step == 1 else 'an even'} number from {least} to {most}"
+    return Field(ge=least, le=most, multiple_of=step, description=text, examples=[example])
+
+
+#: A number from 1, or a word; of one body among several with the body's name before it.
+POINT_LABEL = r"(?:[A-Za-z][A-Za-z0-9_-]{0,59}\.)?(?:[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59})"
+
+
+def _label(text: str) -> str:
+    if not re.fullmatch(POINT_LABEL + ":(x|y|z|rx|ry|rz)", text):
+        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*([xyz]|r[xyz])\s*", text.lower())
+        remedy = f'did you mean "{guess[1]}:{guess[2]}"?' if guess else 'write for example "1:y"'
+        expected = "a DOF label node:direction, nodes counted from 1, direction x, y, z, rx, ry or rz"
+        raise_findings([Finding((), "", expected, remedy)])
+    return text
+
+
+def _distinct(labels: tuple[str, ...]) -> tuple[str, ...]:
+    raise_findings(
+        Finding((i,), f'"{label}" is listed twice', "each DOF once", "remove the repeated label")
+        for i, label in repeated(labels)
+    )
+    return labels
+
+
+def repeated(entries: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield place and text of each entry that an earlier one is equal to."""
+    known: set[str] = set()
+    for i, entry in enumerate(entries):
+        if entry in known:
+            yield i, entry
+        known.add(entry)
+
+
+def listed(words: Sequence[str], most: int = 12) -> str:
+    """Words after each other, of many the first."""
+    rest = len(words) - most
+    return ", ".join(words[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def at_most(count: int) -> BeforeValidator:
+    """Refuses a longer list before its entries are looked at."""
+
+    def check(value: object) -> object:
+        if isinstance(value, list) and len(value) > count:
+            raise_findings([Finding((), f"found a list of {len(value)}", f"at most {count} entries", "shorten it")])
+        return value
+
+    return BeforeValidator(check)
+
+
+def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
+    wrong = (
+        Finding((i,), f"found entry {i + 1} = {b!r} after {a!r}", "", "sort the list, each value once")
+        for i, (a, b) in enumerate(itertools.pairwise(values), 1)
+        if b <= a
+    )
+    raise_findings(itertools.islice(wrong, 1))
+    return values
+
+
+def as_list(value: object) -> object:
+    """A value alone, as the list of one that it stands for."""
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _named(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,39}", text):
+        expected = "a name of letters, digits, _ and -, at most 40, a letter first"
+        raise_findings([Finding((), "found a name that tables and figures cannot show", expected, "rename it")])
+    return text
+
+
+#: The name of a joint or of a set-up.
+Name = Annotated[str, AfterValidator(_named)]
+# A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
+Label = Annotated[str, AfterValidator(_label)]
+Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(_distinct), at_most(MOST_LABELS)]
+Positive = Annotated[float, Field(gt=0)]
+Fraction = Annotated[float, Field(gt=0, le=1)]
+Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
+Ratio = Annotated[float, Field(ge=0, lt=1)]
+Ratios = Annotated[
+    tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(as_list), at_most(MOST_RATIOS)
+]
+
+
+class Spec(BaseModel):
+    """Frozen model that refuses unknown keys; subclasses add checks between keys in `_findings`."""
+
+    #: By keys that serve some choices alone: the key of the choice, and these choices.
+    used_with: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> Self:
+        raise_findings(self._beyond_limits())
+        raise_findings((*self._unused(), *self._findings()))
+        return self
+
+    def _beyond_limits(self) -> Iterator[Finding]:
+        """Yield numbers that no machine has; NaN stands for none, where a key allows it."""
+        fields = type(self).model_fields
+        for key, limits in ((key, LIMITS[key]) for key in fields if key in LIMITS):
+            for loc, value in _numbers((key,), getattr(self, key)):
+                if value != 0 and not limits.least <= abs(value) <= limits.most and not math.isnan(value):
+                    what = str(fields[key].description).rstrip(".")
+                    expected = f"{what}, of a magnitude from {limit_text(limits.least)} to {limit_text(limits.most)}"
+                    yield Finding(loc, f"found {value!r}", expected, "correct the number or its unit")
+
+    def _unused(self) -> Iterator[Finding]:
+        """Yield what is stated for a choice that was not made, where it would be lost without a word."""
+        for key, (switch, *choices) in self.used_with.items():
+            value, chosen = getattr(self, key), getattr(self, switch)
+            if chosen not in choices and value != type(self).model_fields[key].default:
+                found, names = f'found {value!r}, which {switch} = "{chosen}" does not use', (f'"{c}"' for c in choices)
+                yield Finding((key,), found, f"{switch} = {either(names)}", f"write {switch} so, or remove {key}")
+
+    def _findings(self) -> Iterator[Finding]:
+        """Yield what is wrong between keys that are each right by themselves."""
+        yield from ()
+
+
+def law_findings(law: Spec, relative: float, floor: float) -> Iterator[Finding]:
+    """Yield that a law of noise states less than both of its parts, or nothing above 0."""
+    needed = {"relative", "floor"} - law.model_fields_set
+    if needed:
+        yield from (Finding((key,), missing=True) for key in sorted(needed))
+    elif relative + floor == 0:
+        yield Finding(("relative",), "relative and floor are both 0", "at least one above 0", "raise one")
+
+
+def not_above(low: float, high: float, low_key: str, high_key: str, unit: str) -> Iterator[Finding]:
+    """Yield that the upper of two bounds does not lie above the lower one."""
+    if high <= low:
+        found = f"found {high!r}, which is not above {low_key} = {low!r}"
+        yield Finding((high_key,), found, f"a number greater than {low_key} {unit}".rstrip(), "correct one of the two")

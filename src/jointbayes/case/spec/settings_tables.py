@@ -1,0 +1,287 @@
+"""The tables of a case file that set what is done with the data, and `[reference]`, what it is compared with.
+
+Noise models, the sampler, hypotheses, plans, virtual tests; and `[setups.NAME]`, what differs between several tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from pydantic import AfterValidator, Field, Strict
+
+from jointbayes.case.spec.fields import (
+    ESTIMATOR,
+    FREQUENCIES,
+    MOST_ENSEMBLES,
+    MOST_PROCESSES,
+    MOST_STEPS,
+    MOST_WALKERS,
+    OWN,
+    Finding,
+    Fraction,
+    Frequencies,
+    Labels,
+    Name,
+    Positive,
+    Spec,
+    count_field,
+    key_field,
+    not_above,
+    not_negative,
+    positive,
+    raise_findings,
+    repeated,
+)
+from jointbayes.case.spec.prior_tables import StiffnessSpec
+from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
+
+
+class IdentificationSpec(Spec):
+    """The paper's iteration; ``threshold`` is relative to the norm of the measured FRF."""
+
+    sensitivity: Annotated[Literal["measured", "analytical"], key_field('"measured" or "analytical"', "measured")] = (
+        "measured"
+    )
+    max_steps: Annotated[int, count_field("the largest number of steps", 30, 1, 10000)] = 30
+    threshold: Annotated[float, positive("the residual to stop at, relative to the measured FRF", 1e-8)] = 1e-8
+    line_weight: Annotated[
+        float, not_negative("the exponent p of the weights |H|^-p of the lines, 0 as in the paper", 0.5)
+    ] = 0.0
+
+
+class SamplingSpec(Spec):
+    """The sampler: independent ensembles of walkers, and the most steps of each."""
+
+    seed: Annotated[int, count_field("the seed", 1, 0)] = 1
+    ensembles: Annotated[int, count_field("the number of ensembles", 4, 4, MOST_ENSEMBLES)] = 4
+    walkers: Annotated[int, count_field("the number of walkers", 48, 8, MOST_WALKERS, 2)] = 48
+    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200, MOST_STEPS)] = 20000
+    processes: Annotated[int, count_field("the number of processes", 2, 1, MOST_PROCESSES)] = 1
+
+
+class ReferenceSpec(StiffnessSpec):
+    """Published values to compare with; ``paper_audit`` appends the audit of the paper's tables."""
+
+    source: Annotated[str, Field(min_length=1), key_field("a text: where the values are published", "Table 3")]
+    natural_frequencies_hz: Annotated[Frequencies, FREQUENCIES] = ()
+    paper_audit: Annotated[bool, key_field("true (append the audit of the paper's tables) or false", True)] = False
+
+
+if TYPE_CHECKING:
+    Hypothesis = str
+else:
+    Hypothesis = Literal[tuple(HYPOTHESES)]
+
+
+def _each_once(hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+    raise_findings(
+        Finding((i,), f'"{name}" is listed twice', "each hypothesis once", "remove the repeated one")
+        for i, name in repeated(hypotheses)
+    )
+    return hypotheses
+
+
+_HYPOTHESES = key_field(
+    "a list of at least one of " + ", ".join(f'"{name}"' for name in HYPOTHESES), ["rigid", "springs", "full"]
+)
+_Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=1), AfterValidator(_each_once)]
+
+
+class CompareSpec(Spec):
+    """What `jointbayes compare` sets against each other: how much of the joint is flexible."""
+
+    hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = USUAL_HYPOTHESES
+
+
+_LEVEL = key_field("the level of the test in the unit of [level], a number", 2.0)
+_LEVEL_NAME = Field(
+    min_length=1,
+    max_length=60,
+    pattern=r"^[^\r\n]+$",
+    description="what the level is, a short text",
+    examples=["torque"],
+)
+_LEVEL_UNIT = Field(
+    max_length=20, pattern=r"^[^\r\n]*$", description="the unit of the level, a short text", examples=["N m"]
+)
+_REMOVE = key_field("a list of keys or tables of the rest of the file that this set-up does not take", ["prior.k12"])
+
+
+def _changes(of: str) -> object:
+    return Field(description=f"what is different in {of}, a table")
+
+
+_Table = dict[str, Any] | None
+
+
+class PlannedSetupSpec(Spec):
+    """A test that could be made: what is different from the rest of the file, whose tables these are."""
+
+    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    structure: Annotated[_Table, _changes("the structure")] = None
+    joint: Annotated[_Table, _changes("the joint")] = None
+    joints: Annotated[_Table, _changes("the joints")] = None
+    uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
+    data: Annotated[_Table, _changes("the data")] = None
+
+
+class SetupSpec(PlannedSetupSpec):
+    """One test of several: what is different from the rest of the file, whose tables these are."""
+
+    level: Annotated[float | None, _LEVEL] = None
+    bodies: Annotated[_Table, _changes("the measured bodies")] = None
+    prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
+    noise: Annotated[_Table, _changes("how residuals are judged")] = None
+    virtual_test: Annotated[_Table, _changes("how `simulate` measures")] = None
+
+
+class LevelSpec(Spec):
+    """What the levels of the set-ups are: a torque, a drive level, a temperature."""
+
+    name: Annotated[str, _LEVEL_NAME]
+    unit: Annotated[str, _LEVEL_UNIT] = ""
+
+
+_COUPLING = next(quantity.name for quantity in COUPLED if quantity.may_be_negative)
+_PARAMETER = key_field("the stiffness to be known best, by its name; without it the first coupling", _COUPLING)
+_AVERAGES_FACTOR = Field(gt=1, description="the factor on the averages, a number above 1", examples=[4.0])
+_F_MAX = Field(description="the highest frequency of a wider band in Hz, a number greater than 0", examples=[5000.0])
+_ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])
+
+
+_TOGETHER = Field(
+    max_length=8,
+    description="a list of sets of candidates to rank beside single ones, each a list of their names",
+    examples=[[["6:y", "short"]]],
+)
+_Set = Annotated[tuple[str, ...], Strict(False), Field(min_length=2, max_length=8, description="a list of names")]
+
+
+class PlanSpec(Spec):
+    """The further measurements that `jointbayes plan` ranks; an empty list stands for the default."""
+
+    parameter: Annotated[str, _PARAMETER] = ""
+    outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
+    inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
+    max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1
+    setups: Annotated[
+        dict[Name, PlannedSetupSpec],
+        Field(description="tests that could be made, a table for each by its name, as [plan.setups.short.structure]"),
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    together: Annotated[tuple[_Set, ...], Strict(False), _TOGETHER] = ()
+    averages_factor: Annotated[float, _AVERAGES_FACTOR] = 4.0
+    f_max_hz: Annotated[Positive | None, _F_MAX] = None
+    added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None
+
+
+_SIGMAS = "in standard deviations of the noise"
+
+
+class DiscrepancySpec(Spec):
+    """A model error that is correlated along frequency; its size and length are parameters, log-uniform."""
+
+    scale_low: Annotated[float, positive(f"the smallest discrepancy {_SIGMAS}", 0.03)] = 0.03
+    scale_high: Annotated[float, positive(f"the largest discrepancy {_SIGMAS}", 100.0)] = 100.0
+    length_low_hz: Annotated[float, positive("the shortest correlation length in Hz", 5.0)]
+    length_high_hz: Annotated[float, positive("the longest correlation length in Hz", 500.0)]
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from not_above(self.scale_low, self.scale_high, "scale_low", "scale_high", _SIGMAS)
+        yield from not_above(self.length_low_hz, self.length_high_hz, "length_low_hz", "length_high_hz", "in Hz")
+
+
+_RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
+#: Each is a module of `jointbayes.inference.noise`.
+Distribution = Literal["gaussian", "student_t", "proportional"]
+_NAMES = " or ".join(f'"{name}"' for name in get_args(Distribution))
+_DISTRIBUTION = key_field(f"the distribution of the residuals, {_NAMES}", "gaussian")
+_SCALE = key_field('the factor on the stated noise, "known" (1), "sampled" or "integrated"', "known")
+_DOF = Field(gt=2, description="the degrees of freedom of student_t, a number above 2", examples=[4.0])
+_SCALE_LOW = Field(
+    gt=0, le=1, description="the smallest factor on the noise, a number above 0 and at most 1", examples=[0.1]
+)
+_SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
+_DISCREPANCY = Field(description="a model error correlated along frequency: length_low_hz, length_high_hz")
+
+
+class NoiseModelSpec(Spec):
+    """What the likelihood takes the residuals to be: their form, their distribution, and the size of the noise."""
+
+    used_with = {  # noqa: RUF012 (no field)
+        "dof": ("distribution", "student_t"),
+        **dict.fromkeys(("scale_low_factor", "scale_high_factor"), ("scale", "sampled")),
+        **dict.fromkeys(("scale_dof", "scale_guess"), ("scale", "integrated")),
+    }
+
+    residuals: Annotated[Literal["complex", "log_magnitude"], _RESIDUALS] = "complex"
+    distribution: Annotated[Distribution, _DISTRIBUTION] = "gaussian"
+    dof: Annotated[float, _DOF] = 4.0
+    scale: Annotated[Literal["known", "sampled", "integrated"], _SCALE] = "known"
+    scale_low_factor: Annotated[float, _SCALE_LOW] = 0.1
+    scale_high_factor: Annotated[float, _SCALE_HIGH] = 10.0
+    scale_dof: Annotated[Positive, positive("the degrees of freedom of the prior of the squared factor", 4.0)] = 4.0
+    scale_guess: Annotated[Positive, positive("the guess of the factor on the noise", 1.0)] = 1.0
+    discrepancy: Annotated[DiscrepancySpec | None, _DISCREPANCY] = None
+    own: Annotated[bool, OWN] = False
+
+    @property
+    def inferred(self) -> bool:
+        """Whether parameters of the noise are sampled."""
+        return self.scale == "sampled" or self.distribution == "proportional" or self.discrepancy is not None
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from not_above(self.scale_low_factor, self.scale_high_factor, "scale_low_factor", "scale_high_factor", "")
+        if self.distribution != "gaussian" and self.scale == "integrated":
+            law = self.distribution
+            found = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
+            yield Finding(("scale",), found, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
+        yield from self._discrepancy_findings()
+
+    def _discrepancy_findings(self) -> Iterator[Finding]:
+        if self.discrepancy is None:
+            return
+        loc = ("discrepancy",)
+        if self.distribution != "gaussian":
+            found = f"residuals that are correlated are computed as Gaussian ones, not as {self.distribution}"
+            yield Finding(loc, found, 'distribution = "gaussian" with a discrepancy', "remove one of the two")
+        if self.scale == "integrated":
+            found = "the factor cannot be integrated out where it scales only a part of the covariance"
+            yield Finding(loc, found, 'scale = "known" or "sampled" with a discrepancy', 'write scale = "sampled"')
+
+
+_METHOD = key_field('how the truth is measured, "frf", "impact" or "shaker"', "impact")
+_WRITES = key_field('what the file holds, "frf" or "time"', "frf")
+_HITS = Field(ge=1, le=10_000, description="the number of averages, a whole number from 1 to 10000", examples=[10])
+_OVERLAP = Field(
+    ge=0, lt=1, description="the overlap of the blocks, a number of at least 0 and below 1", examples=[0.5]
+)
+_FORCE_NOISE = not_negative("the noise of the force channel as a fraction of a typical peak", 0.001)
+_RESPONSE_NOISE = not_negative("the noise of the response channels as a fraction of a typical peak", 0.001)
+_MOST_HITS = 10_000
+
+
+class VirtualTestSpec(Spec):
+    """A test on paper with the truth of `[data.truth]`, in the band of `[data]`."""
+
+    used_with = {  # noqa: RUF012 (no field)
+        **dict.fromkeys(("writes", "estimator", "block_s", "sample_rate_hz"), ("method", "impact", "shaker")),
+        **dict.fromkeys(("force_noise", "response_noise"), ("method", "impact", "shaker")),
+        **dict.fromkeys(("exponential_end", "double_hits", "overloads"), ("method", "impact")),
+        "overlap": ("method", "shaker"),
+    }
+
+    method: Annotated[Literal["frf", "impact", "shaker"], _METHOD] = "frf"
+    writes: Annotated[Literal["frf", "time"], _WRITES] = "frf"
+    seed: Annotated[int, count_field("the seed", 1, 0)] = 1
+    averages: Annotated[int | None, _HITS] = None
+    extra_outputs: Annotated[Labels, key_field("a list of further measured DOFs", ["1:y"])] = ()
+    estimator: Annotated[Literal["H1", "H2", "Hv"], ESTIMATOR] = "H1"
+    block_s: Annotated[Positive | None, positive("the length of a block in s", 1.0)] = None
+    sample_rate_hz: Annotated[Positive | None, positive("the number of samples per second", 10_000.0)] = None
+    force_noise: Annotated[float, _FORCE_NOISE] = 0.0005
+    response_noise: Annotated[float, _RESPONSE_NOISE] = 0.001
+    exponential_end: Annotated[Fraction, key_field("the exponential window at the end of a block", 0.05)] = 1.0
+    double_hits: Annotated[int, count_field("the number of double hits", 1, 0, _MOST_HITS)] = 0
+    overloads: Annotated[int, count_field("the number of overloaded hits", 1, 0, _MOST_HITS)] = 0
+    overlap: Annotated[float, _OVERLAP] = 0.5

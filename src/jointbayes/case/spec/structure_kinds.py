@@ -1,0 +1,355 @@
+"""The `[structure]` tables of a straight beam and of small structures: chains of masses and springs, given matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, Strict
+
+from jointbayes.case.spec.fields import (
+    Finding,
+    Fraction,
+    Labels,
+    Positive,
+    Spec,
+    at_most,
+    count_field,
+    key_field,
+    not_negative,
+    positive,
+)
+from jointbayes.case.spec.structure_table import (
+    DAMPING,
+    KIND,
+    LAW,
+    LAWS,
+    POINT,
+    POISSON,
+    Absence,
+    DampingSpec,
+    PointName,
+    SectionSpec,
+    StructureBase,
+    absent_point,
+    metres,
+)
+from jointbayes.errors import ModelError
+
+if TYPE_CHECKING:
+    from jointbayes.arrays import Array
+    from jointbayes.structure import BeamRecipe, MatrixRecipe, ViscousMatrix
+
+_DIRECTIONS = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}
+_SHEAR = key_field('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")
+_ELEMENT = key_field(
+    '"converged" (elements so fine that no mesh shows) or "paper" (its two-node elements, one for each span)',
+    "converged",
+)
+
+
+class BeamSpec(StructureBase):
+    """The structure without its joint: a uniform Timoshenko beam along x, nodes counted from 1 at x = 0."""
+
+    kind: Annotated[Literal["beam"], KIND] = "beam"
+    length_mm: Annotated[float, positive("the length of the beam in mm", 383.0)]
+    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)] = 10
+    element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
+    dofs_per_node: Annotated[Literal[2, 5], key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
+    youngs_modulus_gpa: Annotated[float, positive("Young's modulus in GPa", 210.0)]
+    poissons_ratio: Annotated[float, POISSON] = 0.3
+    density_kg_m3: Annotated[float, positive("the density in kg/m³", 7800.0)]
+    shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
+    section: SectionSpec
+    damping: Annotated[LAWS, DAMPING]
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return self.elements + 1
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Directions of the DOFs of each node."""
+        return _DIRECTIONS[self.dofs_per_node]
+
+    @property
+    def points_in_order(self) -> tuple[str, ...]:
+        """Numbers of all nodes."""
+        return tuple(str(node) for node in range(1, self.nodes + 1))
+
+    @property
+    def free_dofs(self) -> int:
+        """Number of DOFs at the nodes that are not held."""
+        return self.nodes * len(self.directions) - len(self.supports)
+
+    @property
+    def spans(self) -> int:
+        """Equal spans between the numbered points."""
+        return self.elements
+
+    @property
+    def stated(self) -> dict[str, tuple[str, float]]:
+        """Unit and value of each quantity that may be uncertain."""
+        return {
+            "youngs_modulus": ("GPa", self.youngs_modulus_gpa),
+            "density": ("kg/m³", self.density_kg_m3),
+            "length": ("mm", self.length_mm),
+            "length_offset": ("mm", 1000.0),  # that are a metre
+            "section_size": ("× stated", 1.0),
+            "shear_coefficient": ("× stated", 1.0),
+            "accelerometer_mass": ("g", self.accelerometer_mass_g),
+        } | super().stated
+
+    def absent(self, label: str) -> Absence | None:
+        """What to say of a DOF that does not exist."""
+        node, _, direction = label.rpartition(":")
+        if not node.isdecimal() or int(node) > self.nodes:
+            expected = f"a node from 1 to {self.nodes} (elements + 1)"
+            return f'"{label}": there is no node {node}', expected, f'write for example "{self.nodes}:{direction}"'
+        if direction not in self.directions:
+            found = f'"{label}": no direction {direction} with dofs_per_node = {self.dofs_per_node}'
+            remedy = "set structure.dofs_per_node = 5" if direction in _DIRECTIONS[5] else "choose one of these"
+            return found, f"one of {', '.join(self.directions)}", remedy
+        return None
+
+    def place(self, label: str) -> str:
+        """Where a node is along the beam."""
+        return f"{self.length_mm * ((int(label.rpartition(':')[0]) - 1) / self.elements):.4g} mm"
+
+    def recipe(self, loaded: tuple[str, ...]) -> BeamRecipe:
+        """The beam, with accelerometers where they sit."""
+        from jointbayes.structure import BeamMaterial, BeamRecipe
+
+        return BeamRecipe(
+            self.length_mm * 1e-3,
+            self.section.section,
+            BeamMaterial(self.youngs_modulus_gpa * 1e9, self.poissons_ratio, self.density_kg_m3),
+            self.damping.built(),
+            elements=self.elements,
+            dofs_per_node=self.dofs_per_node,
+            shear_coefficient=None if self.shear_coefficient == "cowper" else float(self.shear_coefficient),
+            supports=self.supports,
+            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
+            accelerometer_dofs=loaded,
+            element=self.element,
+        )
+
+
+_GROUND = "ground"
+_MOST = 2000  # rows of a matrix, masses, springs
+
+_BETWEEN = key_field('the two masses, or a mass and "ground"', ["1", "2"])
+
+
+class SpringSpec(Spec):
+    """A spring between two masses, or between one and the ground."""
+
+    between: Annotated[tuple[PointName, PointName], Strict(False), _BETWEEN]
+    stiffness_n_per_m: Annotated[float, not_negative("the stiffness in N/m", 1e5)]
+
+
+class DamperSpec(Spec):
+    """A viscous damper between two masses, or between one and the ground."""
+
+    between: Annotated[tuple[PointName, PointName], Strict(False), _BETWEEN]
+    damping_n_s_per_m: Annotated[float, not_negative("the damping constant in N s/m", 10.0)]
+
+
+class DampersSpec(DampingSpec):
+    """Dampers between the masses of a chain."""
+
+    law: Annotated[Literal["dampers"], LAW]
+    dampers: Annotated[
+        tuple[DamperSpec, ...], Strict(False), at_most(_MOST), Field(min_length=1, description="a list of dampers")
+    ]
+
+
+_Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), at_most(_MOST)]
+_Diagonal = Annotated[tuple[float, ...], Strict(False), at_most(_MOST)]
+_Matrix = str | _Diagonal | _Rows
+_MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
+
+
+class MatrixDampingSpec(DampingSpec):
+    """Viscous damping by its matrix C."""
+
+    law: Annotated[Literal["matrix"], LAW]
+    damping_matrix: Annotated[_Matrix, key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")]
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from _matrix_findings("damping_matrix", self.damping_matrix, None)
+
+    def built(self) -> ViscousMatrix:
+        """The law of the matrix."""
+        from jointbayes.structure import ViscousMatrix
+
+        key = "structure.damping.damping_matrix"
+        matrix = _array(self.damping_matrix, key)
+        try:
+            return ViscousMatrix(matrix)
+        except ModelError as error:
+            raise ModelError(f"{key}: {str(error).partition(': ')[2]}") from error
+
+
+class ChainSpec(StructureBase):
+    """The structure without its joints: masses that move along one line, with springs between them."""
+
+    kind: Annotated[Literal["chain"], KIND]
+    masses_kg: Annotated[
+        dict[str, Positive], Field(description="the masses in kg, each by its name or number", min_length=1)
+    ]
+    springs: Annotated[
+        tuple[SpringSpec, ...], Strict(False), at_most(_MOST), Field(description="a list of springs")
+    ] = ()
+    direction: Annotated[Literal["x", "y", "z", "rx", "ry", "rz"], key_field("the direction of the DOFs", "x")] = "x"
+    damping: Annotated[LAWS | DampersSpec, DAMPING]
+
+    @property
+    def points_in_order(self) -> tuple[str, ...]:
+        """Names of the masses."""
+        return tuple(self.masses_kg)
+
+    @property
+    def free_dofs(self) -> int:
+        """Number of masses that are not held."""
+        return len(self.masses_kg) - len(self.supports)
+
+    def absent(self, label: str) -> Absence | None:
+        """What to say of a DOF that does not exist."""
+        return absent_point(label, self.masses_kg, (self.direction,))
+
+    def place(self, label: str) -> str:
+        """The mass itself."""
+        return f"mass {label.rpartition(':')[0]}"
+
+    def recipe(self, loaded: tuple[str, ...]) -> MatrixRecipe:
+        """The chain, with accelerometers where they sit."""
+        from jointbayes.structure import MatrixRecipe, chain
+
+        springs = [(*spring.between, spring.stiffness_n_per_m) for spring in self.springs]
+        if isinstance(self.damping, DampersSpec):
+            dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in self.damping.dampers]
+            whole = chain(self.masses_kg, springs, dampers=dampers, direction=self.direction)
+        else:
+            whole = chain(self.masses_kg, springs, self.damping.built(), direction=self.direction)
+        return MatrixRecipe(
+            whole.stiffness,
+            whole.mass,
+            whole.dofs,
+            whole.damping,
+            self.supports,
+            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
+            accelerometer_dofs=loaded,
+        )
+
+    def _findings(self) -> Iterator[Finding]:
+        for name in self.masses_kg:
+            if not POINT.fullmatch(name) or name == _GROUND:
+                expected = "a number from 1, or a word of letters, digits, _ and - other than ground"
+                yield Finding(("masses_kg",), f'found the name "{name[:40]}"', expected, "rename the mass")
+        lists: dict[tuple[str, ...], list[tuple[str, str]]] = {("springs",): [s.between for s in self.springs]}
+        if isinstance(self.damping, DampersSpec):
+            lists[("damping", "dampers")] = [d.between for d in self.damping.dampers]
+        for loc, pairs in lists.items():
+            for i, pair in enumerate(pairs):
+                wrong = [end for end in pair if end != _GROUND and end not in self.masses_kg]
+                if wrong or pair[0] == pair[1]:
+                    found = f'found "{pair[0][:40]}" and "{pair[1][:40]}"'
+                    expected = f"two of {', '.join([*list(self.masses_kg)[:12], _GROUND])}"
+                    yield Finding((*loc, i, "between"), found, expected, "correct the names")
+        yield from super()._findings()
+
+
+class MatricesSpec(StructureBase):
+    """The structure without its joints, given by its stiffness and mass matrices."""
+
+    kind: Annotated[Literal["matrices"], KIND]
+    dofs: Annotated[Labels, Field(min_length=1), key_field("the DOF labels of the rows, in order", ["1:x", "2:x"])]
+    stiffness: Annotated[_Matrix, key_field(f"K in SI units (N/m): {_MATRIX_TEXT}", "K.npy")]
+    mass: Annotated[_Matrix, key_field(f"M in SI units (kg): {_MATRIX_TEXT}", "M.npy")]
+    points: Annotated[
+        dict[str, Annotated[tuple[float, float, float], Strict(False)]],
+        Field(description="the places of points in mm by their names, where they are known"),
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    damping: Annotated[LAWS | MatrixDampingSpec, DAMPING]
+
+    @property
+    def points_in_order(self) -> tuple[str, ...]:
+        """What stands before the colon of the labels, each once."""
+        return tuple(dict.fromkeys(label.rpartition(":")[0] for label in self.dofs))
+
+    @property
+    def free_dofs(self) -> int:
+        """Number of DOFs that are not held."""
+        return len(self.dofs) - len(self.supports)
+
+    def absent(self, label: str) -> Absence | None:
+        """What to say of a DOF that does not exist."""
+        if label in self.dofs:
+            return None
+        shown = ", ".join(self.dofs[:12])
+        return f'"{label}" is not one of structure.dofs', f"one of {shown}", "correct the label"
+
+    def recipe(self, loaded: tuple[str, ...]) -> MatrixRecipe:
+        """The structure, with accelerometers where they sit."""
+        from jointbayes.structure import MatrixRecipe
+
+        return MatrixRecipe(
+            _array(self.stiffness, "structure.stiffness"),
+            _array(self.mass, "structure.mass"),
+            self.dofs,
+            self.damping.built(),
+            self.supports,
+            {name: metres(place) for name, place in self.points.items()},
+            self.accelerometer_mass_g * 1e-3,
+            accelerometer_dofs=loaded,
+        )
+
+    def _findings(self) -> Iterator[Finding]:
+        for key in ("stiffness", "mass"):
+            yield from _matrix_findings(key, getattr(self, key), len(self.dofs))
+        yield from super()._findings()
+
+
+def _array(matrix: _Matrix, key: str) -> Array:
+    import numpy as np
+
+    from jointbayes.structure.given_matrices import matrix_of
+
+    return matrix_of(np.array(matrix), key)
+
+
+def asymmetry(matrix: Array) -> str | None:
+    """What is not symmetric about a square matrix, in words; None where it is."""
+    gap = abs(matrix - matrix.T)
+    row, column = divmod(int(gap.argmax()), len(gap))
+    if gap[row, column] <= 1e-10 * abs(matrix).max(initial=0.0):
+        return None
+    values = f"{matrix[row, column]:g} and {matrix[column, row]:g}"
+    return f"found {values} at row {row + 1}, column {column + 1} and across the diagonal"
+
+
+def _matrix_findings(key: str, given: object, rows: int | None) -> Iterator[Finding]:
+    """Yield a matrix in the file that is not square, not of the right size or not symmetric."""
+    if isinstance(given, str):
+        return
+    assert isinstance(given, tuple)
+    if not given or not isinstance(given[0], tuple):
+        count, square = len(given), True
+    else:
+        count, square = len(given), all(len(row) == len(given) for row in given)
+    wanted = rows or count
+    if not square or count != wanted or not count:
+        size = f"{wanted} rows of {wanted} numbers, or {wanted} numbers of the diagonal"
+        lengths = sorted({len(row) for row in given if isinstance(row, tuple)})
+        found = (
+            f"found {count} rows of {' or '.join(map(str, lengths))} numbers" if lengths else f"found {count} numbers"
+        )
+        yield Finding((key,), found, size, "correct the matrix, or structure.dofs")
+    elif isinstance(given[0], tuple):
+        import numpy as np  # with matrices alone: other cases are read without it
+
+        words = asymmetry(np.array(given))
+        if words is not None:
+            yield Finding((key,), words, "a symmetric matrix", "correct one of the two entries")

@@ -1,0 +1,200 @@
+"""The case file: its TOML schema as frozen models, and the reader that names every fault by file, line, key.
+
+Each field's ``description`` is also the "expected …" of its error messages, and its first example the remedy.
+Units are in the keys; nothing is converted here. Importing this module loads pydantic.
+
+The tables stand in modules of their own; here they come together, with the rules between them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import BeforeValidator, Field, Strict
+
+from jointbayes.case.spec.data_table import DataSpec, SyntheticFrfSpec
+from jointbayes.case.spec.fields import Finding, Name, Spec, key_field
+from jointbayes.case.spec.frame_table import FrameSpec
+from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec
+from jointbayes.case.spec.measured_table import MeasuredBodySpec, MeasuredFrfSpec
+from jointbayes.case.spec.prior_tables import PriorsSpec, UncertainSpec
+from jointbayes.case.spec.settings_tables import (
+    CompareSpec,
+    IdentificationSpec,
+    LevelSpec,
+    NoiseModelSpec,
+    PlanSpec,
+    ReferenceSpec,
+    SamplingSpec,
+    SetupSpec,
+    VirtualTestSpec,
+)
+from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
+from jointbayes.case.spec.structure_table import POINT, ModalDampingSpec
+from jointbayes.joint.quantities import prefixed
+
+if TYPE_CHECKING:
+    from jointbayes.joint import Joint, Parametrisation
+
+_TITLE = Field(
+    min_length=1,
+    max_length=200,
+    pattern=r"^[^\r\n]*$",
+    description="a text of one line, at most 200 characters",
+    examples=["Clamped beam"],
+)
+
+
+_EXTENDS = key_field("the name of the case file whose keys this one starts from, relative to this file", "base.toml")
+_REMOVE = key_field("a list of keys or tables of that file that this one does not take", ["prior.k12"])
+
+
+def _beam_unless_stated(table: object) -> object:
+    return {"kind": "beam", **table} if isinstance(table, dict) else table
+
+
+StructureSpec = Annotated[
+    BeamSpec | FrameSpec | ChainSpec | MatricesSpec,
+    Field(discriminator="kind", description="the structure without its joint"),
+    BeforeValidator(_beam_unless_stated),
+]
+
+
+class CaseSpec(Spec):
+    """A whole case file; of one that builds on another what both are together, without `extends` and `remove`.
+
+    Of several set-ups it is that of one: the rest of the file with what the set-up changes. Whether its tables agree
+    with each other is for `CheckedCaseSpec` of `parse` to say.
+    """
+
+    extends: Annotated[str, _EXTENDS] = ""
+    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    title: Annotated[str, _TITLE] = ""
+    setups: Annotated[
+        dict[Name, SetupSpec], Field(description="several tests of the same joints, a table for each, as [setups.long]")
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    level: Annotated[LevelSpec | None, Field(description="what the levels of the set-ups are: name, unit")] = None
+    structure: StructureSpec
+    joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
+    joints: Annotated[
+        dict[Name, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    bodies: Annotated[
+        dict[str, MeasuredBodySpec],
+        Field(description="bodies given by their measured FRFs, a table for each by its name, as [bodies.spindle]"),
+    ] = {}  # noqa: RUF012 (pydantic copies it)
+    prior: Annotated[
+        PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
+    ] = None
+    uncertain: Annotated[
+        UncertainSpec, Field(description="a table for each uncertain quantity, as [uncertain.length]")
+    ] = UncertainSpec()
+    data: DataSpec
+    noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
+    identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
+    sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
+    compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
+    plan: Annotated[PlanSpec, Field(description="the further measurements to rank")] = PlanSpec()
+    virtual_test: Annotated[VirtualTestSpec, Field(description="how `simulate` measures")] = VirtualTestSpec()
+    reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
+
+    @property
+    def all_joints(self) -> dict[str, JointSpec]:
+        """Every joint by its name; a lone one has none."""
+        return dict(self.joints) if self.joint is None else {"": self.joint}
+
+    @property
+    def measured_labels(self) -> frozenset[str]:
+        """DOFs of all bodies that are given by their FRFs."""
+        return frozenset(label for body in self.bodies.values() for label in body.labels)
+
+    @property
+    def all_quantities(self) -> tuple[str, ...]:
+        """Names of the stiffnesses of all joints, those that are shared once."""
+        own = ((name, joint) for name, joint in self.all_joints.items() if name not in self.sharing)
+        return tuple(prefixed(name, quantity.name) for name, joint in own for quantity in joint.quantities)
+
+    @property
+    def sharing(self) -> dict[str, str]:
+        """Joints whose quantities are those of another one, by name."""
+        return {name: joint.shared for name, joint in self.joints.items() if joint.shared is not None}
+
+    @property
+    def plan_outputs(self) -> tuple[str, ...]:
+        """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
+        direction = next(iter(self.all_joints.values())).directions[0]
+        every = (f"{point}:{direction}" for point in self.structure.points_in_order)
+        return self.plan.outputs or tuple(label for label in every if label not in self.structure.supports)
+
+    @property
+    def plan_inputs(self) -> tuple[str, ...]:
+        """DOFs that may be excited for a further measurement: those of the plan, or the inputs of FRF data."""
+        return self.plan.inputs or (
+            self.data.inputs if isinstance(self.data, SyntheticFrfSpec | MeasuredFrfSpec) else ()
+        )
+
+    @property
+    def joint_objects(self) -> Joint | tuple[Joint, ...]:
+        """Where the joints act; a lone one without a name by itself."""
+        joints = tuple(joint.built(name) for name, joint in self.all_joints.items())
+        return joints[0] if self.joint is not None else joints
+
+    @property
+    def parametrisation(self) -> Parametrisation:
+        """Coordinates of all joints."""
+        from jointbayes.joint import blocks_of
+
+        own = {name: joint.parametrisation_object for name, joint in self.all_joints.items()}
+        return blocks_of({**own, **self.sharing})
+
+    def joint_of_setup(self, setup: str, name: str) -> tuple[str, str]:
+        """Names of a joint of a set-up, and of the one whose quantities it has, among the joints of all set-ups."""
+        owner = self.sharing.get(name, name)
+        if not self.all_joints[owner].own:
+            return name, owner
+        named, owning = (prefixed(setup, joint) if joint else setup for joint in (name, owner))
+        return named, owning
+
+    def _findings(self) -> Iterator[Finding]:
+        """Yield what measured bodies cannot stand beside."""
+        owners: dict[str, str] = {}
+        for name, body in self.bodies.items():
+            if not POINT.fullmatch(name):
+                shown, expected = (
+                    re.sub(r"[^ -~]", "?", name)[:40],
+                    "a name of letters, digits, _ and -, a letter first",
+                )
+                yield Finding(("bodies", name), f'found the name "{shown}"', expected, "rename")
+            for label in body.labels:
+                other, modelled = owners.setdefault(label, name), self.structure.absent(label) is None
+                if other != name or modelled:
+                    where = f"[bodies.{other}]" if other != name else "[structure]"
+                    found = f'found "{label}", which is a DOF of {where} as well'
+                    yield Finding(("bodies", name, "channels"), found, "labels of its own", "give it another point")
+            if body.propagate != next(iter(self.bodies.values())).propagate:
+                found, expected = f"found {str(body.propagate).lower()}", "the same in all bodies"
+                yield Finding(("bodies", name, "propagate"), found, expected, "change it")
+        if self.bodies:
+            yield from self._beside_bodies()
+
+    def _beside_bodies(self) -> Iterator[Finding]:
+        """Yield data and quantities that need modes, and joints between measured bodies alone without priors."""
+        beside = "beside a body that is given by its FRFs and has no modes"
+        if not isinstance(self.data, MeasuredFrfSpec):
+            found = f'found "{self.data.kind}" {beside}'
+            yield Finding(("data", "kind"), found, 'kind = "measured_frf"', "write it so")
+        if self.uncertain.mode_frequencies is not None:
+            yield Finding(("uncertain", "mode_frequencies"), f"found it {beside}", "other quantities", "remove it")
+        damping = self.structure.damping
+        if isinstance(damping, ModalDampingSpec) and damping.measured:
+            expected = "damping ratios of the modelled structure by itself"
+            yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")
+        for name, joint in self.all_joints.items():
+            modelled = any(self.structure.absent(side[0]) is None for side in (joint.dofs, joint.against) if side)
+            prior = joint.prior if isinstance(joint, NamedJointSpec) else self.prior
+            if joint.coordinates and prior is None and not modelled and name not in self.sharing:
+                place = ("joints", name, "prior") if name else ("prior",)
+                expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
+                yield Finding(place, "found no prior", expected, "state it")
