@@ -24,6 +24,7 @@ from jointbayes.studies.calibration import (
     ranks_csv,
 )
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, analyse
+from jointbayes.studies.study_directory import append_line
 from tests.studies.calibration_cases import FREQUENCIES, Here, small_case, write_case
 
 SETTINGS = jb.SamplerSettings(walkers=16, check_every=20, max_steps=40)
@@ -143,6 +144,17 @@ def test_a_damaged_file_of_data_sets_is_begun_anew_or_refused_in_a_line(tmp_path
         assert (tmp_path / KEPT).read_bytes() == damage
     else:
         assert kept_data_sets(tmp_path / KEPT, {"seed": "2"}, 4) == {}
+
+
+def test_a_data_set_of_other_quantities_is_passed_over_and_one_that_failed_is_kept(tmp_path):
+    file, head = tmp_path / KEPT, {"seed": "1"}
+    kept_data_sets(file, head, 4)
+    append_line(
+        file, dataclasses.asdict(DataSet(0, 0.1, (1.0,) * 3, (7,) * 3, (0.5,) * 3, (1.5,) * 3, True, True, 900.0))
+    )
+    append_line(file, dataclasses.asdict(DataSet(1, 0.1, error="no start")))
+    assert kept_data_sets(file, head, 4).keys() == {1}
+    assert kept_data_sets(file, head, 3)[0].rank == (7, 7, 7)
 
 
 def test_an_analysis_that_fails_is_counted_and_not_left_out(monkeypatch):

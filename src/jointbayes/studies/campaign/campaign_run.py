@@ -184,21 +184,15 @@ def campaign(
         If the index cannot be written, the directory holds something else, or another process is at work in it.
     """
     sources = [cases] if isinstance(cases, str | Path) else list(cases)
-    found = read_cases(sources, base, allow_outside)
+    table = read_cases(sources, base, allow_outside)
     if not draws > 0 or not 0 <= seed < 2**32:
         raise ModelError(f"campaign: found draws = {draws}, seed = {seed}; expected draws above 0, a seed of 32 bits")
-    with campaign_directory(directory) as own:
-        settings: dict[str, Any] = {
-            "workers": workers,
-            "executor": executor,
-            "scheduler": scheduler,
-            "seconds": seconds,
-        }
+    with campaign_directory(directory) as locked:
         run_cases(
-            found, own.path, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
-            progress=progress, **settings,
+            table, locked.path, seed=seed, draws=draws, full=full, again=again, allow_outside=allow_outside,
+            progress=progress, workers=workers, executor=executor, scheduler=scheduler, seconds=seconds,
         )  # fmt: skip
-    return Campaign(own.path)
+    return Campaign(locked.path)
 
 
 def run_cases(
@@ -226,7 +220,8 @@ def run_cases(
         row = earlier.get(case.key)
         if row is not None and (row["status"] == DONE or (row["status"] == KILLED and not again)):
             text, files, of_seed = _content(case, seed)
-            if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws, full) and _has_file(directory, row):
+            lacks_file = row["status"] == DONE and not (directory / row["file"]).is_file()
+            if row.get("fingerprint") == _fingerprint(text, files, of_seed, draws, full) and not lacks_file:
                 kept[case.key] = {**row, "order": case.order, "serial": case.serial, "date": case.date}
     tries = {key: int(row.get("attempts") or 0) for key, row in earlier.items() if row["status"] != DONE}
     index = Index(directory, kept.values())
@@ -257,10 +252,6 @@ def _content(case: CampaignCase, seed: int) -> tuple[str, tuple[Path, ...], int]
 
 def _fingerprint(text: str, files: Sequence[Path], seed: int, draws: int, full: bool) -> str:
     return CampaignCase.fingerprint(text, files, _FORM, code_version(), seed, draws, full)
-
-
-def _has_file(directory: Path, row: Row) -> bool:
-    return row["status"] != DONE or (directory / row["file"]).is_file()
 
 
 def _tasks(

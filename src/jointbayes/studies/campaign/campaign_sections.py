@@ -1,7 +1,6 @@
 """Sections of a campaign's report: what became of the cases, the population, charts, ranking, what needs a look."""
 
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +41,12 @@ def campaign_lead(findings: CampaignFindings) -> tuple[Block, ...]:
     """Verdict first: what became of the cases, what the population is, what to look at."""
     counts, joints = findings.counts, findings.joints
     whole = counts[DONE] == counts["cases"] and not counts["not converged"]
+    not_done = Counter(row.status for row in findings.rows if row.status != DONE)
     parts = [f"{counts[DONE]} of {counts['cases']} cases are done"]
-    parts += [f"{count} {foreign(status)}" for status, count in _not_done(findings).items()]
+    parts += [f"{count} {foreign(status)}" for status, count in not_done.items()]
     if counts["not converged"]:
         parts.append(f"{counts['not converged']} of those done did not converge")
-    blocks: list[Block] = [Callout("good" if whole else "caution", f"**{_sentence(parts)}**")]
+    blocks: list[Block] = [Callout("good" if whole else "caution", f"**{', '.join(parts)}.**")]
     if counts["do not explain their data"]:
         few = 2 * counts["do not explain their data"] < counts[DONE]
         blocks.append(
@@ -96,14 +96,6 @@ def campaign_sections(findings: CampaignFindings) -> tuple[Section, ...]:
         ]
         sections.append(_method_section(joints))
     return tuple(section for section in sections if section is not None)
-
-
-def _not_done(findings: CampaignFindings) -> Counter[str]:
-    return Counter(row.status for row in findings.rows if row.status != DONE)
-
-
-def _sentence(parts: Sequence[str]) -> str:
-    return f"{', '.join(parts)}."
 
 
 def _named(joints: PopulationFindings, chosen: NDArray[np.bool_]) -> str:

@@ -65,7 +65,9 @@ class BaseCase:
         data, spec, faults = self._judged(values, where)
         if spec is None:
             # a serial number as a title, say, is no number
-            texts = {key: given[key] if _is_at_fault(key, faults) else value for key, value in values.items()}
+            texts = {
+                k: given[k] if any(f": {k}: " in fault for fault in faults) else value for k, value in values.items()
+            }
             again = self._judged(texts, where)
             if again[1] is not None:
                 data, spec, faults = again
@@ -101,10 +103,6 @@ class BaseCase:
         if any(key == column or key.startswith(f"{column}.") for column in given):
             return f"{where}: {key}: {words}"
         return f"{where}: {key}, {self._files[int(number)]}:{line}: {words}"
-
-
-def _is_at_fault(key: str, faults: list[str]) -> bool:
-    return any(f": {key}: " in fault for fault in faults)
 
 
 def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
@@ -196,26 +194,17 @@ class CampaignCase:
             If it is no case.
         """
         if self.cells is None:
-            text = read_case_text(self.path, self.allow_outside).text
-            return text, self.check()
-        data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
-        return toml_text(data), self._require_one_test(spec)
-
-    def check(self) -> CaseSpec:
-        """The case checked, without its text; errors as for `read`."""
-        if self.cells is None:
-            spec = parse_case(read_case_text(self.path, self.allow_outside))
+            source = read_case_text(self.path, self.allow_outside)
+            text, spec = source.text, parse_case(source)
         else:
-            _, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
-        return self._require_one_test(spec)
-
-    def _require_one_test(self, spec: CaseSpec) -> CaseSpec:
+            data, spec = read_base(self.path, self.allow_outside).overridden(self.cells, self.where)
+            text = toml_text(data)
         if spec.setups:
             raise CaseError(
                 f"{self.where}: setups: found the set-ups {', '.join(spec.setups)}; expected cases of one test each in "
                 "a campaign; run this case by itself"
             )
-        return spec
+        return text, spec
 
     def files(self, spec: CaseSpec) -> tuple[Path, ...]:
         """Files that it names: of measurements, measured bodies and matrices."""
@@ -270,7 +259,7 @@ def read_cases(
     faults: list[str] = []
     for case in cases:
         try:
-            spec = case.check()
+            _, spec = case.read()
             if not allow_outside:
                 case.require_inside(spec)
         except CaseError as error:

@@ -101,7 +101,9 @@ def read_draws(directory: str | os.PathLike[str], rows: Sequence[CaseRow]) -> Ca
         theta.append(at)
         log_prior.append(density)
         kept.append(case)
-    mean, sd = _prior_moments(kept, common)
+    # of cases in other coordinates the prior is that of those which have the common ones
+    priors = [case.prior for case in kept if case.coordinates == common]
+    mean, sd = (np.stack([prior[name] for prior in priors]) for name in ("mean", "sd"))
     edges = {case.row.key: text for case in kept if (text := _piled_up(case))}
     return CampaignDraws(
         tuple(case.row for case in kept),
@@ -142,12 +144,6 @@ def _inside(directory: Path, file: str) -> Path:
     if not place.is_relative_to(directory.resolve()):
         raise ValueError("a file outside the campaign")
     return place
-
-
-def _prior_moments(cases: Sequence[_Case], common: str) -> tuple[Array, Array]:
-    """Mean and sd of each joint's prior in the common coordinates; of cases in others that of those which have them."""
-    own = [case for case in cases if case.coordinates == common]
-    return np.stack([case.prior["mean"] for case in own]), np.stack([case.prior["sd"] for case in own])
 
 
 def _piled_up(case: _Case) -> str:
