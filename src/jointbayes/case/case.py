@@ -102,18 +102,18 @@ class Case:
             If the problem has no such stiffness: `replace` may have put another one in its place.
         """
         quantities = self.problem.parametrisation.quantities
-        known = [quantity.name for quantity in quantities]
-        stated = next((one.spec.plan.parameter for one in self.setups if one.spec.plan.parameter), "")
+        names = [quantity.name for quantity in quantities]
+        stated = next((setup.spec.plan.parameter for setup in self.setups if setup.spec.plan.parameter), "")
         wanted = stated or self.spec.plan.parameter
-        if not known or (wanted and wanted not in known):
-            found = f'found "{wanted}"' if known else "found no stiffness in the joint"
+        if not names or (wanted and wanted not in names):
+            found = f'found "{wanted}"' if names else "found no stiffness in the joint"
             words = (
                 found,
-                f"expected {', '.join(known) or 'one to be known best'}",
+                f"expected {', '.join(names) or 'one to be known best'}",
                 "correct it or plan another problem",
             )
             raise CaseError(self.source.fault(("plan", "parameter"), "plan.parameter", *words))
-        return wanted or next((one.name for one in quantities if one.may_be_negative), known[0])
+        return wanted or next((quantity.name for quantity in quantities if quantity.may_be_negative), names[0])
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
@@ -132,17 +132,17 @@ class Case:
     @cached_property
     def warnings(self) -> tuple[InputWarning, ...]:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
-        found: list[InputWarning] = []
+        warnings: list[InputWarning] = []
         texts = setup_texts(self.source)
-        for (name, spec), part in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
-            measured = part.measurement
+        for (name, spec), test in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
+            measured = test.measurement
             lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
-            found += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
-            found += sign_warnings(measured.provenance, texts[name])
-            found += numbering_warnings(find_numbering(part), texts[name], measured.provenance is not None)
-        for one in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
-            found += truth_warnings(one.spec, one.source, prior_of([one])[0])
-        return tuple(dict.fromkeys(found))
+            warnings += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
+            warnings += sign_warnings(measured.provenance, texts[name])
+            warnings += numbering_warnings(find_numbering(test), texts[name], measured.provenance is not None)
+        for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
+            warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
+        return tuple(dict.fromkeys(warnings))
 
     @cached_property
     def default_priors(self) -> frozenset[str]:
@@ -158,8 +158,8 @@ class Case:
         """
         if self.problem is not self.stated or not self.setups:
             return None
-        largest = max(largest_ratio(one.spec) for one in self.setups)
-        return problem_of([one.with_workshop_uncertainty(largest) for one in self.setups], self.name)
+        largest = max(largest_ratio(setup.spec) for setup in self.setups)
+        return problem_of([setup.with_workshop_uncertainty(largest) for setup in self.setups], self.name)
 
     @cached_property
     def sampler(self) -> SamplerSettings:
@@ -313,10 +313,10 @@ def _require_one_place(
     spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, place: Callable[[KeyPath], str]
 ) -> None:
     """Refuse joints whose sides do not meet, by the key of the other side."""
-    for name, one in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
+    for name, side in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
         path = ("joints", name, "against") if name else ("joint", "against")
         try:
-            one.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
+            side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
         except ModelError as error:
             message = str(error).partition(": ")[2]  # without the name of the joint, which the key has
             raise CaseError(f"{place(path)} {'.'.join(path)}: {message}, offset_mm") from error

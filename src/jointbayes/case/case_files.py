@@ -333,14 +333,14 @@ def _read(file: Path, begin: str) -> Array:
         if file.stat().st_size > _MOST_BYTES:
             raise CaseError(f"{begin} found more than {_MOST_BYTES:g} bytes; expected a matrix of {_MOST_ROWS} rows")
         if file.suffix.lower() == ".npy":
-            found = np.load(file, allow_pickle=False)
+            array = np.load(file, allow_pickle=False)
         else:
-            found = np.loadtxt(file, delimiter=",", ndmin=2)
-        if found.dtype.kind not in "biuf":
-            raise ValueError(f"numbers of kind {found.dtype}")
-        return np.asarray(found, dtype=float)
+            array = np.loadtxt(file, delimiter=",", ndmin=2)
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"numbers of kind {array.dtype}")
+        return np.asarray(array, dtype=float)
     except (OSError, ValueError, EOFError, UnicodeError) as error:
-        said = " ".join(str(error).split())[:100]
+        reason = " ".join(str(error).split())[:100]
         raise CaseError(
-            f"{begin} found no readable array ({said}); expected numbers, in .csv separated by commas; correct the file"
+            f"{begin} found no readable array ({reason}); expected numbers, in .csv separated by commas; correct it"
         ) from error

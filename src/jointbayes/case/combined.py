@@ -104,11 +104,11 @@ class CaseSetup:
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
         rest = [
-            replace(one, name=prefixed(self.name, one.name)) if own else one
-            for one, own in quantities_of(self.spec, self.recipe, self.measurement)
+            replace(nuisance, name=prefixed(self.name, nuisance.name)) if own else nuisance
+            for nuisance, own in quantities_of(self.spec, self.recipe, self.measurement)
         ]
-        own = self.name if self.spec.noise.own else ""
-        return rest, [replace(one, name=prefixed(own, one.name)) for one in self.of_noise]
+        owner = self.name if self.spec.noise.own else ""
+        return rest, [replace(nuisance, name=prefixed(owner, nuisance.name)) for nuisance in self.of_noise]
 
 
 def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
@@ -122,23 +122,23 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
     kinds: dict[str, Parametrisation | str] = {}
     marginals: list[Marginal] = []
     guesses: list[Array] = []
-    for one in setups:
-        for name, joint in one.spec.all_joints.items():
-            named, owner = one.spec.joint_of_setup(one.name, name)
+    for setup in setups:
+        for name, joint in setup.spec.all_joints.items():
+            named, owner = setup.spec.joint_of_setup(setup.name, name)
             if named in kinds:
                 continue
             kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
-                own = own_stiffnesses(joint, one.spec.structure, one.recipe, one.measurement)
-                priors = joint_marginals(one.spec, joint, own, one.recipe.extent)
+                sizes = own_stiffnesses(joint, setup.spec.structure, setup.recipe, setup.measurement)
+                priors = joint_marginals(setup.spec, joint, sizes, setup.recipe.extent)
                 marginals += priors
-                guesses.append(guess_of(joint, own, priors))
+                guesses.append(guess_of(joint, sizes, priors))
     nuisances: dict[str, Nuisance] = {}
     of_noise: dict[str, Nuisance] = {}
-    for one in setups:
-        for found, among in zip(one.named_nuisances(), (nuisances, of_noise), strict=True):
-            for nuisance in found:
-                among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance, one.name)
+    for setup in setups:
+        for named_here, among in zip(setup.named_nuisances(), (nuisances, of_noise), strict=True):
+            for nuisance in named_here:
+                among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance, setup.name)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
     return JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values())), np.concatenate(guesses)
 
@@ -176,7 +176,7 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
     """
     prior, guess = prior_of(setups)
     prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
-    if [one.name for one in setups] == [""]:
+    if [setup.name for setup in setups] == [""]:
         (alone,) = setups
         return Problem(
             alone.structure,
@@ -189,8 +189,16 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
             name=name,
         )
     each = [
-        Setup(one.name, one.structure, one.joint, one.measurement, one.noise, one.spec.noise.residuals, one.level)
-        for one in setups
+        Setup(
+            setup.name,
+            setup.structure,
+            setup.joint,
+            setup.measurement,
+            setup.noise,
+            setup.spec.noise.residuals,
+            setup.level,
+        )
+        for setup in setups
     ]
     return Problem(setups=tuple(each), prior=prior, initial=guess, name=name)
 
@@ -218,7 +226,7 @@ def own_stiffnesses(
     shown = resonances_hz(measurement)
     lines = measurement.frf.frequency_hz if isinstance(measurement, FrfMeasurement) else shown
     lowest = float((shown if shown.size else lines).min())
-    found = {}
+    sizes = {}
     for quantity in joint.quantities:
         if quantity.unit == "1":
             continue
@@ -229,36 +237,40 @@ def own_stiffnesses(
         ]
         size = recipe.own_stiffness(sides[0][i], sides[0][j]) or min(springs)
         beyond = shown.size and min(springs) < DEFAULT_PRIOR_FACTORS[0] * size
-        found[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
-    return found
+        sizes[quantity.name] = OwnStiffness(size, min(springs) if beyond else size)
+    return sizes
 
 
-def joint_marginals(spec: CaseSpec, joint: JointSpec, own: Mapping[str, OwnStiffness], length: float) -> list[Marginal]:
+def joint_marginals(
+    spec: CaseSpec, joint: JointSpec, sizes: Mapping[str, OwnStiffness], length: float
+) -> list[Marginal]:
     """Priors on the coordinates of one joint of a case: as stated, or from the structure's own stiffnesses and size."""
     priors = joint.prior if isinstance(joint, NamedJointSpec) else spec.prior
     if priors is None:
-        return [_default_marginal(axis, own, length) for axis in joint.coordinates]
+        return [_default_marginal(axis, sizes, length) for axis in joint.coordinates]
     return [getattr(priors, axis.name).marginal() for axis in joint.coordinates]
 
 
-def _default_marginal(axis: Coordinate, own: Mapping[str, OwnStiffness], length: float) -> Marginal:
+def _default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
     """Prior of a case that states none: far softer than the beam to far stiffer, any coupling, an arm on the beam."""
     if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
-        ends = DEFAULT_LOSS if axis.unit == "1" else [end * own[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]
+        ends = (
+            DEFAULT_LOSS if axis.unit == "1" else [end * sizes[axis.quantity].size for end in DEFAULT_DASHPOT_FACTORS]
+        )
         return Uniform(*np.log(ends))
     if axis.logarithmic:
         low, high = DEFAULT_PRIOR_FACTORS
-        return Uniform(*np.log([low * own[axis.quantity].softest, high * own[axis.quantity].size]))
+        return Uniform(*np.log([low * sizes[axis.quantity].softest, high * sizes[axis.quantity].size]))
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
-def guess_of(joint: JointSpec, own: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:
+def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:
     """First guess of the quantities of a joint, (q,): as stated, or of a coupled pair a translational spring alone.
 
     Joints of other kinds begin far stiffer than the structure; those between measured bodies in the middle of their
     priors.
     """
-    if joint.quantities and not own:
+    if joint.quantities and not sizes:
         guess = joint.parametrisation_object.middle(np.array([marginal.mean for marginal in marginals]))
         return guess if joint.initial is None else np.concatenate([joint.initial.values(), guess[len(COUPLED) :]])
     if joint.initial is not None:
@@ -267,11 +279,11 @@ def guess_of(joint: JointSpec, own: Mapping[str, OwnStiffness], marginals: Seque
         yielding = [not q.may_be_negative for q in joint.stiffnesses]
         if joint.kind == "coupled":
             yielding[1:] = [False, False]
-        springs = [own[q.name].size if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
+        springs = [sizes[q.name].size if yields else 0.0 for q, yields in zip(joint.stiffnesses, yielding, strict=True)]
         guess = DEFAULT_GUESS_FACTOR * np.array(springs)
     damping = [
         math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
-        * (1.0 if q.unit == "1" else own[q.name].size)
+        * (1.0 if q.unit == "1" else sizes[q.name].size)
         for q in joint.damping
     ]
     return np.concatenate([guess, damping])
@@ -303,7 +315,7 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurem
     """Uncertain quantities of structure and measurement, those of the structure first; and whether a set-up's own."""
     structure = spec.structure
     stated = structure.stated | {"gain": ("1", 1.0)}
-    found: list[tuple[Nuisance, bool]] = []
+    quantities: list[tuple[Nuisance, bool]] = []
     for name, prior in spec.uncertain.given.items():
         if name == "damping_ratio" and isinstance(structure.damping, ModalDampingSpec):
             ratios = structure.damping.ratio
@@ -316,8 +328,8 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurem
         else:
             unit, value = stated[name]
             each = [Nuisance(name, unit, value, prior.marginal(value))]
-        found += [(nuisance, prior.own) for nuisance in each]
-    return sorted(found, key=lambda one: one[0].name == "gain")
+        quantities += [(nuisance, prior.own) for nuisance in each]
+    return sorted(quantities, key=lambda quantity: quantity[0].name == "gain")
 
 
 def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> int:

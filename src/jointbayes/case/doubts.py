@@ -112,8 +112,8 @@ def _least_squares(
     least = float(start.min())
     for row in np.argsort(start)[:_CLIMBS]:
         x = np.clip(draws[row, :joint] / scale, low + _STEP, high - _STEP)
-        found = scipy.optimize.least_squares(fit, x, slope, bounds=(low, high), max_nfev=30)
-        least = min(least, 2 * float(found.cost))
+        fitted = scipy.optimize.least_squares(fit, x, slope, bounds=(low, high), max_nfev=30)
+        least = min(least, 2 * float(fitted.cost))
     return least
 
 
@@ -161,7 +161,7 @@ def _excluded(spec: CaseSpec, prior: JointPrior, setup: str) -> Iterator[Finding
     truth = [spec.data.truth.by_name[_without(setup, name)] for name in joint.stiffness_names]
     if not joint.describes(truth):
         each = ", ".join(f"{name} = {value:g}" for name, value in zip(joint.stiffness_names, truth, strict=True))
-        kinds = " and ".join(dict.fromkeys(one.parametrisation for one in spec.all_joints.values()))
+        kinds = " and ".join(dict.fromkeys(joint_spec.parametrisation for joint_spec in spec.all_joints.values()))
         found = f'found {each}, which joint.parametrisation = "{kinds}" cannot describe'
         yield Finding(loc, found, "a truth that the analysis can find", "choose another parametrisation or truth")
         return

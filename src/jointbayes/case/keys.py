@@ -95,13 +95,13 @@ def _values(table: object, key: tuple[str, ...]) -> Iterator[tuple[tuple[str, ..
     first, *rest = key
     inner = table if first == _ANY else {first: getattr(table, first, None)}
     for name, value in inner.items() if isinstance(inner, Mapping) else ():
-        yield from (((name, *path), one) for path, one in _values(value, tuple(rest)))
+        yield from (((name, *path), entry) for path, entry in _values(value, tuple(rest)))
 
 
 def _names(value: object) -> tuple[str, ...]:
     if isinstance(value, str):
         return (value,)
-    return tuple(one for one in value if isinstance(one, str)) if isinstance(value, tuple) else ()
+    return tuple(entry for entry in value if isinstance(entry, str)) if isinstance(value, tuple) else ()
 
 
 def with_files(data: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def with_files(data: Mapping[str, Any], change: Callable[[str], str]) -> dict[st
 def _changed(value: Any, key: tuple[str, ...], change: Callable[[str], str]) -> Any:  # noqa: ANN401 (whatever TOML knows)
     if not key:
         if isinstance(value, list):
-            return [change(one) if isinstance(one, str) else one for one in value]
+            return [change(entry) if isinstance(entry, str) else entry for entry in value]
         return change(value) if isinstance(value, str) else value
     if not isinstance(value, Mapping):
         return value
