@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks import jax_model
 from jointbayes.inference import Problem
-from jointbayes.sampling import autocorrelation_time
+from jointbayes.sampling.diagnostics import autocorrelation_time
 
 Array = NDArray[np.float64]
 

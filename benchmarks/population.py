@@ -35,7 +35,7 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
 from jointbayes.sampling.density import newton_climb
-from jointbayes.sampling.proposal.weights import resampled
+from jointbayes.sampling.distributions import resampled
 from jointbayes.studies.campaign.hierarchical import PopulationPrior, hierarchical_posterior
 from jointbayes.studies.campaign.reweighting import JointDraws
 from jointbayes.studies.tasks import run_tasks

@@ -126,13 +126,13 @@ def exchanged(new: Path, target: Path, scratch: Path) -> None:
     sync_directory(target.parent)
 
 
-def _swapped_at_once(one: Path, other: Path) -> bool:
+def _swapped_at_once(first: Path, second: Path) -> bool:
     """Whether the system could exchange two names, as Linux can on most disks."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (OSError, AttributeError, TypeError):
         return False
-    return bool(rename(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0)
+    return bool(rename(_HERE, os.fsencode(first), _HERE, os.fsencode(second), _EXCHANGE) == 0)
 
 
 def swept(folder: Path, *, once: bool = False) -> None:
@@ -153,7 +153,7 @@ def swept(folder: Path, *, once: bool = False) -> None:
         return
     _swept.add(place)
     with suppress(OSError), os.scandir(folder) as entries:
-        for entry in [one for one in entries if _SCRATCH.fullmatch(one.name)]:
+        for entry in [e for e in entries if _SCRATCH.fullmatch(e.name)]:
             with suppress(OSError, WriteError):  # WriteError: it is not ours
                 _sweep(Path(entry.path), is_directory=entry.is_dir(follow_symlinks=False))
 
@@ -167,16 +167,16 @@ def _sweep(scrap: Path, *, is_directory: bool) -> None:
         finally:
             os.close(lock)
         return
-    own = OwnDirectory(scrap, _KIND)
-    if not own.take(surely=True):
+    directory = OwnDirectory(scrap, _KIND)
+    if not directory.take(surely=True):
         return
     try:
-        for name in os.listdir(scrap / _OLD) if _OLD in own.names() and not (scrap / _OLD).is_symlink() else ():
+        for name in os.listdir(scrap / _OLD) if _OLD in directory.names() and not (scrap / _OLD).is_symlink() else ():
             if not os.path.lexists(scrap.parent / name):
                 (scrap / _OLD / name).replace(scrap.parent / name)
         shutil.rmtree(scrap)
     finally:
-        own.leave()
+        directory.leave()
 
 
 def _claimed_scratch(target: Path) -> tuple[Path, int]:

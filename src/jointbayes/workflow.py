@@ -259,7 +259,9 @@ def sample(
     tell("fitting a proposal to the posterior")
     log_posterior = problem.log_posterior
     modes, systems = estimate.starts_for_draws, coordinate_systems(problem)
-    proposal = fit_each_mode(log_posterior, systems, modes, Images.of(problem).matrices, _generator(seed, _PROPOSAL))
+    proposal = fit_each_mode(
+        log_posterior, systems, modes, Images.from_problem(problem).matrices, _generator(seed, _PROPOSAL)
+    )
     start = starting_walkers(modes, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
     least = estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))

@@ -258,7 +258,7 @@ def test_killed_runs_come_to_the_same_posterior_and_leave_nothing(tmp_path):
 def test_no_worker_outlives_its_run(config, tmp_path, number):
     text = config.read_text(encoding="utf-8")
     config.write_text(text.replace("walkers = 8", "walkers = 8\nprocesses = 2"), encoding="utf-8")
-    endless = "import jointbayes.sampling.stage as s; s.judge = lambda *_: s.Verdict(False, '')\n"
+    endless = "import jointbayes.sampling.chains as s; s.judge = lambda *_: s.Verdict(False, '')\n"
     code = EVERY_BLOCK + endless + "from jointbayes.cli.commands import main; main()"
     with subprocess.Popen(
         [sys.executable, "-c", code, "sample", config.name, "--out", "x.nc"],

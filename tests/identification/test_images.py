@@ -9,7 +9,7 @@ from benchmarks import several_modes as study
 
 import jointbayes as jb
 from jointbayes.identification import Images, ModeSearch
-from jointbayes.identification.images import _reflections
+from jointbayes.identification.mode_search import _reflections
 from jointbayes.joint import Damped, Joint, LogStiffness, blocks_of, parametrisation_named
 
 SPRINGS = parametrisation_named("springs", ("x", "y", "rz"))
@@ -61,7 +61,7 @@ def test_the_mirror_image_of_full_joints_explains_the_data_as_well():
     case = full_portal()
     problem, prior = case.problem, case.problem.prior
     theta = problem.parametrisation.coordinates([2e7, 4e6, 2e5, 8e7, -3e5, 3e4, 9e7, -1e7, 8e5, 2e8, 1e6, 1.2e5])
-    images = Images.of(problem)
+    images = Images.from_problem(problem)
     assert np.array_equal(images(theta)[0], theta)
     density = problem.log_posterior.log_likelihood(images(theta))
     same = np.flatnonzero(np.abs(density - density[0]) < 1e-3)
@@ -73,7 +73,7 @@ def test_the_mirror_image_of_full_joints_explains_the_data_as_well():
 
 
 def test_each_coupling_is_turned_alone_as_well():
-    images = Images.of(full_portal().problem)
+    images = Images.from_problem(full_portal().problem)
     turned = (images.signs < 0).sum(axis=1)[(images.columns == np.arange(12)).all(axis=1)]
     assert (turned == 1).sum() == 6
     assert (turned == 4).sum() == 3  # all couplings with x, with y, or with rz
@@ -95,7 +95,7 @@ def test_a_plane_of_symmetry_turns_the_motions_across_it_and_the_rotations_withi
 
 def test_logarithms_are_never_turned():
     problem = jb.case_from_text("portal", study.portal()).problem
-    images = Images.of(problem)
+    images = Images.from_problem(problem)
     assert images.columns.tolist() == [[0, 1, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2]]
     assert (images.signs == 1).all()
 
@@ -107,7 +107,7 @@ def test_a_search_that_knows_one_foot_order_finds_the_other(sensor_mm):
     search = ModeSearch(problem.log_posterior)
     search.climb({"truth": truth})
     assert len(search.estimate().modes) == 1
-    search.climb_images(Images.of(problem))
+    search.climb_images(Images.from_problem(problem))
     first, second = search.estimate().modes
     np.testing.assert_allclose(second.theta, first.theta[[3, 4, 5, 0, 1, 2]], atol=0.2)
     assert first.log_posterior - second.log_posterior == pytest.approx(0.0 if sensor_mm == 250.0 else 5.41, abs=0.01)

@@ -9,17 +9,10 @@ from numpy.testing import assert_allclose
 
 import jointbayes as jb
 from jointbayes.frf import FrfSet
-from jointbayes.identification import (
-    ModeSearch,
-    SearchEffort,
-    effort,
-    frequency_starts,
-    resonances,
-    resonances_hz,
-    search_further,
-)
+from jointbayes.identification import ModeSearch, SearchEffort, effort, resonances, search_further
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
-from jointbayes.identification.starts import _SetupMatch
+from jointbayes.identification.resonances import resonances_hz
+from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal

@@ -7,8 +7,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.identification import reconstructed_starts, refine
-from jointbayes.identification.reconstruction import _MODEL_ERROR, _Part
+from jointbayes.identification import refine
+from jointbayes.identification.reconstruction import _MODEL_ERROR, _TestData, reconstructed_starts
 from jointbayes.inference import JointPrior, Uniform
 from jointbayes.joint import Damped, Joint, Joints, blocks_of, parametrisation_named
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
@@ -47,7 +47,7 @@ def damped_problem():
 def test_without_tolerance_the_squares_are_those_of_the_frfs():
     k = random_springs(4)
     problem = problem_of(k)
-    part = _Part.of(problem)
+    part = _TestData.from_problem(problem)
     other = 1.3 * k
     ports = replace(PORTS, frequency_hz=part.omega / (2 * np.pi))
     there = slice(None, None, 6)
@@ -63,7 +63,7 @@ def test_without_tolerance_the_squares_are_those_of_the_frfs():
 def test_joints_that_made_the_data_leave_nothing_whatever_the_tolerance():
     k = random_springs(5)
     problem = problem_of(k)
-    part = _Part.of(problem)
+    part = _TestData.from_problem(problem)
     exact = DirectSolve(rod(damping=LossFactor(0.01)), Joints(PLACES), PORTS).receptance(
         problem.parametrisation.matrix(k)
     )[0]
@@ -78,7 +78,7 @@ def test_joints_that_made_the_data_leave_nothing_whatever_the_tolerance():
 @pytest.mark.parametrize("damped", [False, True])
 def test_the_slope_of_the_squares_is_that_of_differences(damped, tolerance):
     problem, theta = damped_problem() if damped else (problem_of(random_springs(3)), np.log(random_springs(3)))
-    part, theta = _Part.of(problem), theta + 0.3
+    part, theta = _TestData.from_problem(problem), theta + 0.3
     residual, jacobian = part.linearised(theta, tolerance)
     assert residual @ residual == pytest.approx(part.value(theta[None], tolerance)[0], rel=1e-9)
     steps = 1e-5 * np.eye(theta.size)

@@ -10,12 +10,12 @@ from benchmarks.wrong_model import in_band
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.identification import screened_draws
-from jointbayes.identification.starts import with_modes_on_data
+from jointbayes.identification.starting_points import move_modes_to_data, screened_draws
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import CondensedCoordinates, Cone
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.sampling import ComposedCoordinates, Identity, NormalScores
+from jointbayes.sampling import ComposedCoordinates, NormalScores
+from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.density import newton_climb
 from tests.conftest import best_of, cheap_text, pair_matrix
 
@@ -104,7 +104,7 @@ def test_modes_are_found_by_a_scan_where_a_climb_would_miss_them():
     problem = case_from_text("shorter", text).problem
     posterior, prior = problem.log_posterior, problem.prior
     start = np.concatenate([np.log([5.05e9, 3.44e7, 1.52e6]), np.zeros(len(prior.names) - 3)])
-    moved = with_modes_on_data(posterior, start)
+    moved = move_modes_to_data(posterior, start)
     assert np.array_equal(moved[:3], start[:3])
     assert np.allclose(moved[3:], 2 * np.log(383 / 360), atol=0.02)  # f goes with 1/L² of a slender beam
     assert posterior(moved)[0] > posterior(start)[0] + 100
@@ -113,7 +113,7 @@ def test_modes_are_found_by_a_scan_where_a_climb_would_miss_them():
 def test_nothing_moves_where_no_error_is_uncertain(exact):
     posterior = exact.problem.log_posterior
     theta = posterior.prior.mean
-    assert with_modes_on_data(posterior, theta) is theta
+    assert move_modes_to_data(posterior, theta) is theta
 
 
 def calibration_data_of_before(variant, index):

@@ -11,8 +11,9 @@ import numpy as np
 from benchmarks.disk_faults import each_change, killed_at
 
 import jointbayes.sampling.moves  # noqa: F401  (children are forked with all of it loaded)
-from jointbayes.sampling import Identity, Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted
+from jointbayes.sampling import Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted
 from jointbayes.sampling import checkpoint as checkpoints
+from jointbayes.sampling.coordinate_maps import Identity
 
 SETTINGS = SamplerSettings(walkers=4, max_steps=40, check_every=10, end_tolerance=1e-6)
 

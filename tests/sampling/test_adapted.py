@@ -8,19 +8,18 @@ from scipy import stats
 
 from jointbayes.sampling import (
     INTERVAL,
-    Identity,
     NormalScores,
     Proposal,
     SamplerSettings,
     StudentT,
-    adapted,
     fit_proposal,
     quantile_error,
     run_adapted,
     run_ensembles,
+    sampler,
 )
-from jointbayes.sampling.coordinates import straightened
-from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
+from jointbayes.sampling.coordinate_maps import Identity, straightened
+from jointbayes.sampling.distribution_fit import first_mixture, most_likely_mixture
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
 WIDTH = 0.02
@@ -216,10 +215,10 @@ def test_a_converged_run_is_made_again_where_its_draws_lie_where_the_proposal_is
 
     chains, last = run()
     assert last is good
-    assert not adapted._misses_mass(good, chains)
-    assert adapted._misses_mass(poor, chains)
+    assert not sampler._misses_mass(good, chains)
+    assert sampler._misses_mass(poor, chains)
     looks = iter([True, False])
-    monkeypatch.setattr(adapted, "_misses_mass", lambda *_: next(looks))
+    monkeypatch.setattr(sampler, "_misses_mass", lambda *_: next(looks))
     again, refitted = run()
     assert again.discarded == chains.steps
     assert refitted is not good

@@ -14,8 +14,9 @@ import pytest
 
 from jointbayes.errors import CheckpointError, WriteError
 from jointbayes.own_directory import OwnDirectory
-from jointbayes.sampling import Identity, Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted
+from jointbayes.sampling import Proposal, SamplerSettings, StudentT, UnfinishedRun, run_adapted
 from jointbayes.sampling import checkpoint as checkpoints
+from jointbayes.sampling.coordinate_maps import Identity
 from tests.sampling.test_adapted import exact, filament, of_one_half
 
 SETTINGS = SamplerSettings(walkers=8, max_steps=600, end_tolerance=1e-6)

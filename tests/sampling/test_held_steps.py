@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointbayes.sampling import SamplerSettings, run_ensembles
-from jointbayes.sampling.held_steps import spacing
+from jointbayes.sampling.chains import spacing
 from jointbayes.sampling.stopping import diagnose
 
 NEVER = SamplerSettings(walkers=8, max_steps=1500, check_every=10, tau_factor=1e9)
@@ -29,8 +29,7 @@ def whole():
 
 @pytest.fixture
 def held(monkeypatch):
-    monkeypatch.setattr("jointbayes.sampling.held_steps.MOST_HELD", 200)
-    monkeypatch.setattr("jointbayes.sampling.stage.MOST_HELD", 200)
+    monkeypatch.setattr("jointbayes.sampling.chains.MOST_HELD", 200)
     return run()
 
 
@@ -67,8 +66,7 @@ def test_tau_of_every_so_many_steps_is_in_steps():
 
 @pytest.mark.science
 def test_what_is_held_does_not_grow_with_the_steps(monkeypatch):
-    monkeypatch.setattr("jointbayes.sampling.held_steps.MOST_HELD", 200)
-    monkeypatch.setattr("jointbayes.sampling.stage.MOST_HELD", 200)
+    monkeypatch.setattr("jointbayes.sampling.chains.MOST_HELD", 200)
     memory = {}
 
     def look(progress):

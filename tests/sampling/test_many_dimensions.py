@@ -7,17 +7,17 @@ from benchmarks.many_joints_data import six_joints
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import SamplingError
 from jointbayes.sampling import SamplerSettings, fit_proposal
-from jointbayes.sampling.coordinates import Identity
-from jointbayes.sampling.ensemble import KEPT, MANY_DIMENSIONS, mixture
-from jointbayes.sampling.proposal.fit import Proposal
-from jointbayes.sampling.proposal.student import StudentMixture, StudentT
-from jointbayes.sampling.run import run_ensembles
+from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.distributions import StudentMixture, StudentT
+from jointbayes.sampling.proposal import Proposal
+from jointbayes.sampling.sampler import run_ensembles
+from jointbayes.sampling.starting import KEPT, MANY_DIMENSIONS, weighted_moves
 from jointbayes.workflow import sample
 from tests.conftest import edited
 
 
 def names(d):
-    moves = mixture(Identity(), Proposal(StudentT(np.zeros(d), np.eye(d), 5.0), 0.2, 0))
+    moves = weighted_moves(Identity(), Proposal(StudentT(np.zeros(d), np.eye(d), 5.0), 0.2, 0))
     assert sum(move.weight for move in moves) == pytest.approx(1.0)
     return [move.name for move in moves]
 

@@ -7,10 +7,17 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling import NormalScores, StudentMixture, StudentT, fit_proposal, importance_efficiency
-from jointbayes.sampling.coordinates import Identity
-from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture, split
-from jointbayes.sampling.proposal.weights import Pool, drawn_without_replacement, resampled, tempered, truncated
+from jointbayes.sampling import NormalScores, StudentT, fit_proposal, importance_efficiency
+from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.distribution_fit import first_mixture, most_likely_mixture, split
+from jointbayes.sampling.distributions import (
+    Pool,
+    StudentMixture,
+    drawn_without_replacement,
+    resampled,
+    tempered,
+    truncated,
+)
 
 LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
 RIGHT = StudentT(np.array([3.0, 2.0]), 0.25 * np.eye(2), 8.0)

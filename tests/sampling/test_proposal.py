@@ -8,10 +8,9 @@ from scipy import stats
 
 from jointbayes.errors import SamplingError
 from jointbayes.joint import ComplianceCoordinates, LogStiffness, SignedCoupling
-from jointbayes.sampling import Proposal, StudentMixture, fit_proposal
-from jointbayes.sampling.ensemble import independence_share, mixture
-from jointbayes.sampling.proposal.student import StudentT
-from jointbayes.sampling.proposal.weights import importance_efficiency
+from jointbayes.sampling import Proposal, fit_proposal
+from jointbayes.sampling.distributions import StudentMixture, StudentT, importance_efficiency
+from jointbayes.sampling.starting import independence_share, weighted_moves
 from tests.sampling.worker_densities import GaussianInCompliance
 
 MEAN, SCALE = np.array([1.0, -2.0, 0.5]), np.array([[2.0, 0.9, 0.0], [0.9, 1.0, -0.3], [0.0, -0.3, 0.5]])
@@ -195,7 +194,7 @@ class TestMixture:
     @pytest.mark.parametrize("efficiency", [0.0, 0.2, 0.9])
     @pytest.mark.parametrize("coordinates", [None, ComplianceCoordinates(LogStiffness())], ids=["plain", "adapted"])
     def test_weights_sum_to_one_and_names_differ(self, coordinates, efficiency):
-        moves = mixture(coordinates, Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), efficiency, 0))
+        moves = weighted_moves(coordinates, Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), efficiency, 0))
         assert sum(move.weight for move in moves) == pytest.approx(1.0, rel=1e-12)
         assert len({move.name for move in moves}) == len(moves)
         assert ("independence" in [move.name for move in moves]) == (efficiency > 0.1)
@@ -206,4 +205,4 @@ class TestMixture:
 
     def test_moves_survive_pickling(self):
         proposal = Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), 0.9, 0)
-        pickle.loads(pickle.dumps(mixture(ComplianceCoordinates(SignedCoupling()), proposal)))
+        pickle.loads(pickle.dumps(weighted_moves(ComplianceCoordinates(SignedCoupling()), proposal)))

@@ -14,27 +14,21 @@ from emcee.autocorr import integrated_time
 
 import jointbayes.sampling
 from jointbayes.errors import SamplingError
-from jointbayes.sampling import (
-    SamplerSettings,
-    autocorrelation_time,
-    effective_sample_size,
-    quantile_error,
-    run_ensembles,
-    split_r_hat,
-)
-from jointbayes.sampling.ensemble import EnsembleState, advance
+from jointbayes.sampling import SamplerSettings, quantile_error, run_ensembles
+from jointbayes.sampling.diagnostics import autocorrelation_time, effective_sample_size, split_r_hat
+from jointbayes.sampling.ensemble import EnsembleState, Streams, advance
+from jointbayes.sampling.starting import weighted_moves
 from jointbayes.sampling.stopping import (
     Check,
     EndError,
     Quantities,
+    add_end_error,
     diagnose,
     expected_steps,
     judge,
     next_check,
-    with_end_error,
     worst_end_error,
 )
-from jointbayes.sampling.streams import Streams
 
 SHORT = SamplerSettings(walkers=8, max_steps=300, check_every=100)
 
@@ -95,7 +89,7 @@ class TestSettings:
 
     def test_settings_import_neither_emcee_nor_scipy(self):
         code = (
-            "import sys, jointbayes.sampling.settings as s; s.SamplerSettings(); "
+            "import sys, jointbayes.sampling.sampler_settings as s; s.SamplerSettings(); "
             "print(sorted({'emcee', 'scipy'} & set(sys.modules)))"
         )
         found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -271,8 +265,8 @@ class TestStopRule:
         theta = np.random.default_rng(1).normal(size=(4, 6000, 2, 2))
         looked = [self.check(share=None), self.check(share=None)]
         unmet = [self.check(share=None), self.check(share=None, r_hat=1.02)]
-        assert with_end_error(self.settings, unmet, theta).end_error is None
-        found = with_end_error(self.settings, looked, theta).end_error
+        assert add_end_error(self.settings, unmet, theta).end_error is None
+        found = add_end_error(self.settings, looked, theta).end_error
         # sqrt(p (1 - p) / n) / density, over the width of a normal's interval, of n = 4 · 5500 · 2 draws
         assert found.share == pytest.approx(np.sqrt(0.975 * 0.025 / 44000) / 0.05845 / 3.92, rel=0.2)
 
@@ -373,21 +367,21 @@ class TestReproducibility:
 
     def test_any_block_is_had_again_from_where_it_began_and_its_own_seed(self):
         chains = run(1)
-        streams = Streams.of(np.random.default_rng(1))
+        streams = Streams.from_generator(np.random.default_rng(1))
         for ensemble, number in ((0, 1), (3, 2)):
             first = number * SHORT.check_every
             before = chains.theta[ensemble, first - 1]
             state = pickle.loads(pickle.dumps(EnsembleState(before, gaussian(before))))
-            block = advance(gaussian, state, SHORT.check_every, streams.block(ensemble, number))
+            block = advance(gaussian, state, SHORT.check_every, streams.block(ensemble, number), weighted_moves())
             np.testing.assert_array_equal(block.theta, chains.theta[ensemble, first : first + SHORT.check_every])
 
     def test_no_two_blocks_draw_the_same_numbers(self):
-        streams = Streams.of(np.random.default_rng(1))
-        seeds = [streams.of_stage(s).block(e, b) for s in range(3) for e in range(4) for b in range(5)]
+        streams = Streams.from_generator(np.random.default_rng(1))
+        seeds = [streams.with_stage(s).block(e, b) for s in range(3) for e in range(4) for b in range(5)]
         words = {tuple(seed.generate_state(4)) for seed in seeds}
         assert len(words) == len(seeds)
         drawn = streams.refit().integers(2**63, size=4)
-        assert not np.array_equal(drawn, streams.of_stage(1).refit().integers(2**63, size=4))
+        assert not np.array_equal(drawn, streams.with_stage(1).refit().integers(2**63, size=4))
 
     def test_the_callers_own_stream_is_spawned_from_and_not_drawn_from(self):
         start = np.random.default_rng(0).normal(size=(4, 8, 2))

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from jointbayes.sampling import SamplerSettings, SeveralModes, fit_each_mode, fit_proposal, run_ensembles
-from jointbayes.sampling.adapted import _refitted
-from jointbayes.sampling.coordinates import Identity
-from jointbayes.sampling.ensemble import mixture
-from jointbayes.sampling.jump import JumpMove
-from jointbayes.sampling.starting import starting_walkers
+from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.moves import JumpMove
+from jointbayes.sampling.sampler import _refitted
+from jointbayes.sampling.starting import starting_walkers, weighted_moves
 from jointbayes.sampling.stopping import diagnose
 
 SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
@@ -38,7 +37,7 @@ def mirrored(theta):
 
 
 def test_a_point_carried_to_another_mode_and_back_is_where_it_was():
-    modes = SeveralModes.of(STARTS)
+    modes = SeveralModes.from_starts(STARTS)
     theta = np.array([[0.1, 7.9], [7.5, 0.4]])
     here, there = np.array([0, 1]), np.array([1, 0])
     moved, log_volume = modes.carried(theta, here, there)
@@ -54,7 +53,7 @@ def test_a_point_carried_to_another_mode_and_back_is_where_it_was():
 
 def test_between_exact_images_the_map_is_the_exchange_itself():
     starts = [(np.array([1.0, 5.0]), NARROW), (np.array([5.0, 1.0]), SWAP @ NARROW @ SWAP)]
-    modes = SeveralModes.of(starts, np.array([np.eye(2), SWAP]))
+    modes = SeveralModes.from_starts(starts, np.array([np.eye(2), SWAP]))
     np.testing.assert_allclose(modes.maps[0, 1], SWAP, atol=1e-12)
     np.testing.assert_allclose(modes.maps[1, 0], SWAP, atol=1e-12)
     theta = np.array([[1.05, 5.2]])
@@ -79,9 +78,9 @@ def test_of_one_mode_nothing_changes():
     same = fit_proposal(two_gaussians, [Identity()], STARTS[:1], np.random.default_rng(1))
     assert np.array_equal(one.density.mean, same.density.mean)
     assert one.modes is None
-    assert "between modes" not in {move.name for move in mixture(Identity(), one)}
+    assert "between modes" not in {move.name for move in weighted_moves(Identity(), one)}
     several = fit_each_mode(two_gaussians, [Identity()], STARTS, None, np.random.default_rng(1))
-    assert "between modes" in {move.name for move in mixture(Identity(), several)}
+    assert "between modes" in {move.name for move in weighted_moves(Identity(), several)}
 
 
 @pytest.mark.parametrize("efficiency", [None, 0.0], ids=["fitted proposal", "the jump alone"])
@@ -120,7 +119,7 @@ def test_walkers_that_never_leave_their_mode_cannot_have_converged():
     rng = np.random.default_rng(5)
     frozen = np.array([rng.choice([0.0, 8.0], size=(1, 16)) * np.ones((400, 1)) for _ in range(4)])
     theta = np.stack([frozen, 8.0 - frozen], axis=-1) + 0.1 * rng.normal(size=(4, 400, 16, 2))
-    modes = SeveralModes.of(STARTS)
+    modes = SeveralModes.from_starts(STARTS)
     found = diagnose(theta, None, modes=modes)
     assert found.modes_tau > 100
     assert found.tau_max == max(found.modes_tau, found.tau.max())
@@ -165,7 +164,7 @@ def test_walkers_begin_in_proportion_to_the_shares_and_at_least_one_about_each_m
 
 def test_a_walker_that_could_not_come_back_stays():
     starts = [(np.array([0.0]), np.eye(1)), (np.array([3.0]), np.eye(1)), (np.array([6.0]), np.eye(1))]
-    move = JumpMove(SeveralModes.of(starts))
+    move = JumpMove(SeveralModes.from_starts(starts))
     random = np.random.RandomState(1)
     proposed, log_factor = move.get_proposal(np.full((200, 1), -1.0), random)
     assert set(np.unique(proposed.round(9))) == {2.0, 5.0}
@@ -180,6 +179,6 @@ def test_a_mode_with_a_draw_or_two_does_not_hold_up_a_run():
     """Of the draws that are ranked none may be among these: their share then has no R̂."""
     theta = PLACES[0] + 0.1 * np.random.default_rng(1).normal(size=(4, 1000, 16, 2))
     theta[1, 731, 5] = PLACES[1]
-    check = diagnose(theta, None, modes=SeveralModes.of(STARTS))
+    check = diagnose(theta, None, modes=SeveralModes.from_starts(STARTS))
     assert 0 < check.modes_tau < 2
     assert check.r_hat_max < 1.01

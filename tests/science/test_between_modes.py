@@ -5,9 +5,8 @@ import pytest
 from scipy import stats
 
 from jointbayes.sampling import SeveralModes, fit_each_mode
-from jointbayes.sampling.coordinates import Identity
-from jointbayes.sampling.jump import JumpMove
-from jointbayes.sampling.moves import IndependenceMove
+from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.moves import IndependenceMove, JumpMove
 from tests.science.known_densities import Target
 from tests.science.test_invariance import LEVEL, Warp, moved, smallest_level
 
@@ -51,7 +50,7 @@ def two_modes(distance=1.0):
 def rough_modes(distance=1.0):
     """Modes that are known only roughly, an exchange among the images."""
     images = np.array([[[0.0, 1.0], [1.0, 0.0]], np.diag([1.0, -1.0])])
-    return SeveralModes.of(starts_at(distance, off=0.2, wider=1.5), images)
+    return SeveralModes.from_starts(starts_at(distance, off=0.2, wider=1.5), images)
 
 
 class WithoutVolume(SeveralModes):

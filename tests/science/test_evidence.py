@@ -9,7 +9,8 @@ from scipy import stats
 from jointbayes.joint import ComplianceCoordinates, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.sampling import NormalScores, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
+from jointbayes.sampling import NormalScores, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.sampling.diagnostics import autocorrelation_time
 from jointbayes.workflow import find_map
 from tests.conftest import on_paper_elements
 

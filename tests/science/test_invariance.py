@@ -11,10 +11,10 @@ import pytest
 from emcee.moves import DESnookerMove
 from scipy import stats
 
-from jointbayes.sampling.coordinates import Identity
+from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.distributions import StudentT
 from jointbayes.sampling.ensemble import EnsembleState, WeightedMove, advance
 from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
-from jointbayes.sampling.proposal.student import StudentT
 from tests.science.known_densities import TARGETS
 
 ENSEMBLES, WALKERS, STEPS = 32, 32, 50

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.sampling import Proposal, SamplerSettings, autocorrelation_time, fit_proposal, run_ensembles
-from jointbayes.sampling.proposal.student import StudentT
+from jointbayes.sampling import Proposal, SamplerSettings, fit_proposal, run_ensembles
+from jointbayes.sampling.diagnostics import autocorrelation_time
+from jointbayes.sampling.distributions import StudentT
 from tests.science.known_densities import TARGETS
 
 pytestmark = pytest.mark.science

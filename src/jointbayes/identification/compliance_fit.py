@@ -51,9 +51,9 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfM
     for _ in range(_PASSES):
         matrix, right = free.equations(measured, scale)
         rows = (matrix * weight[..., None]).reshape(-1, 4)
-        known = (right * weight).ravel()
+        weighed = (right * weight).ravel()
         unknown, *_ = np.linalg.lstsq(
-            np.concatenate([rows.real, rows.imag]), np.concatenate([known.real, known.imag]), rcond=None
+            np.concatenate([rows.real, rows.imag]), np.concatenate([weighed.real, weighed.imag]), rcond=None
         )
         weight = 1 / (sigma * np.abs(free.denominator(unknown, scale))[:, None, None])
     return _positive_definite(unknown[:3] * scale[:3])
@@ -84,9 +84,9 @@ def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "Fre
     motions = np.vstack([model.along, np.eye(model.along.shape[1])])
     (free,), r = model.free(np.ones((1, len(whole.family.names)))), joint.size
     driven = free @ motions
-    out, into = slice(None, model.n_out), slice(model.n_out, None)
-    oj = driven[:, :r, out].swapaxes(1, 2)
-    return FreeReceptance(free[:, :r, :r], oj, driven[:, :r, into], motions[:, out].T @ driven[:, :, into])
+    outputs, inputs = slice(None, model.n_out), slice(model.n_out, None)
+    oj = driven[:, :r, outputs].swapaxes(1, 2)
+    return FreeReceptance(free[:, :r, :r], oj, driven[:, :r, inputs], motions[:, outputs].T @ driven[:, :, inputs])
 
 
 def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "FreeReceptance":
@@ -161,8 +161,8 @@ class FreeReceptance:
 
     def _factors(self) -> NDArray[np.complex128]:
         """∂D/∂(c11, c12, c22, det C), shape (lines, 4)."""
-        one = np.ones(len(self.jj), dtype=complex)
-        return np.stack([self.jj[:, 1, 1], -2 * self.jj[:, 0, 1], self.jj[:, 0, 0], one], axis=-1)
+        ones = np.ones(len(self.jj), dtype=complex)
+        return np.stack([self.jj[:, 1, 1], -2 * self.jj[:, 0, 1], self.jj[:, 0, 0], ones], axis=-1)
 
     def _determinant(self) -> NDArray[np.complex128]:
         return self.jj[:, 0, 0] * self.jj[:, 1, 1] - self.jj[:, 0, 1] ** 2

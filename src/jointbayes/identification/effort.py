@@ -5,11 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.identification.images import Images
 from jointbayes.identification.map_estimate import GAIN, LEAST_AGREEING, SearchEffort
-from jointbayes.identification.mode_search import ModeSearch
+from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
-from jointbayes.identification.starts import frequency_starts, screened_draws
+from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import LogPosterior, Problem
 from jointbayes.measurement import FrfMeasurement
 
@@ -82,7 +81,7 @@ def search_further(
         Called with one line before each round.
     """
     log_posterior = problem.log_posterior
-    first, rounds, last_gain, many, images = search.best[1], 0, 0.0, False, Images.of(problem)
+    first, rounds, last_gain, many, images = search.best[1], 0, 0.0, False, Images.from_problem(problem)
     while True:
         search.climb_images(images)
         theta, density = search.best
@@ -130,11 +129,11 @@ def _weights(problem: Problem) -> list[Array]:
     Of a set-up whose residuals are not those of complex FRFs they are 1; none where no set-up has such.
     """
     ratios: list[Array] = []
-    for part in problem.parts:
-        measured = part.measurement
-        if isinstance(measured, FrfMeasurement) and part.residual_kind == "complex":
+    for test in problem.parts:
+        measured = test.measurement
+        if isinstance(measured, FrfMeasurement) and test.residual_kind == "complex":
             ratios.append(np.repeat((np.abs(measured.frf.values) ** 2 / measured.variance).ravel(), 2))
         else:
-            ratios.append(np.zeros(part.log_posterior.likelihood.n_data))
+            ratios.append(np.zeros(test.log_posterior.likelihood.n_data))
     ratio = np.concatenate(ratios)
     return [1 / np.sqrt(1 + share**2 * ratio) for share in _TEMPERED] if ratio.any() else []

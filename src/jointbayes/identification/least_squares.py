@@ -145,14 +145,14 @@ def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
             gradient[i], normal[i] = jacobian.T @ here, jacobian.T @ jacobian
     begin, rows = 0 if squares.linearised is None else n, 1
     while begin < n:
-        part = slice(begin, begin + rows)
-        points = np.concatenate([theta[part, None], moved[part]], axis=1)
+        chunk = slice(begin, begin + rows)
+        points = np.concatenate([theta[chunk, None], moved[chunk]], axis=1)
         values = squares.residuals(points.reshape(-1, theta.shape[1])).reshape(*points.shape[:2], -1)
         here, jacobian = values[:, 0], values[:, 1:]
         jacobian -= here[:, None]
-        jacobian /= step[part, :, None]
-        gradient[part] = np.matmul(jacobian, here[..., None])[..., 0]
-        normal[part] = np.matmul(jacobian, jacobian.swapaxes(1, 2))
+        jacobian /= step[chunk, :, None]
+        gradient[chunk] = np.matmul(jacobian, here[..., None])[..., 0]
+        normal[chunk] = np.matmul(jacobian, jacobian.swapaxes(1, 2))
         begin += rows
         rows = max(1, _AT_ONCE // values[0].size)
     finite = np.isfinite(gradient).all(axis=1) & np.isfinite(normal).all(axis=(1, 2))
@@ -187,10 +187,10 @@ class PosteriorSquares:
         """Log density, shape (n,), up to a constant; −inf outside the support."""
         if self._weight is None:
             return self._posterior(theta)
-        out = self.prior.log_density(theta)
-        inside = np.flatnonzero(np.isfinite(out))
+        log_density = self.prior.log_density(theta)
+        inside = np.flatnonzero(np.isfinite(log_density))
         at_once = max(1, min(_POINTS_AT_ONCE, 8 * _AT_ONCE // self._posterior.likelihood.n_data))
         for few in np.array_split(inside, max(1, inside.size // at_once)):
-            out[few] -= 0.5 * (self.residuals(theta[few]) ** 2).sum(axis=1)
-        out[~np.isfinite(out)] = -np.inf
-        return out
+            log_density[few] -= 0.5 * (self.residuals(theta[few]) ** 2).sum(axis=1)
+        log_density[~np.isfinite(log_density)] = -np.inf
+        return log_density

@@ -1,18 +1,21 @@
-"""The search for the posterior mode: climbs from many starts, and the distinct modes that they lead to."""
+"""The search for the posterior mode: climbs from many starts and images of their ends, and the modes they lead to."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.map_estimate import LocalMode, MapEstimate, StartOutcome
 from jointbayes.identification.refine import inside_the_edges, laplace_covariance, refine
-from jointbayes.identification.starts import with_modes_on_data
-from jointbayes.inference import LogPosterior
+from jointbayes.identification.starting_points import move_modes_to_data
+from jointbayes.inference import LogPosterior, Problem
+from jointbayes.joint import Joints
+from jointbayes.joint.quantities import is_rotation
 
 #: Two modes are the same when they lie this close, in prior standard deviations and in log density.
 _SAME_POINT = 1e-3
@@ -103,7 +106,7 @@ class ModeSearch:
         self._begun |= {name: prior.stiffness(theta) for name, theta in starts.items() if name not in self._begun}
         if not starts:
             return
-        rough = self._climbed(np.array([with_modes_on_data(self._posterior, t) for t in starts.values()]), weights)
+        rough = self._climbed(np.array([move_modes_to_data(self._posterior, t) for t in starts.values()]), weights)
         density = self._posterior(rough)
         possible = {name: i for i, name in enumerate(starts) if np.isfinite(density[i])}
         self._ends |= {name: (rough[i], float(density[i])) for name, i in possible.items()}
@@ -122,7 +125,7 @@ class ModeSearch:
         Parameters
         ----------
         images
-            Gives the images, shape (n, d), of a mode, shape (d,), see `jointbayes.identification.images`.
+            Gives the images, shape (n, d), of a mode, shape (d,), see `jointbayes.identification.mode_search`.
         """
         sd = self._posterior.prior.sd
         while self._examined < len(self._refined) and len(self._imaged) < _MOST_MODES:
@@ -132,14 +135,14 @@ class ModeSearch:
             if mode.log_density < self.best[1] - _LOWEST or not all(_parted(self._posterior, *pair) for pair in pairs):
                 continue
             self._imaged.append(mode)
-            known = np.array([end.theta for end in self._refined])
+            modes = np.array([end.theta for end in self._refined])
             theta = images(mode.theta)
-            theta = theta[(np.abs((theta[:, None] - known) / sd) > _NEAR).any(axis=-1).all(axis=-1)]
+            theta = theta[(np.abs((theta[:, None] - modes) / sd) > _NEAR).any(axis=-1).all(axis=-1)]
             density = self._posterior(theta)
             highest = np.argsort(-density, kind="stable")[:_IMAGES]
             theta = theta[highest[np.isfinite(density[highest])]]
             if len(theta):
-                rough = self._climbed(np.array([with_modes_on_data(self._posterior, t) for t in theta]), ())
+                rough = self._climbed(np.array([move_modes_to_data(self._posterior, t) for t in theta]), ())
                 density = self._posterior(rough)
                 self._refine_distinct([(rough[i], float(density[i])) for i in np.flatnonzero(np.isfinite(density))])
 
@@ -150,19 +153,19 @@ class ModeSearch:
 
     def _refine_distinct(self, ends: Sequence[tuple[Array, float]]) -> list[tuple[Array, float]]:
         """Refine those rough ends that are new and may matter; each gets the end of its mode, or stays as it is."""
-        left, out = _REFINED, list(ends)
+        left, refined = _REFINED, list(ends)
         for i in sorted(range(len(ends)), key=lambda i: -ends[i][1]):
             theta, density = ends[i]
-            known = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
+            mode = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
             # before the noise model's parameters are improved a density says little
             sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
-            if known is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
-                known = _Refined(theta, density, *refine(self._posterior, theta))
-                self._refined.append(known)
+            if mode is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
+                mode = _Refined(theta, density, *refine(self._posterior, theta))
+                self._refined.append(mode)
                 left -= 1
-            if known is not None:
-                out[i] = known.theta, known.log_density
-        return out
+            if mode is not None:
+                refined[i] = mode.theta, mode.log_density
+        return refined
 
     def _leads_to(self, theta: Array, density: float, mode: "_Refined") -> bool:
         """Whether a rough end is that of a mode, or no valley lies between it and the mode."""
@@ -257,3 +260,64 @@ def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | N
     if not prior.feasible(theta):  # moving a stiffness to the edge may leave the coupling too large
         theta = inside(prior.stiffness(theta))
     return theta if np.isfinite(log_posterior(theta)[0]) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Images:
+    """Signed permutations of the coordinates θ, the first of which leaves them as they are.
+
+    Parameters
+    ----------
+    columns
+        For each image the column of θ that each coordinate is taken from, shape (n, d).
+    signs
+        1, or −1 where a coordinate changes its sign, shape (n, d).
+    """
+
+    columns: NDArray[np.intp]
+    signs: Array
+
+    @classmethod
+    def from_problem(cls, problem: Problem) -> "Images":
+        """Every exchange of like joints together with every reflection of the structure, and each coupling turned.
+
+        A plane of symmetry exchanges joints and turns the couplings between motions along and across it. Joints are
+        like each other where they have the same quantities, see `jointbayes.joint.Parametrisation.exchanges`.
+        """
+        exchanges = problem.parametrisation.exchanges
+        nuisances = np.arange(exchanges.shape[1], len(problem.names))
+        columns = np.array([[*exchange, *nuisances] for exchange in exchanges], dtype=np.intp)
+        reflections = _reflections(problem)
+        turned = 1 - 2 * np.eye(reflections.shape[1])[(reflections < 0).any(axis=0)]
+        pairs = [(c, s) for c in columns for s in reflections] + [(columns[0], s) for s in turned]
+        whole = np.array([np.concatenate(pair) for pair in pairs])
+        _, first = np.unique(whole, axis=0, return_index=True)
+        columns, signs = np.split(whole[np.sort(first)], 2, axis=1)
+        return cls(columns.astype(np.intp), signs)
+
+    def __call__(self, theta: Array) -> Array:
+        """Images of a point θ, shape (d,), shape (n, d)."""
+        return self.signs * theta[self.columns]
+
+    @property
+    def matrices(self) -> Array:
+        """The same as matrices, shape (n, d, d)."""
+        return self.signs[:, :, None] * np.eye(self.columns.shape[1])[self.columns]
+
+
+def _reflections(problem: Problem) -> Array:
+    """Sign of each coordinate, shape (n, d), after reflections of all joints across their own planes."""
+    joints = [test.joints for test in problem.parts]
+    each = [joint for several in joints for joint in (several.joints if isinstance(several, Joints) else (several,))]
+    directions = [direction for joint in each for direction in joint.directions]
+    # across the plane at right angles to x the motions x, ry and rz change their signs
+    mirrors = np.array([[-1.0 if (d[-1:] != a) == is_rotation(d) else 1.0 for d in directions] for a in "xyz"])
+    places = {quantity.name: quantity.places for quantity in problem.quantities if quantity.may_be_negative}
+    signs = np.ones((8, len(problem.names)))
+    for row, crossed in zip(signs, product((False, True), repeat=3), strict=True):
+        motion = np.prod(mirrors[list(crossed)], axis=0)
+        for column, axis in enumerate(problem.parametrisation.axes):
+            if not axis.logarithmic and places.get(axis.quantity):
+                first, second = places[axis.quantity][0]
+                row[column] = motion[first] * motion[second]
+    return signs

@@ -128,8 +128,8 @@ def sensitivity_iteration(
         norms.append(float(np.linalg.norm(residual) / np.linalg.norm(system.target)))
         if norms[-1] <= threshold:
             break
-        response = system.at_joint(system.measured if sensitivity == "measured" else predicted)
-        k = k + _step(system.to_joint(predicted), response, residual, weight, kind.pattern)
+        response = system.deformation(system.measured if sensitivity == "measured" else predicted)
+        k = k + _step(system.response_to_joint(predicted), response, residual, weight, kind.pattern)
     return _history(np.array(history), np.array(norms), threshold, kind)
 
 
@@ -165,11 +165,11 @@ class _System:
         """ε_H = H^a − H^x, Eq. (5), shape (lines, outputs, inputs)."""
         return predicted.select(self._outputs, self.measured.inputs).values - self.target
 
-    def at_joint(self, frf: FrfSet) -> ComplexArray:
+    def deformation(self, frf: FrfSet) -> ComplexArray:
         """Deformation of the joint by unit force at each input, shape (lines, r, inputs)."""
         return np.einsum("ar,lai->lri", self._deformation, frf.select(self._at_joint, self.measured.inputs).values)
 
-    def to_joint(self, predicted: FrfSet) -> ComplexArray:
+    def response_to_joint(self, predicted: FrfSet) -> ComplexArray:
         """Response of the outputs to unit force in the joint, shape (lines, r, outputs)."""
         return np.einsum("ar,loa->lro", self._deformation, predicted.select(self._outputs, self._at_joint).values)
 
@@ -215,18 +215,20 @@ def part_to_iterate(problem: Problem) -> Problem | None:
     """
     if problem.parametrisation.damped:
         return None
-    return next((part for part in problem.parts if part.joint_frf is not None), None)
+    return next((test for test in problem.parts if test.joint_frf is not None), None)
 
 
 def missing_for_iteration(problem: Problem) -> str:
     """What measurement files lack for the paper's iteration, in words; empty where no file could have had it."""
-    provenances = (part.measurement.provenance for part in problem.parts)
-    return next((known.iteration for known in provenances if known is not None and known.iteration), "")
+    provenances = (test.measurement.provenance for test in problem.parts)
+    return next(
+        (provenance.iteration for provenance in provenances if provenance is not None and provenance.iteration), ""
+    )
 
 
 def why_not_iterated(problem: Problem) -> str:
     """What was found in place of what the paper's iteration expects."""
-    bodies = [body.name for part in problem.parts for body in part.measured_bodies]
+    bodies = [body.name for test in problem.parts for body in test.measured_bodies]
     if bodies:
         return (
             f"found the measured body {bodies[0]}; the paper's iteration expects a structure that is modelled "
@@ -234,6 +236,6 @@ def why_not_iterated(problem: Problem) -> str:
         )
     if problem.parametrisation.damped:
         return "found damping of the joint; the paper's iteration expects stiffnesses alone"
-    if not any(isinstance(part.measurement, FrfMeasurement) for part in problem.parts):
+    if not any(isinstance(test.measurement, FrfMeasurement) for test in problem.parts):
         return "found natural frequencies as data; the paper's iteration expects FRFs"
     return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"

@@ -70,27 +70,27 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator, effort: int
         How many times as many points, a power of 2; above 1 twice as many ends.
     """
     count = len(problem.parametrisation.names)
-    with_frfs = [part for part in problem.parts if isinstance(part.measurement, FrfMeasurement)]
+    with_frfs = [test for test in problem.parts if isinstance(test.measurement, FrfMeasurement)]
     if count < MANY_UNKNOWNS or not with_frfs:
         return np.empty((0, len(problem.names)))
-    misfit = _Misfit(problem, [_Part.of(part) for part in with_frfs])
+    misfit = _Misfit(problem, [_TestData.from_problem(test) for test in with_frfs])
     starts = misfit.inside(scipy.stats.qmc.Sobol(count, seed=rng).random(effort * _POINTS))
     starts = [misfit.nearly_rigid(), *starts]
     ends = sorted((misfit.climb(x, _FIRST) for x in starts), key=lambda end: end[1])
     chosen: list[tuple[Array, float]] = []
     for x, value in ends:
-        if all(np.abs(x - other).max() > _SAME for other, _ in chosen) and np.isfinite(value):
+        if all(np.abs(x - elsewhere).max() > _SAME for elsewhere, _ in chosen) and np.isfinite(value):
             chosen.append((x, value))
     chosen = [_moved_elsewhere(misfit, *end, 1) for end in chosen[: min(effort, 2) * _KEPT]]
     chosen.sort(key=lambda end: end[1])
     if effort > 1:
         chosen[:_KEPT] = [_moved_elsewhere(misfit, *end, 2, rng) for end in chosen[:_KEPT]]
-    out = []
+    thetas = []
     for x, _ in chosen:
         for tolerance in _LATER:
             x, _ = misfit.climb(x, tolerance)
-        out.append(misfit.theta(x))
-    return np.array(out).reshape(-1, len(problem.names))
+        thetas.append(misfit.theta(x))
+    return np.array(thetas).reshape(-1, len(problem.names))
 
 
 def _moved_elsewhere(
@@ -101,16 +101,16 @@ def _moved_elsewhere(
     if rng is not None and len(sets) > _SETS:
         sets = rng.permutation(sets)[:_SETS]
     steps = np.array(list(product(_PLACES, repeat=together)))
-    own = np.arange(len(sets))
+    rows = np.arange(len(sets))
     for _ in range(_ROUNDS // together**2):
         places = np.tile(x, (len(sets), len(steps), 1))
         for column, values in zip(sets.T, steps.T, strict=True):
-            places[own, :, column] = values
+            places[rows, :, column] = values
         places = misfit.clipped(places)
         values = misfit.value(places.reshape(-1, x.size), _FIRST).reshape(places.shape[:2])
         values[np.abs(places - x).max(axis=-1) < _ELSEWHERE] = np.inf
         best = np.argmin(values, axis=1)
-        first = np.argsort(values[own, best])[: together * _TRIED]
+        first = np.argsort(values[rows, best])[: together * _TRIED]
         ends = [misfit.climb(places[i, best[i]], _FIRST) for i in first if np.isfinite(values[i, best[i]])]
         if not ends:
             break
@@ -122,7 +122,7 @@ def _moved_elsewhere(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _TestData:
     """Data of one set-up at some lines, and its structure without the joints."""
 
     prior: JointPrior
@@ -132,25 +132,25 @@ class _Part:
     """Data less the receptance without the joints, shape (lines, outputs, inputs)."""
     variance: Array
     """Of these, shape (lines, outputs)."""
-    own: Array
+    body_stiffness: Array
     """Stiffness of the structure at each DOF of the joints, shape (R,)."""
     size: Array
     """Motion of these under unit forces at the inputs, shape (R,)."""
 
     @classmethod
-    def of(cls, part: Problem) -> "_Part":
-        assert isinstance(part.measurement, FrfMeasurement)
-        measured, sigma, free = measured_receptances(part.structure, part.joints, part.measurement)
-        lines = part.measurement.frf.frequency_hz
+    def from_problem(cls, test: Problem) -> "_TestData":
+        assert isinstance(test.measurement, FrfMeasurement)
+        measured, sigma, free = measured_receptances(test.structure, test.joints, test.measurement)
+        lines = test.measurement.frf.frequency_hz
         some = slice(None, None, max(1, lines.size // _LINES))
         free = FreeReceptance(free.jj[some], free.oj[some], free.ji[some], free.oi[some])
         variance = (sigma[some] ** 2 + (_MODEL_ERROR * np.abs(measured[some])) ** 2).mean(axis=2)
-        own = 1 / np.median(np.abs(np.einsum("lrr->lr", free.jj)), axis=0)
+        stiffness = 1 / np.median(np.abs(np.einsum("lrr->lr", free.jj)), axis=0)
         size = np.median(np.abs(free.ji), axis=0).mean(axis=1)
         # a port on a joint's own DOF may be nowhere else
         size = np.where(size > 0, size, np.finfo(float).tiny)
         omega = 2 * np.pi * lines[some]
-        return cls(part.prior, omega, free, measured[some] - free.oi, variance, own, size)
+        return cls(test.prior, omega, free, measured[some] - free.oi, variance, stiffness, size)
 
     def value(self, theta: Array, tolerance: float) -> Array:
         """Least squares, shape (n,), at θ, shape (n, d)."""
@@ -181,7 +181,7 @@ class _Part:
 
     def _solved(self, matrices: JointMatrix, tolerance: float) -> tuple[NDArray[Any], ...]:
         """(K + K_0)⁻¹; Q and b of e = Q f − b; G = −A_oj Q⁻¹; the data less G b; and the root of their covariance."""
-        softened = np.linalg.inv(matrices.stiffness + np.diag(self.own))[:, None]
+        softened = np.linalg.inv(matrices.stiffness + np.diag(self.body_stiffness))[:, None]
         yielding = softened @ self._dynamic(matrices)
         law = softened + yielding @ self.free.jj
         held = yielding @ self.free.ji
@@ -201,7 +201,7 @@ class _Misfit:
     it moves the FRFs at both ends, where its logarithm hardly does. Any other coordinate is x of its prior's width.
     """
 
-    def __init__(self, problem: Problem, parts: Sequence[_Part]) -> None:
+    def __init__(self, problem: Problem, parts: Sequence[_TestData]) -> None:
         self._prior, self._parts = problem.prior, parts
         self._count = count = len(problem.parametrisation.names)
         low, high = (end[:count] for end in problem.prior.support)
@@ -209,13 +209,13 @@ class _Misfit:
         self._low = np.where(np.isfinite(low), low, mean - _WIDE * sd)
         self._high = np.where(np.isfinite(high), high, mean + _WIDE * sd)
         self._own = np.full(count, np.nan)  # ln k_0
-        for part in parts:
-            quantities = {q.name: q for q in part.prior.parametrisation.quantities}
-            for i, axis in enumerate(part.prior.parametrisation.axes):
+        for data in parts:
+            quantities = {q.name: q for q in data.prior.parametrisation.quantities}
+            for i, axis in enumerate(data.prior.parametrisation.axes):
                 quantity = quantities[axis.quantity]
                 if axis.logarithmic and quantity.role == "stiffness" and quantity.places and np.isnan(self._own[i]):
                     row, column = quantity.places[0]
-                    self._own[i] = np.log(part.own[row] * part.own[column]) / 2
+                    self._own[i] = np.log(data.body_stiffness[row] * data.body_stiffness[column]) / 2
         self._springs = np.isfinite(self._own)
         self._ends = self._of_theta(self._low), self._of_theta(self._high)
 
@@ -250,13 +250,13 @@ class _Misfit:
     def value(self, x: Array, tolerance: float) -> Array:
         """Squares, shape (n,), at x, shape (n, count); infinite where there is no joint."""
         theta = self.theta(x)
-        out = np.full(len(x), np.inf)
+        squares = np.full(len(x), np.inf)
         inside = np.flatnonzero(self._prior.feasible(theta))
-        size = max(part.free.jj.size for part in self._parts)
+        size = max(data.free.jj.size for data in self._parts)
         for few in np.array_split(inside, max(1, -(-inside.size * size // _AT_ONCE))):
             if few.size:
-                out[few] = sum(part.value(theta[few], tolerance) for part in self._parts)
-        return np.where(np.isnan(out), np.inf, out)
+                squares[few] = sum(data.value(theta[few], tolerance) for data in self._parts)
+        return np.where(np.isnan(squares), np.inf, squares)
 
     def climb(self, x: Array, tolerance: float) -> tuple[Array, float]:
         """End of a climb by damped Gauss-Newton steps, shape (count,), and its squares."""
@@ -287,8 +287,8 @@ class _Misfit:
         theta = self.theta(x)
         slope = np.where(self._springs, 1 / (x * (1 - x) + 1e-12), self._high - self._low)
         gradient, normal = np.zeros(x.size), np.zeros((x.size, x.size))
-        for part in self._parts:
-            residual, jacobian = part.linearised(theta, tolerance)
+        for data in self._parts:
+            residual, jacobian = data.linearised(theta, tolerance)
             jacobian = jacobian * slope
             gradient += jacobian.T @ residual
             normal += jacobian.T @ jacobian

@@ -51,8 +51,8 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
         raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
     likelihood = log_posterior.likelihood
     if log_posterior.gaussian:
-        found = _least_squares(log_posterior, start, _EXACT)
-        return found, float(log_posterior(found)[0])
+        mode = _least_squares(log_posterior, start, _EXACT)
+        return mode, float(log_posterior(mode)[0])
     for _ in range(_TURNS if likelihood.hyper_count else 1):
         start = _noise_improved(log_posterior, start)
         end = _least_squares(log_posterior, start, _ROUGH)
@@ -79,7 +79,7 @@ def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
     value = float(log_posterior(theta)[0])
     for _ in range(_EDGES):
         edge = ((theta <= low) | (theta >= high)) & ~_gains_inwards(log_posterior, theta, value)
-        coordinates = _Coordinates.at(theta, ~edge, prior)
+        coordinates = _Coordinates.from_point(theta, ~edge, prior)
         covariance = coordinates.covariance(laplace_covariance(log_posterior, theta))
         start = coordinates.place[coordinates.free]
         moving, density, _ = newton_climb(coordinates.density(log_posterior), start, covariance)
@@ -105,7 +105,7 @@ class _Coordinates:
     high: Array
 
     @classmethod
-    def at(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
+    def from_point(cls, theta: Array, free: NDArray[np.bool_], prior: JointPrior) -> Self:
         """About a point θ, shape (d,)."""
         ridges = tuple(ridge for ridge in prior.parametrisation.ridges if free[ridge.column])
         place = _straightened(ridges, theta[None])[0]
@@ -164,7 +164,7 @@ def inside_the_edges(log_posterior: LogPosterior, mode: Array) -> tuple[Array, A
     best = float(log_posterior(mode)[0])
     towards = np.where(mode <= low + near, 1.0, -1.0) * edge * prior.sd
     for share in _INWARDS:
-        coordinates = _Coordinates.at(mode, ~edge, prior)
+        coordinates = _Coordinates.from_point(mode, ~edge, prior)
         coordinates.place[edge] += share * towards[edge]
         free = coordinates.place[coordinates.free]
         theta = coordinates.theta(free[None])[0]
@@ -197,14 +197,14 @@ def _noise_improved(log_posterior: LogPosterior, theta: Array) -> Array:
         value = -float(log_posterior(np.concatenate([theta[:-count], tail]))[0])
         return value if np.isfinite(value) else np.finfo(float).max
 
-    found = optimize.minimize(
+    best = optimize.minimize(
         loss,
         np.clip(theta[-count:], low + margin, high - margin),
         method="Nelder-Mead",
         bounds=list(zip(low + margin, high - margin, strict=True)),
         options={"xatol": 1e-3, "fatol": 1e-3},
     )
-    return np.concatenate([theta[:-count], found.x])
+    return np.concatenate([theta[:-count], best.x])
 
 
 def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) -> Array:
@@ -238,7 +238,7 @@ def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) 
 
     margin = 1e-9 * (high - low)
     margin[~np.isfinite(margin)] = 0.0
-    found = optimize.least_squares(
+    end = optimize.least_squares(
         residual,
         np.clip(start[:moving], low + margin, high - margin),
         jac=jacobian,
@@ -249,7 +249,7 @@ def _least_squares(log_posterior: LogPosterior, start: Array, tolerance: float) 
         gtol=tolerance,
         max_nfev=200,
     )
-    return np.concatenate([found.x, tail])
+    return np.concatenate([end.x, tail])
 
 
 def laplace_covariance(log_posterior: LogPosterior, theta: Array) -> Array:

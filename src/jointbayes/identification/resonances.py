@@ -78,13 +78,13 @@ def _between_lines(frequency: Array, values: NDArray[np.complex128], ratio: Arra
     """
     magnitude = np.abs(values)
     first, last = _shoulders(magnitude, peak)
-    part = slice(min(first, peak - 1), max(last, peak + 1) + 1)
-    square = (frequency[part] / frequency[peak]) ** 2 - 1
-    weight = magnitude[part] * ratio[part] / (magnitude[peak] * ratio[peak])
-    inverse = (values[peak] / values[part] / (values[peak] / magnitude[peak])).real
+    near = slice(min(first, peak - 1), max(last, peak + 1) + 1)
+    square = (frequency[near] / frequency[peak]) ** 2 - 1
+    weight = magnitude[near] * ratio[near] / (magnitude[peak] * ratio[peak])
+    inverse = (values[peak] / values[near] / (values[peak] / magnitude[peak])).real
     slope, level = np.polyfit(square, inverse, 1, w=weight)
     at = frequency[peak] * np.sqrt(max(1 - level / slope, 0.0)) if slope != 0 else frequency[peak]
-    inside = frequency[part][0] < at < frequency[part][-1]
+    inside = frequency[near][0] < at < frequency[near][-1]
     return float(at if inside else frequency[peak])
 
 
@@ -141,8 +141,8 @@ class SharedResonances:
         fits = []
         for _ in range(_REPLICATES):  # one after the other: those of a large test would fill the memory
             white = rng.standard_normal((*self._want.shape, 2)) @ [1, 1j] / math.sqrt(2)
-            one = self._want + self._sd * white
-            fits.append(np.array([self._fits(one, p) for _, p in self._matched]).reshape(self._predicted.shape))
+            noisy = self._want + self._sd * white
+            fits.append(np.array([self._fits(noisy, p) for _, p in self._matched]).reshape(self._predicted.shape))
         with np.errstate(invalid="ignore"):
             spread: Array = np.std(fits, axis=0)
         return spread

@@ -49,7 +49,7 @@ class Solutions:
 
     def __init__(self, posterior: PosteriorDraws) -> None:
         self._posterior, starts = posterior, posterior.estimate.starts_for_draws
-        self._modes = SeveralModes.of(starts) if len(starts) > 1 else None
+        self._modes = SeveralModes.from_starts(starts) if len(starts) > 1 else None
         self._nearest = self.nearest(posterior.theta)
         #: Share of the draws of each mode.
         self.shares = np.bincount(self._nearest, minlength=len(starts)) / len(self._nearest)

@@ -1,14 +1,27 @@
-"""What a run of the ensembles leaves behind."""
+"""The steps of a run: those made so far, what the checks found, and what the run leaves behind."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
+from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import effective_sample_size
-from jointbayes.sampling.stopping import Check
+from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount, MoveOn, Streams
+from jointbayes.sampling.sampler_settings import SamplerSettings
+from jointbayes.sampling.stopping import (
+    Check,
+    Quantities,
+    Verdict,
+    add_end_error,
+    diagnose,
+    expected_steps,
+    judge,
+    next_check,
+    thinning,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,4 +177,208 @@ class Chains:
             theta=theta.reshape(ensembles * walkers, -1, dimension).copy(),
             log_density=log_density.reshape(ensembles * walkers, -1).copy(),
             ensemble=np.repeat(np.arange(ensembles), walkers),
+        )
+
+
+#: Steps of each ensemble that are held at most. Longer runs hold every second, fourth and so on of them; τ and R̂ are
+#: then those of these, τ in steps all the same, and never smaller than their distance.
+MOST_HELD = 25_000
+_AT_ONCE = 20  # blocks that are condensed together
+
+
+def spacing(steps: int) -> int:
+    """Distance of the steps that are held of so many: a power of two, and the same however a run came so far.
+
+    Examples
+    --------
+    >>> [spacing(n) for n in (0, 25_000, 25_001, 1_000_000)]
+    [1, 1, 2, 64]
+    """
+    every = 1
+    while steps > every * MOST_HELD:
+        every *= 2
+    return every
+
+
+@dataclass(slots=True)
+class HeldSteps:
+    """Steps of which not all are held any more.
+
+    Parameters
+    ----------
+    steps, rows
+        How many steps, and how many rows of blocks, these were.
+    every
+        Distance of those that are held, of which the first is step number `every`.
+    theta, log_density
+        Those that are, one after the other, shapes (ensembles, held, walkers, d) and (ensembles, held, walkers).
+    """
+
+    steps: int = 0
+    rows: int = 0
+    every: int = 1
+    theta: list[Array] = field(default_factory=list)
+    log_density: list[Array] = field(default_factory=list)
+
+    def take(self, rows: Sequence[list[Block]], every: int) -> None:
+        """Hold of some rows of blocks, which follow, steps of this distance, and no more of those before."""
+        if every > self.every and self.theta:
+            keep = slice(every // self.every - 1, None, every // self.every)
+            # copies, or what is dropped would stay in memory
+            self.theta = [np.concatenate(self.theta, axis=1)[:, keep].copy()]
+            self.log_density = [np.concatenate(self.log_density, axis=1)[:, keep].copy()]
+        self.every = every
+        theta, log_density = spaced(rows, self.steps, every)
+        self.theta.append(theta)
+        self.log_density.append(log_density)
+        self.steps += sum(len(row[0].theta) for row in rows)
+        self.rows += len(rows)
+
+    def joined(self, rows: Sequence[list[Block]], every: int) -> tuple[Array, Array]:
+        """θ and log-density at this distance, of what is held and of the rows that follow."""
+        further = [spaced(rows, self.steps, every)] if rows else []
+        keep = slice(every // self.every - 1, None, every // self.every)
+        if not self.theta:
+            return further[0]
+        held = tuple(np.concatenate(values, axis=1)[:, keep] for values in (self.theta, self.log_density))
+        theta, log_density = (np.concatenate(each, axis=1) for each in zip(held, *further, strict=True))
+        return theta, log_density
+
+
+def spaced(rows: Sequence[list[Block]], before: int, every: int) -> tuple[Array, Array]:
+    """Steps whose number, with so many before, is a multiple: (ensembles, n, walkers, d), and log-density without d."""
+    theta: list[list[Array]] = [[] for _ in rows[0]]
+    log_density: list[list[Array]] = [[] for _ in rows[0]]
+    for row in rows:
+        kept = slice(-(before + 1) % every, None, every)
+        for block, places, values in zip(row, theta, log_density, strict=True):
+            places.append(block.theta[kept])
+            values.append(block.log_density[kept])
+        before += len(row[0].theta)
+    return np.stack([np.concatenate(series) for series in theta]), np.stack(
+        [np.concatenate(series) for series in log_density]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Slow:
+    """Between which steps, and above which τ, a run is ended because it mixes slowly."""
+
+    first: int
+    last: int
+    tau: float
+
+
+@dataclass(slots=True)
+class Stage:
+    """A stage of a run in progress: the blocks of all ensembles so far, and what the checks found.
+
+    ``blocks`` has one row per block, and one column per ensemble. Of a long stage ``held`` has the first steps, of
+    which not all are in memory any more, and ``blocks`` those that follow. ``counts`` are of the proposals of each
+    move, and ``accepted`` of all that an ensemble accepted.
+    """
+
+    blocks: list[list[Block]] = field(default_factory=list)
+    checks: list[Check] = field(default_factory=list)
+    step: int = 0
+    held: HeldSteps = field(default_factory=HeldSteps)
+    counts: dict[str, MoveCount] = field(default_factory=dict)
+    accepted: list[int] = field(default_factory=list)
+    singular: int = 0
+
+    def verdict(self, settings: SamplerSettings) -> Verdict:
+        """What the stop rule says of the last step, if it was looked at."""
+        if self.checks and self.checks[-1].step == self.step:
+            return judge(settings, self.checks)
+        return Verdict(converged=False, reason="")
+
+    def is_slow(self, slow: Slow) -> bool:
+        """Whether the run stands at a check between these steps and mixes slowly."""
+        if not slow.first <= self.step <= slow.last or self.checks[-1].step != self.step:
+            return False
+        return self.checks[-1].tau_max > slow.tau
+
+    def extend(
+        self,
+        move_on: MoveOn,
+        states: list[EnsembleState],
+        streams: Streams,
+        settings: SamplerSettings,
+        kept: Callable[[int, int, tuple[int, ...]], list[Block] | None] | None = None,
+    ) -> list[EnsembleState]:
+        """Move every ensemble on by one block and return where they stand.
+
+        Where `kept` is given it is asked first, by stage, number and shape, for a block that was made before.
+        """
+        size = min(settings.check_every, settings.max_steps - self.step)
+        number = self.step // settings.check_every
+        walkers, dimension = states[0].theta.shape
+        row = kept and kept(streams.stage, number, (size, len(states), walkers, dimension + 1))
+        if not row:
+            seeds = [streams.block(ensemble, number) for ensemble in range(len(states))]
+            row = move_on(states, size, seeds)
+        self.blocks.append(row)
+        self.step += size
+        self.accepted = self.accepted or [0] * len(row)
+        for ensemble, block in enumerate(row):
+            self.singular += block.singular
+            for name, count in block.moves.items():
+                before = self.counts.get(name, MoveCount(0, 0))
+                self.counts[name] = MoveCount(before.accepted + count.accepted, before.proposed + count.proposed)
+                self.accepted[ensemble] += count.accepted
+        return [block.end for block in row]
+
+    def check_if_due(
+        self, settings: SamplerSettings, quantities: Quantities | None, modes: SeveralModes | None = None
+    ) -> None:
+        """Look at all steps so far, where the time has come."""
+        last = self.checks[-1].step if self.checks else 0
+        if self.step == last or self.step != next_check(last, settings):
+            return
+        every = spacing(self.step)
+        theta, _ = self.held.joined(self.blocks, every)
+        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, every, self.step, modes))
+        self.checks[-1] = add_end_error(settings, self.checks, theta, quantities, every)
+
+    def condense(self, rows: int) -> None:
+        """Hold fewer of the steps of a long stage: of its first so many rows, which nobody else asks for any more."""
+        count = min(rows - self.held.rows, len(self.blocks) - 1)
+        if self.step > MOST_HELD and count >= _AT_ONCE:
+            self.held.take(self.blocks[:count], spacing(self.step))
+            del self.blocks[:count]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of blocks so far."""
+        return self.held.rows + len(self.blocks)
+
+    def report(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Progress:
+        """Where the run stands, for the caller."""
+        last = self.checks[-1]
+        return Progress(
+            steps=self.step,
+            max_steps=settings.max_steps,
+            expected_steps=self.step if verdict.converged else expected_steps(settings, last),
+            tau=last.tau_max,
+            r_hat=last.r_hat_max,
+            elapsed_seconds=seconds,
+        )
+
+    def chains(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Chains:
+        """Close the stage, whose last block always ends in a check."""
+        every = spacing(self.step)
+        theta, log_density = self.held.joined(self.blocks, every)
+        return Chains(
+            theta=theta,
+            log_density=log_density,
+            acceptance=np.array(self.accepted) / (self.step * settings.walkers),
+            move_acceptance={name: n.accepted / n.proposed for name, n in self.counts.items() if n.proposed},
+            thin=thinning(self.checks[-1].tau),
+            converged=verdict.converged,
+            reason=verdict.reason,
+            singular=self.singular,
+            evaluations=settings.ensembles * settings.walkers * (self.step + 1),
+            seconds=seconds,
+            history=tuple(self.checks),
+            every=every,
         )

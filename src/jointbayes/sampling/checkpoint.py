@@ -18,7 +18,6 @@ from jointbayes.errors import CheckpointError, WriteError
 from jointbayes.own_directory import OwnDirectory, sync_directory
 from jointbayes.sampling.density import LogDensity
 from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount
-from jointbayes.sampling.stage import Stage
 
 #: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
 SECONDS_BETWEEN = 5.0
@@ -163,18 +162,18 @@ class UnfinishedRun:
         CheckpointError
             If what is there is of something else: which parts.
         """
-        known = dict(fingerprint) if self._head is None else self._head.fingerprint
+        kept = dict(fingerprint) if self._head is None else self._head.fingerprint
         self._head = _Head(version=_VERSION, fingerprint=dict(fingerprint))
-        names = [name for name in {**known, **fingerprint} if known.get(name) != fingerprint.get(name)]
+        names = [name for name in {**kept, **fingerprint} if kept.get(name) != fingerprint.get(name)]
         if names:
-            other = "; ".join(
-                f"{name}: found {fingerprint.get(name, 'nothing')}, expected {known.get(name, 'nothing')} as in the "
+            differences = "; ".join(
+                f"{name}: found {fingerprint.get(name, 'nothing')}, expected {kept.get(name, 'nothing')} as in the "
                 "checkpoint"
                 for name in names
             )
             raise CheckpointError(
-                f"{self.path}: found an unfinished run of something else: {other}; undo the change, or remove that "
-                "directory to begin anew"
+                f"{self.path}: found an unfinished run of something else: {differences}; undo the change, or remove "
+                "that directory to begin anew"
             )
 
     def keep_estimate(self, estimate: dict[str, Any]) -> None:
@@ -209,22 +208,23 @@ class UnfinishedRun:
         """Time that was spent on a stage before this process went on with it."""
         return max((block.seconds for (of, _), block in self._blocks.items() if of == stage), default=0.0)
 
-    def keep(self, number: int, stage: Stage, seconds: float, *, now: bool = False) -> None:
+    def keep(self, number: int, first: int, rows: list[list[Block]], seconds: float, *, now: bool = False) -> None:
         """Write the blocks that are not on disk if the last writing is long enough ago, or now.
 
         Parameters
         ----------
         number : int
             Number of the stage.
-        stage : Stage
-            All its steps so far.
+        first : int
+            Number of the first of these rows.
+        rows : list of list of Block
+            The last blocks of all ensembles, and all that are not on disk among them.
         seconds : float
             Time spent on it.
         now : bool
             Write whenever there is something new.
         """
-        first = self.rows_on_disk(number)
-        new = [(n, row) for n, row in enumerate(stage.rows_from(first), first) if (number, n) not in self._blocks]
+        new = [(n, row) for n, row in enumerate(rows, first) if (number, n) not in self._blocks]
         if not new or not self._due(now=now):
             return
         with self._timed():
@@ -287,9 +287,9 @@ class UnfinishedRun:
                 else:
                     damaged += 1
         if self._head is None or self._head.version != _VERSION:
-            found = "a damaged checkpoint" if self._head is None else f"checkpoint version {self._head.version}"
+            state = "a damaged checkpoint" if self._head is None else f"checkpoint version {self._head.version}"
             raise CheckpointError(
-                f"{self.path}: found {found}; expected version {_VERSION}; remove that directory to begin anew"
+                f"{self.path}: found {state}; expected version {_VERSION}; remove that directory to begin anew"
             )
         if damaged:
             self._tell(f"{self.path}: found {damaged} damaged blocks of steps; they are made again")

@@ -1,22 +1,19 @@
 """How walkers move, and emcee's loop that moves them; importing this imports emcee."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import emcee
 import numpy as np
+from emcee import State
+from emcee.model import Model
 from emcee.moves import Move, RedBlueMove, StretchMove
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.sampling.coordinates import Coordinates
-from jointbayes.sampling.proposal.student import StudentT
-from jointbayes.sampling.proposal.weights import Distribution
-
-if TYPE_CHECKING:
-    from emcee import State
-    from emcee.model import Model
-
+from jointbayes.sampling.coordinate_maps import Coordinates
+from jointbayes.sampling.density import SeveralModes
+from jointbayes.sampling.distributions import Distribution, StudentT
 
 Walkers = NDArray[np.intp] | slice
 
@@ -40,7 +37,7 @@ class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
         self._random.set_state(state)
 
 
-def settle(model: "Model", state: "State", walkers: Walkers, proposed: Array, log_factor: Array) -> NDArray[np.bool_]:
+def settle(model: Model, state: State, walkers: Walkers, proposed: Array, log_factor: Array) -> NDArray[np.bool_]:
     """Accept or refuse proposals by the rule of Metropolis and Hastings, in place.
 
     emcee's own moves do this walker by walker in Python, which costs more than a fast log-density.
@@ -84,7 +81,7 @@ class HalvesMove(RedBlueMove):  # type: ignore[misc]  # emcee is not typed
     D. Foreman-Mackey et al., emcee: the MCMC hammer (2013), section 3, DOI 10.1086/670067.
     """
 
-    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
+    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
         """Move both halves in turn; return the state and who accepted, shape (walkers,)."""
         walkers = len(state.coords)
         order = model.random.permutation(walkers)
@@ -145,7 +142,16 @@ class DEMove(HalvesMove):
         return proposed, np.where(inside, ratio, -np.inf)
 
 
-class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
+class EachAlone(Move):  # type: ignore[misc]  # emcee is not typed
+    """Move all walkers at once, each by its own place alone; subclasses give `get_proposal`."""
+
+    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
+        """Move all walkers; return the state and who accepted, shape (walkers,)."""
+        proposed, log_factor = self.get_proposal(state.coords, model.random)
+        return state, settle(model, state, slice(None), proposed, log_factor)
+
+
+class IndependenceMove(EachAlone):
     """Propose all walkers at once from one fixed distribution in coordinates φ.
 
     Each walker is a chain of its own here. Its acceptance compares the importance weights p/q of the two places,
@@ -179,13 +185,8 @@ class IndependenceMove(Move):  # type: ignore[misc]  # emcee is not typed
         there = density.log_density(phi) - coordinates.log_volume(proposed)
         return proposed, np.where(inside, here - there, -np.inf)
 
-    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
-        """Move all walkers; return the state and who accepted, shape (walkers,)."""
-        proposed, log_factor = self.get_proposal(state.coords, model.random)
-        return state, settle(model, state, slice(None), proposed, log_factor)
 
-
-class AutoregressiveMove(Move):  # type: ignore[misc]  # emcee is not typed
+class AutoregressiveMove(EachAlone):
     """Propose each walker part of the way from where it is to a new draw of a Student-t in coordinates φ.
 
     In many dimensions even a good fit is refused where the whole place changes at once; part of the way is accepted.
@@ -225,7 +226,34 @@ class AutoregressiveMove(Move):  # type: ignore[misc]  # emcee is not typed
         after = density.log_density(there) - coordinates.log_volume(proposed)
         return proposed, np.where(inside, before - after, -np.inf)
 
-    def propose(self, model: "Model", state: "State") -> "tuple[State, NDArray[np.bool_]]":
-        """Move all walkers; return the state and who accepted, shape (walkers,)."""
-        proposed, log_factor = self.get_proposal(state.coords, model.random)
-        return state, settle(model, state, slice(None), proposed, log_factor)
+
+class JumpMove(EachAlone):
+    """Carry each walker from the mode nearest to it to the same place about another one.
+
+    Another mode j is chosen with equal probability, and the map from i to j is the inverse of that from j to i, so
+    that p'/p and the ratio of volumes |∂θ'/∂θ| decide. Where the map is an exchange of like quantities that ratio is 1.
+    A walker that would end nearer to a third mode stays: from there the map would not lead back.
+
+    Parameters
+    ----------
+    modes
+        Two or more.
+
+    References
+    ----------
+    E. Pompe, C. Holmes, K. Łatuszyński, A framework for adaptive MCMC targeting multimodal distributions (2020),
+    section 2 (deterministic jumps), DOI 10.1214/19-AOS1916.
+    """
+
+    def __init__(self, modes: SeveralModes) -> None:
+        self._modes = modes
+
+    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Propose for the walkers at θ, shape (n, d), with the log of the volume ratio, shape (n,)."""
+        here = self._modes.nearest(theta)
+        there = random.randint(len(self._modes.centres) - 1, size=len(theta))
+        there += there >= here  # any but the nearest
+        proposed, log_volume = self._modes.carried(theta, here, there)
+        leads_back = self._modes.nearest(proposed) == there
+        # a walker that cannot come back is proposed where it is, and refused
+        return np.where(leads_back[:, None], proposed, theta), np.where(leads_back, log_volume, -np.inf)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointbayes.arrays import Array
+from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_spread, quantile_tau, split_r_hat
-from jointbayes.sampling.settings import SamplerSettings
-from jointbayes.sampling.several_modes import SeveralModes
+from jointbayes.sampling.sampler_settings import SamplerSettings
 
 #: Probabilities below the two ends of the 95 % interval.
 INTERVAL = (0.025, 0.975)
@@ -203,7 +203,7 @@ def worst_end_error(kept: Array, quantities: Quantities | None = None, every: in
     return replace(worst, tau=max(error.tau for error in errors))
 
 
-def with_end_error(
+def add_end_error(
     settings: SamplerSettings,
     checks: Sequence[Check],
     theta: Array,
@@ -293,7 +293,7 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
     settings : SamplerSettings
         The four limits.
     checks : sequence of Check
-        All checks so far, at least one; the last as from :func:`with_end_error`.
+        All checks so far, at least one; the last as from :func:`add_end_error`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Ensembles side by side in processes."""
+"""Ensembles side by side in processes, and signals that wait until a block of steps is whole."""
 
 import os
 import pickle
@@ -11,15 +11,13 @@ from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
+from types import FrameType
 
 import numpy as np
 
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import Block, EnsembleState, WeightedMove, advance
-
-MoveOn = Callable[[list[EnsembleState], int, list[np.random.SeedSequence]], list[Block]]
-"""Moves each ensemble on by so many steps, each with a seed of its own."""
+from jointbayes.sampling.ensemble import Block, EnsembleState, MoveOn, WeightedMove, advance
 
 # What a worker works on. It is sent once when the worker starts; a task then carries a state and a seed only.
 _work: tuple[LogDensity, tuple[WeightedMove, ...]]
@@ -109,3 +107,49 @@ def _end_with_caller() -> None:
 
 def _advance(state: EnsembleState, steps: int, seed: np.random.SeedSequence) -> Block:
     return advance(_work[0], state, steps, seed, _work[1])
+
+
+_Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def finished_first(*, wait: bool = True) -> Iterator[list[int]]:
+    """Let SIGINT, SIGTERM and SIGHUP wait for the end of the body, where Python answers them; a second one does not.
+
+    Whatever the body raises after a signal gives way to what the signal's own handler raises: worker processes get the
+    signals of a terminal or a batch system as well, and may be gone before the body is.
+
+    Parameters
+    ----------
+    wait
+        Whether they wait at all.
+
+    Yields
+    ------
+    list of int
+        Signals that have come so far.
+    """
+    if not wait or threading.current_thread() is not threading.main_thread():
+        yield []  # signals come to the main thread only
+        return
+    answered: dict[int, _Handler] = {}
+    for number in (int(signal.SIGINT), int(signal.SIGTERM), int(getattr(signal, "SIGHUP", signal.SIGTERM))):
+        handler = signal.getsignal(number)
+        if callable(handler):
+            answered[number] = handler
+    waiting: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        waiting.append(number)
+        if len(waiting) > 1:
+            answered[number](number, frame)
+
+    for number in answered:
+        signal.signal(number, note)
+    try:
+        yield waiting
+    finally:
+        for number, handler in answered.items():
+            signal.signal(number, handler)
+        if waiting:
+            answered[waiting[0]](waiting[0], None)

@@ -23,7 +23,7 @@ from jointbayes.errors import ModelError
 from jointbayes.joint import Parametrisation
 from jointbayes.sampling import LogDensity, Proposal, SamplerSettings, StudentT, fit_proposal, run_ensembles
 from jointbayes.sampling.density import newton_climb
-from jointbayes.sampling.proposal.weights import resampled
+from jointbayes.sampling.distributions import resampled
 from jointbayes.studies.campaign.reweighting import JointDraws, Reweighting
 
 #: Effective draws below which a joint's reweighted draws are not to be trusted: its median is then uncertain by more

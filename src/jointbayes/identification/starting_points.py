@@ -73,30 +73,30 @@ class FrequencyMatch:
         self.prior: JointPrior = problem.prior
         #: A few frequencies cost no more at one point further.
         self.linearised = None
-        self._parts = [_SetupMatch(part) for part in problem.parts if not part.measured_bodies]
-        self.columns: Indices = np.unique(np.concatenate([part.columns for part in self._parts]))
+        self._tests = [_SetupMatch(test) for test in problem.parts if not test.measured_bodies]
+        self.columns: Indices = np.unique(np.concatenate([test.columns for test in self._tests]))
 
     @property
     def resonances_hz(self) -> Array:
         """Resonances of the data of all set-ups, Hz."""
-        return np.concatenate([part.resonances_hz for part in self._parts])
+        return np.concatenate([test.resonances_hz for test in self._tests])
 
     def residuals(self, theta: Array) -> Array:
         """Residuals, shape (n, …), see `_SetupMatch`."""
-        return np.concatenate([part.residuals(theta) for part in self._parts], axis=1)
+        return np.concatenate([test.residuals(theta) for test in self._tests], axis=1)
 
     def value(self, theta: Array) -> Array:
         """Log density, shape (n,), up to a constant: −½ Σ e² and the prior's; −inf outside its support."""
-        out = self.prior.log_density(theta)
-        inside = np.isfinite(out)
+        log_density = self.prior.log_density(theta)
+        inside = np.isfinite(log_density)
         if inside.any():
-            out[inside] -= 0.5 * (self.residuals(theta[inside]) ** 2).sum(axis=1)
-        return np.where(np.isnan(out), -np.inf, out)
+            log_density[inside] -= 0.5 * (self.residuals(theta[inside]) ** 2).sum(axis=1)
+        return np.where(np.isnan(log_density), -np.inf, log_density)
 
-    def with_errors(self, theta: Array) -> Array:
+    def add_errors(self, theta: Array) -> Array:
         """The points with uncertain errors of natural frequencies such that these lie at their resonances."""
-        for part in self._parts:
-            theta = part.with_errors(theta)
+        for test in self._tests:
+            theta = test.add_errors(theta)
         return theta
 
 
@@ -158,11 +158,11 @@ class _SetupMatch:
         rest = np.sqrt(unseen * _soft(self._unseen))
         return np.column_stack([np.sign(ratio) * np.sqrt(_soft(ratio)), rest])
 
-    def with_errors(self, theta: Array) -> Array:
+    def add_errors(self, theta: Array) -> Array:
         """The points with uncertain errors of natural frequencies such that these lie at their resonances."""
-        out = np.array(theta)
+        moved = np.array(theta)
         if not self._errors:
-            return out
+            return moved
         predicted = self.predicted_hz(theta)
         partner, _ = self._assigned(predicted)
         low, high = self.prior.support
@@ -170,8 +170,8 @@ class _SetupMatch:
             row, resonance = np.nonzero(partner == mode)
             log_error = np.log(self.resonances_hz[resonance] / predicted[row, mode])
             inside = (log_error > low[column]) & (log_error < high[column])
-            out[row[inside], column] = log_error[inside]
-        return out
+            moved[row[inside], column] = log_error[inside]
+        return moved
 
     def _assigned(self, predicted: Array) -> tuple[Indices, Array]:
         """Number of the predicted frequency of each resonance, −1 for none, (n, resonances), and how many have none.
@@ -242,7 +242,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     Computational Mathematics and Mathematical Physics 7(4), 86-112. DOI 10.1016/0041-5553(67)90144-9
     """
     prior = problem.prior
-    if all(part.measured_bodies for part in problem.parts):
+    if all(test.measured_bodies for test in problem.parts):
         return np.empty((0, prior.mean.size))
     match = FrequencyMatch(problem)
     if not (match.resonances_hz.size and match.columns.size):
@@ -255,7 +255,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     picked = apart(joint, value, _APART, _CLIMBED * effort)
     ends, value = climb_all(match, points[picked], _STEPS)
     kept = apart(ends[:, match.columns] / prior.sd[match.columns], value, _SAME, _CLIMBED * effort)
-    return match.with_errors(ends[kept])
+    return match.add_errors(ends[kept])
 
 
 def apart(places: Array, value: Array, distance: float, most: int) -> list[int]:
@@ -292,8 +292,8 @@ def screened_draws(log_posterior: LogPosterior, rng: np.random.Generator, draws:
     loss = np.empty(draws)
     at_once = max(1, _SCREENED_AT_ONCE // likelihood.n_data)
     for begin in range(0, draws, at_once):
-        part = theta[begin : begin + at_once]
-        z = log_posterior.standardised(part).reshape(len(part), -1)
+        few = theta[begin : begin + at_once]
+        z = log_posterior.standardised(few).reshape(len(few), -1)
         square = 1 + (z.real**2 + z.imag**2)
         # one logarithm of a few factors costs a few times less than theirs
         loss[begin : begin + at_once] = np.log(
@@ -303,7 +303,7 @@ def screened_draws(log_posterior: LogPosterior, rng: np.random.Generator, draws:
     return theta[apart(joint, np.where(np.isfinite(loss), -loss, -np.inf), _APART, keep)]
 
 
-def with_modes_on_data(log_posterior: LogPosterior, theta: Array) -> Array:
+def move_modes_to_data(log_posterior: LogPosterior, theta: Array) -> Array:
     """Move each error of a natural frequency, ``mode_frequency_1`` and so on, to its best place on a grid.
 
     A climb finds a resonance only from within its width, and an error of ten per cent is many widths.

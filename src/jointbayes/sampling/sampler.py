@@ -1,26 +1,24 @@
-"""Runs that learn from their own first steps what to propose."""
+"""Run ensembles until they agree, and let them learn from their first steps what to propose."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.sampling.chains import Chains, Progress
-from jointbayes.sampling.checkpoint import UnfinishedRun
-from jointbayes.sampling.coordinates import Coordinates, straightened
+from jointbayes.sampling.chains import Chains, Progress, Slow, Stage
+from jointbayes.sampling.checkpoint import UnfinishedRun, require_same_density
+from jointbayes.sampling.coordinate_maps import Coordinates, straightened
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.proposal.each_mode import AboutModes, joined
-from jointbayes.sampling.proposal.fit import Proposal
-from jointbayes.sampling.proposal.mixture_fit import first_mixture, most_likely_mixture
-from jointbayes.sampling.proposal.mixture_search import GOOD_MIXTURE
-from jointbayes.sampling.proposal.student import StudentMixture
-from jointbayes.sampling.proposal.student_fit import good_efficiency
-from jointbayes.sampling.run import run_stage
-from jointbayes.sampling.settings import SamplerSettings
-from jointbayes.sampling.stage import Slow
+from jointbayes.sampling.distribution_fit import GOOD_MIXTURE, first_mixture, good_efficiency, most_likely_mixture
+from jointbayes.sampling.distributions import StudentMixture
+from jointbayes.sampling.ensemble import Streams
+from jointbayes.sampling.proposal import AboutModes, Proposal, joined
+from jointbayes.sampling.sampler_settings import SamplerSettings
+from jointbayes.sampling.starting import initial_states, weighted_moves
 from jointbayes.sampling.stopping import Quantities
-from jointbayes.sampling.streams import Streams
+from jointbayes.sampling.workers import finished_first, mover
 
 #: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
 #: proposal fitted to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.
@@ -40,6 +38,131 @@ _ADDED, _ROUNDS = 4, 8  # components in each round
 _HALF = 0.3  # efficiency that stands for half independence moves, half local ones
 _STATED = 0.5  # of a proposal's efficiency: if draws of the posterior find less, a part of it was missed
 _FAR = 100.0  # ln of an importance weight that is as good as infinite
+
+
+def run_ensembles(
+    log_density: LogDensity,
+    start: Array,
+    rng: np.random.Generator,
+    settings: SamplerSettings,
+    progress: Callable[[Progress], None] | None = None,
+    *,
+    coordinates: Coordinates | None = None,
+    proposal: Proposal | None = None,
+    quantities: Quantities | None = None,
+) -> Chains:
+    """Run the ensembles side by side until the stop rule is met or the step limit is reached.
+
+    Parameters
+    ----------
+    log_density : callable
+        Log of the unnormalised density, (n, d) array to (n,) array; −inf where the density is zero.
+    start : ndarray, shape (ensembles, walkers, d)
+        Where the walkers start: at finite log-density, spanning the space in each ensemble.
+    rng : numpy.random.Generator
+        Source of all randomness: one child is spawned from it, and from that a seed for each ensemble and block.
+    settings : SamplerSettings
+        Size, length, stop rule and number of processes. The draws do not depend on the latter.
+    progress : callable, optional
+        Called with a :class:`Progress` after each block.
+    coordinates : Coordinates, optional
+        Coordinates in which the density is closer to a Gaussian: most moves are then made in these.
+    proposal : Proposal, optional
+        Approximation of the density in coordinates of its own, from :func:`fit_proposal`; the better it is, the
+        more of the steps are proposed from it.
+    quantities : Quantities, optional
+        What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If the start is of another shape, not finite, in a subspace or somewhere of zero density, or if the
+        log-density returns NaN, +inf or an array of another shape, or cannot be sent to the processes.
+
+    References
+    ----------
+    J. Goodman, J. Weare, Ensemble samplers with affine invariance (2010), DOI 10.2140/camcos.2010.5.65.
+    C. J. F. ter Braak, Differential evolution MCMC (2006), DOI 10.1007/s11222-006-8769-1.
+    D. Foreman-Mackey et al., emcee: the MCMC hammer (2013), DOI 10.1086/670067.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> settings = SamplerSettings(walkers=8, max_steps=2000)
+    >>> run_ensembles(lambda x: -0.5 * x[:, 0] ** 2, rng.normal(size=(4, 8, 1)), rng, settings).converged
+    True
+    """
+    return run_stage(
+        log_density,
+        start,
+        Streams.from_generator(rng),
+        settings,
+        progress,
+        coordinates=coordinates,
+        proposal=proposal,
+        quantities=quantities,
+    )
+
+
+def run_stage(
+    log_density: LogDensity,
+    start: Array,
+    streams: Streams,
+    settings: SamplerSettings,
+    progress: Callable[[Progress], None] | None,
+    *,
+    coordinates: Coordinates | None,
+    proposal: Proposal | None,
+    quantities: Quantities | None,
+    slow: Slow | None = None,
+    keeper: UnfinishedRun | None = None,
+) -> Chains:
+    """Run the ensembles as :func:`run_ensembles` does, as one stage of several.
+
+    Parameters
+    ----------
+    log_density, start, settings, progress, coordinates, proposal, quantities
+        As for :func:`run_ensembles`.
+    streams : Streams
+        Seeds of this stage.
+    slow : Slow, optional
+        When the stage ends before its limit because it mixes slowly; by default never.
+    keeper : UnfinishedRun, optional
+        Where the steps are kept while they are made, and from where the stage goes on.
+    """
+    import jointbayes.sampling.moves  # noqa: F401  (emcee's import is no part of the sampling that is timed)
+
+    states, stage = initial_states(log_density, start, settings), Stage()
+    verdict = stage.verdict(settings)
+    number = streams.stage
+    began = time.perf_counter() - (keeper.seconds(number) if keeper is not None else 0.0)
+
+    def is_done() -> bool:
+        return verdict.converged or stage.step >= settings.max_steps or bool(slow and stage.is_slow(slow))
+
+    def keep(*, now: bool) -> None:
+        if keeper is not None:
+            keeper.keep(number, stage.held.rows, stage.blocks, time.perf_counter() - began, now=now)
+
+    moves, processes = weighted_moves(coordinates, proposal), min(settings.processes, settings.ensembles)
+    kept = None if keeper is None else keeper.block
+    try:
+        with mover(log_density, moves, processes) as move_on:
+            while not is_done():
+                with finished_first(wait=keeper is not None) as asked_to_stop:
+                    states = stage.extend(move_on, states, streams, settings, kept)
+                    if keeper is not None and keeper.ends_with(number, stage.rows):
+                        require_same_density(log_density, states)
+                    stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
+                    verdict = stage.verdict(settings)
+                    keep(now=bool(asked_to_stop) or is_done())
+                    stage.condense(stage.rows if keeper is None else keeper.rows_on_disk(number))
+                if progress is not None:
+                    progress(stage.report(settings, verdict, time.perf_counter() - began))
+    except KeyboardInterrupt:
+        keep(now=True)
+        raise
+    return stage.chains(settings, verdict, time.perf_counter() - began)
 
 
 def run_adapted(
@@ -91,10 +214,10 @@ def run_adapted(
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
     discarded, evaluations, seconds = 0, 0, 0.0
-    streams = Streams.of(rng)
+    streams = Streams.from_generator(rng)
     explores = _HALF < proposal.efficiency < GOOD_MIXTURE * good_efficiency(proposal.dimension)
     for number, stage in enumerate((*(_EXPLORING if explores else ()), *_STAGES, None)):
-        streams = streams.of_stage(number)
+        streams = streams.with_stage(number)
         left = settings.max_steps - discarded
         # what is left must be enough for a stage of its own
         last = left - max(2 * settings.check_every, (stage or 0) // 2)
@@ -104,7 +227,7 @@ def run_adapted(
             start,
             streams,
             replace(settings, max_steps=left),
-            progress and _with_earlier(progress, discarded, settings.max_steps, seconds),
+            progress and _counted_on(progress, discarded, settings.max_steps, seconds),
             coordinates=proposal.likeliest.coordinates,
             proposal=replace(proposal, efficiency=_HALF) if explores else proposal,
             quantities=quantities,
@@ -155,7 +278,7 @@ def proposal_from_draws(
         mixture = most_likely_mixture(first_mixture(phi, weight, _COMPONENTS, rng), phi, weight)
         likely = mixture.log_density(coordinates.forward(held_out)) - coordinates.log_volume(held_out)
         candidates.append((float(np.where(np.isfinite(likely), likely, _NOWHERE).mean()), coordinates, mixture))
-    _, coordinates, mixture = max(candidates, key=lambda one: one[0])
+    _, coordinates, mixture = max(candidates, key=lambda candidate: candidate[0])
     mixture = _reaching(mixture, coordinates, fitted, log_density(fitted), rng)
     proposal = Proposal(mixture, 0.0, len(fitted) + _CONFIRMING, coordinates)
     return replace(proposal, efficiency=proposal.confirmed_efficiency(log_density, rng, _CONFIRMING))
@@ -224,16 +347,16 @@ def _draws(chains: Chains) -> Array:
     return kept[:, ::every].reshape(-1, kept.shape[-1])
 
 
-def _with_earlier(
+def _counted_on(
     progress: Callable[[Progress], None], steps: int, limit: int, seconds: float
 ) -> Callable[[Progress], None]:
     """Progress of a stage told as that of the whole run."""
 
-    def tell(one: Progress) -> None:
-        expected = min(one.expected_steps + steps, limit)
-        elapsed = one.elapsed_seconds + seconds
+    def tell(now: Progress) -> None:
+        expected = min(now.expected_steps + steps, limit)
+        elapsed = now.elapsed_seconds + seconds
         progress(
-            replace(one, steps=one.steps + steps, max_steps=limit, expected_steps=expected, elapsed_seconds=elapsed)
+            replace(now, steps=now.steps + steps, max_steps=limit, expected_steps=expected, elapsed_seconds=elapsed)
         )
 
     return tell

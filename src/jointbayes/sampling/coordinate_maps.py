@@ -209,11 +209,11 @@ class StraightCoordinates:
     def forward(self, theta: Array) -> Array:
         """φ, shape (n, d), of θ, shape (n, d)."""
         z = (self._base.forward(theta) - self._centre) / self._scale
-        out = z.copy()
+        straight = z.copy()
         for k, (column, coefficient) in enumerate(zip(self._order, self._coefficients, strict=True)):
             if coefficient.size:
-                out[:, column] -= _terms(z[:, sorted(self._order[:k])]) @ coefficient
-        return out
+                straight[:, column] -= _terms(z[:, sorted(self._order[:k])]) @ coefficient
+        return straight
 
     def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), and whether φ lies in the region of the base, shape (n,)."""
@@ -248,11 +248,11 @@ def straightened(base: Coordinates, theta: Array) -> StraightCoordinates:
     return StraightCoordinates(base, centre, scale, (*left, *order), (np.zeros(0), *coefficients))
 
 
-def _fit(others: Array, one: Array) -> tuple[float, Array]:
+def _fit(others: Array, column: Array) -> tuple[float, Array]:
     """Share of the variance of one coordinate that a quadratic in the others explains, and its coefficients."""
     terms = _terms(others)
-    coefficient = np.asarray(np.linalg.lstsq(terms, one, rcond=1e-10)[0], dtype=np.float64)
-    return 1.0 - float(np.var(one - terms @ coefficient)), coefficient
+    coefficient = np.asarray(np.linalg.lstsq(terms, column, rcond=1e-10)[0], dtype=np.float64)
+    return 1.0 - float(np.var(column - terms @ coefficient)), coefficient
 
 
 def _terms(z: Array) -> Array:

@@ -1,32 +1,35 @@
-"""Fit a distribution to propose from, knowing nothing but the log-density and a first Laplace approximation."""
+"""Fit a distribution to propose from, about one mode or several, knowing nothing but the log-density."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import SamplingError
-from jointbayes.sampling.coordinates import Coordinates, Identity
-from jointbayes.sampling.density import Checked, LogDensity, covariance_roots
-from jointbayes.sampling.proposal.mixture_search import Fit, search
-from jointbayes.sampling.proposal.student import StudentMixture, StudentT
-from jointbayes.sampling.proposal.student_fit import (
+from jointbayes.sampling.coordinate_maps import Coordinates, Identity
+from jointbayes.sampling.density import Checked, LogDensity, SeveralModes, covariance_roots
+from jointbayes.sampling.distribution_fit import (
     DOF,
+    Fit,
     Round,
     Whitened,
     good_efficiency,
     laplace,
     refined_student,
+    search,
     whitened,
 )
-from jointbayes.sampling.proposal.weights import Pool, importance_efficiency, theta_draws, truncated
-
-if TYPE_CHECKING:
-    from jointbayes.sampling.proposal.each_mode import OneOfProposals
-    from jointbayes.sampling.several_modes import SeveralModes
-
+from jointbayes.sampling.distributions import (
+    Pool,
+    StudentMixture,
+    StudentT,
+    importance_efficiency,
+    log_density_over_theta,
+    theta_draws,
+    truncated,
+)
 
 _SCATTERED = 1000  # draws about each start
 _WIDER = 2.0  # than a start's covariance are these
@@ -59,7 +62,7 @@ class Proposal:
     efficiency: float
     evaluations: int
     coordinates: Coordinates = field(default_factory=Identity)
-    modes: "SeveralModes | None" = None
+    modes: SeveralModes | None = None
 
     @property
     def parts(self) -> "tuple[Proposal, ...]":
@@ -99,8 +102,7 @@ class Proposal:
 
     def log_density(self, theta: Array) -> Array:
         """Log of its normalised density over θ, shape (n,), at θ, shape (n, d); −inf outside its coordinates."""
-        value = self.density.log_density(self.coordinates.forward(theta)) - self.coordinates.log_volume(theta)
-        return np.where(np.isfinite(value), value, -np.inf)
+        return log_density_over_theta(self.density, self.coordinates, theta)
 
     def weighted_draws(self, log_density: LogDensity, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """Draws of θ from the proposal where the density is above zero, and ln of their importance weights.
@@ -143,7 +145,7 @@ def fit_proposal(
 
     Where one Student-t is not good enough in the first system, and always from several starts, mixtures are fitted in
     every one to all weighted draws so far, and the best one is refined
-    (:func:`jointbayes.sampling.proposal.mixture_search.search`). A wide component bounds the weights.
+    (:func:`jointbayes.sampling.distribution_fit.search`). A wide component bounds the weights.
 
     A poor fit is no error: the efficiency says so, and the moves are chosen by it.
 
@@ -188,41 +190,41 @@ def fit_proposal(
             f"proposal: found {len(systems)} systems of coordinates and {len(starts)} starts; "
             "expected at least one of each; name them"
         )
-    known = [coordinates or Identity() for coordinates in systems]
-    target = whitened(log_density, known[0], *starts[0])
+    maps = [coordinates or Identity() for coordinates in systems]
+    target = whitened(log_density, maps[0], *starts[0])
     dimension = len(target.origin)
     least = good_efficiency(dimension) if enough is None else enough
     pool = Pool(target.log_density, dimension)
     fits: list[Fit] = []
     if len(starts) == 1:
         rounds = refined_student(target, *laplace(target), rng, least)
-        best = max(rounds, key=lambda one: one.efficiency)
+        best = max(rounds, key=lambda trial: trial.efficiency)
         fits.append(Fit(_carried_back(target, best.distribution), target.coordinates, best.efficiency))
         if best.efficiency > least:
             return _proposal(fits, target.evaluations)
-        for one in rounds:
-            _remember(pool, target, one)
+        for trial in rounds:
+            _remember(pool, target, trial)
     for theta, covariance in starts:
         roots = covariance_roots(np.asarray(covariance, dtype=float), _LEAST)
         around = StudentT(np.asarray(theta, dtype=float), _WIDER * roots @ roots.T, DOF)
         pool.extend(around, Identity(), rng, _SCATTERED)
         if len(starts) > 1:
-            local = whitened(log_density, known[0], theta, covariance)
-            pool.extend(_carried_back(local, StudentT(*laplace(local), DOF)), known[0], rng, _SCATTERED)
+            local = whitened(log_density, maps[0], theta, covariance)
+            pool.extend(_carried_back(local, StudentT(*laplace(local), DOF)), maps[0], rng, _SCATTERED)
             target.evaluations += local.evaluations
-    fits += search(pool, known, max(_COMPONENTS, 2 * len(starts)), rng, enough)
+    fits += search(pool, maps, max(_COMPONENTS, 2 * len(starts)), rng, enough)
     if not fits:
         distribution = StudentT(*laplace(target), DOF)
         fits.append(Fit(_carried_back(target, distribution), target.coordinates, 0.0))
     return _proposal(fits, target.evaluations + pool.evaluations)
 
 
-def _remember(pool: Pool, target: Whitened, one: Round) -> None:
+def _remember(pool: Pool, target: Whitened, trial: Round) -> None:
     """Put the draws of a round in z into the pool."""
-    alive = np.isfinite(one.values)
-    theta, _ = target.coordinates.inverse(target.origin + one.draws[alive] @ target.factor.T)
-    value = one.values[alive] - target.coordinates.log_volume(theta)
-    pool.add(_carried_back(target, one.distribution), target.coordinates, theta, value, len(one.draws))
+    alive = np.isfinite(trial.values)
+    theta, _ = target.coordinates.inverse(target.origin + trial.draws[alive] @ target.factor.T)
+    value = trial.values[alive] - target.coordinates.log_volume(theta)
+    pool.add(_carried_back(target, trial.distribution), target.coordinates, theta, value, len(trial.draws))
 
 
 def _carried_back(target: Whitened, over_z: StudentT) -> StudentT:
@@ -234,3 +236,108 @@ def _carried_back(target: Whitened, over_z: StudentT) -> StudentT:
 def _proposal(fits: list[Fit], evaluations: int) -> Proposal:
     best = max(fits, key=lambda fit: fit.efficiency)
     return Proposal(best.density, best.efficiency, evaluations, best.coordinates)
+
+
+_WEIGHED = 2000  # draws of each proposal, for the share of its mode
+_CONFIRMING = 4000
+_EVEN = 0.05  # of all that is proposed goes to each mode alike, however small one's share
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AboutModes:
+    """A density about one of several modes: zero where another one is nearer."""
+
+    log_density: LogDensity
+    modes: SeveralModes
+    number: int
+
+    def __call__(self, theta: Array) -> Array:
+        """Log density, shape (n,), at θ, shape (n, d)."""
+        return np.where(self.modes.nearest(theta) == self.number, self.log_density(theta), -np.inf)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OneOfProposals:
+    """A mixture of proposals, each in coordinates of its own, as a distribution over θ.
+
+    Parameters
+    ----------
+    parts
+        One for each mode.
+    weights
+        Probability of each, shape (m,).
+    """
+
+    parts: tuple[Proposal, ...]
+    weights: Array
+
+    def draw(self, random: np.random.Generator | np.random.RandomState, n: int) -> Array:
+        """Independent draws of θ, shape (n, d); NaN where one leaves the region of its coordinates."""
+        which = random.choice(len(self.parts), n, p=self.weights)
+        theta = np.full((n, self.parts[0].dimension), np.nan)
+        for number, proposal in enumerate(self.parts):
+            rows = np.flatnonzero(which == number)
+            drawn, inside = proposal.coordinates.inverse(proposal.density.draw(random, rows.size))
+            theta[rows[inside]] = drawn[inside]
+        return theta
+
+    def log_density(self, theta: Array) -> Array:
+        """Log of the normalised density over θ, shape (n,), at θ, shape (n, d)."""
+        each = []
+        for weight, proposal in zip(self.weights, self.parts, strict=True):
+            with np.errstate(all="ignore"):  # at the very edge of a region a volume may be no number
+                over_phi = proposal.density.log_density(proposal.coordinates.forward(theta))
+                over_theta = np.log(weight) + over_phi - proposal.coordinates.log_volume(theta)
+            each.append(np.where(np.isfinite(over_theta), over_theta, -np.inf))
+        return np.asarray(np.logaddexp.reduce(each, axis=0))
+
+
+class _Finite(Identity):
+    """θ itself, of which numbers that are none belong to no region."""
+
+    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """φ as it is, and whether it is finite."""
+        return phi, np.asarray(np.isfinite(phi).all(axis=1))
+
+
+def fit_each_mode(
+    log_density: LogDensity,
+    systems: Sequence[Coordinates],
+    starts: Sequence[Start],
+    images: Array | None,
+    rng: np.random.Generator,
+) -> Proposal:
+    """Fit a proposal to the density about each mode as if there were no other, and mix them by the modes' shares.
+
+    One mixture over all modes would need components as narrow as each of them, far apart from one another. Of one mode
+    it is that of `fit_proposal`.
+
+    Parameters
+    ----------
+    log_density, systems, starts, rng
+        As for `fit_proposal`.
+    images
+        As for `SeveralModes.from_starts`.
+    """
+    if len(starts) == 1:
+        return fit_proposal(log_density, systems, starts, rng)
+    modes = SeveralModes.from_starts(starts, images)
+    densities = [AboutModes(log_density, modes, number) for number in range(len(starts))]
+    parts = [fit_proposal(density, systems, [start], rng) for density, start in zip(densities, starts, strict=True)]
+    return joined(log_density, parts, modes, rng)
+
+
+def joined(
+    log_density: LogDensity, parts: Sequence[Proposal], modes: SeveralModes, rng: np.random.Generator
+) -> Proposal:
+    """Mixture of the proposals of each mode in proportion to the modes' shares, which they estimate by their draws."""
+    log_mass = []
+    for number, proposal in enumerate(parts):
+        _, log_weight = proposal.weighted_draws(AboutModes(log_density, modes, number), rng, _WEIGHED)
+        log_mass.append(np.logaddexp.reduce(log_weight) if log_weight.size else -np.inf)
+    highest = max(log_mass)
+    mass = np.exp(np.array(log_mass) - highest) if np.isfinite(highest) else np.ones(len(parts))
+    weights = (1 - _EVEN) * mass / mass.sum() + _EVEN / len(parts)
+    evaluations = sum(proposal.evaluations for proposal in parts) + len(parts) * _WEIGHED + _CONFIRMING
+    mixture = Proposal(OneOfProposals(tuple(parts), weights), 0.0, evaluations, _Finite(), modes)
+    return replace(mixture, efficiency=mixture.confirmed_efficiency(log_density, rng, _CONFIRMING))

@@ -1,0 +1,361 @@
+"""Student-t distributions to propose from, and the importance weights of their draws."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.errors import SamplingError
+from jointbayes.sampling.coordinate_maps import Coordinates
+from jointbayes.sampling.density import LogDensity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudentT:
+    """Multivariate Student-t: a Gaussian with tails heavy enough to propose from.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (d,)
+        Centre.
+    scale : ndarray, shape (d, d)
+        Scale matrix; the covariance is ``scale · dof / (dof − 2)``.
+    dof : float
+        Degrees of freedom, above 0.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If the shapes do not fit, a number is not finite, or the scale is not positive definite.
+
+    References
+    ----------
+    S. Kotz, S. Nadarajah, Multivariate t-distributions and their applications (2004), DOI 10.1017/CBO9780511550683.
+
+    Examples
+    --------
+    >>> StudentT(np.zeros(1), np.eye(1), 1.0).log_density(np.zeros((1, 1)))  # −ln π, Cauchy
+    array([-1.14472989])
+    """
+
+    mean: Array
+    scale: Array
+    dof: float
+    _factor: Array = field(init=False, repr=False)
+    _whiten: Array = field(init=False, repr=False)
+    _log_peak: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        mean, scale = np.array(self.mean, dtype=np.float64), np.array(self.scale, dtype=np.float64)
+        d = mean.size
+        if mean.ndim != 1 or d < 1 or scale.shape != (d, d):
+            raise SamplingError(
+                f"Student-t: found a mean of shape {mean.shape} and a scale of shape {scale.shape}; "
+                "expected (d,) and (d, d); correct the arrays"
+            )
+        if not (np.isfinite(mean).all() and np.isfinite(scale).all() and 0 < self.dof < math.inf):
+            raise SamplingError(
+                f"Student-t: found mean {mean.tolist()}, scale {scale.tolist()}, {self.dof} degrees of freedom; "
+                "expected finite numbers and degrees of freedom above 0; correct them"
+            )
+        try:
+            factor = np.linalg.cholesky(scale)
+        except np.linalg.LinAlgError as error:
+            raise SamplingError(
+                f"Student-t: found a scale {scale.tolist()}; expected a positive definite matrix; correct it"
+            ) from error
+        peak = math.lgamma((self.dof + d) / 2) - math.lgamma(self.dof / 2) - d / 2 * math.log(self.dof * math.pi)
+        derived = {"mean": mean, "scale": scale, "_factor": factor, "_whiten": np.linalg.inv(factor)}
+        for name, array in derived.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "_log_peak", peak - float(np.log(np.diag(factor)).sum()))
+
+    def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
+        """Independent draws, shape (n, d), by either kind of generator: emcee knows only the older one."""
+        normal = random.standard_normal((n, self.mean.size)) @ self._factor.T
+        stretch = np.sqrt(self.dof / random.chisquare(self.dof, n))
+        return self.mean + normal * stretch[:, None]
+
+    def scaled(self, normal: Array) -> Array:
+        """Standard normal rows, shape (n, d), as those of covariance `scale`."""
+        return np.asarray(normal @ self._factor.T)
+
+    def squared_distance(self, x: Array) -> Array:
+        """(x − mean)ᵀ scale⁻¹ (x − mean), shape (n,), at x, shape (n, d)."""
+        z = (x - self.mean) @ self._whiten.T
+        return np.einsum("ni,ni->n", z, z)
+
+    def log_density(self, x: Array) -> Array:
+        """Log of the normalised density, shape (n,), at x, shape (n, d)."""
+        exponent = -(self.dof + self.mean.size) / 2
+        return self._log_peak + exponent * np.log1p(self.squared_distance(x) / self.dof)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudentMixture:
+    """Several Student-t distributions, each with a weight.
+
+    Parameters
+    ----------
+    components : tuple of StudentT
+        Of one dimension.
+    weights : ndarray, shape (components,)
+        Probability of each; above 0 and 1 in sum.
+
+    Raises
+    ------
+    jointbayes.errors.SamplingError
+        If there is no component, their dimensions differ, or the weights are no probabilities.
+
+    Examples
+    --------
+    >>> one = StudentT(np.zeros(1), np.eye(1), 1.0)
+    >>> StudentMixture((one, one), np.array([0.25, 0.75])).log_density(np.zeros((1, 1)))
+    array([-1.14472989])
+    """
+
+    components: tuple[StudentT, ...]
+    weights: Array
+    _means: Array = field(init=False, repr=False)
+    _factors: Array = field(init=False, repr=False)
+    _dof: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        weights = np.array(self.weights, dtype=np.float64)
+        sizes = {component.mean.size for component in self.components}
+        if len(sizes) != 1 or weights.shape != (len(self.components),):
+            raise SamplingError(
+                f"Student-t mixture: found {len(self.components)} components of dimensions {sorted(sizes)} and weights "
+                f"of shape {weights.shape}; expected one dimension and a weight for each; correct them"
+            )
+        if not ((weights > 0).all() and abs(weights.sum() - 1.0) < 1e-9):
+            raise SamplingError(
+                f"Student-t mixture: found weights {weights.tolist()}; expected all above 0 and 1 in sum; correct them"
+            )
+        derived = {
+            "weights": weights / weights.sum(),
+            "_means": np.array([c.mean for c in self.components]),
+            "_factors": np.array([np.linalg.cholesky(c.scale) for c in self.components]),
+            "_dof": np.array([c.dof for c in self.components]),
+        }
+        for name, array in derived.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
+        """Independent draws, shape (n, d), by either kind of generator; their order says nothing of the components."""
+        which = random.choice(len(self.weights), n, p=self.weights)
+        normal = random.standard_normal((n, self._means.shape[1]))
+        stretch = np.sqrt(self._dof[which] / random.chisquare(self._dof[which]))
+        return self._means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None]
+
+    @property
+    def whole(self) -> StudentT:
+        """One Student-t as wide as all components together but the last, which is wider than all."""
+        narrow, weights = self.components[:-1] or self.components, self.weights[: max(1, len(self.weights) - 1)]
+        share = weights / weights.sum()
+        mean = share @ np.array([c.mean for c in narrow])
+        scale = sum(w * (c.scale + np.outer(c.mean - mean, c.mean - mean)) for w, c in zip(share, narrow, strict=True))
+        return StudentT(mean, np.asarray(scale), narrow[0].dof)
+
+    def log_densities(self, x: Array) -> Array:
+        """Log of weight times density of each component, shape (n, components), at x, shape (n, d)."""
+        each = np.stack([component.log_density(x) for component in self.components], axis=1)
+        return each + np.log(self.weights)
+
+    def log_density(self, x: Array) -> Array:
+        """Log of the normalised density, shape (n,), at x, shape (n, d)."""
+        each = self.log_densities(x)
+        top = each.max(axis=1)
+        return top + np.log(np.exp(each - top[:, None]).sum(axis=1))
+
+
+def importance_efficiency(log_weight: Array) -> float:
+    """Effective fraction of importance samples, (Σw)² / (n Σw²); 0 if all weights are.
+
+    Parameters
+    ----------
+    log_weight : ndarray, shape (n,)
+        ln of the weights up to a constant; −inf for a weight of zero.
+
+    References
+    ----------
+    A. Kong, J. S. Liu, W. H. Wong, Sequential imputations and Bayesian missing data problems (1994),
+    DOI 10.1080/01621459.1994.10476469.
+
+    Examples
+    --------
+    >>> importance_efficiency(np.array([0.0, 0.0, -np.inf, -np.inf]))
+    0.5
+    """
+    top = float(log_weight.max())
+    if top == -np.inf:
+        return 0.0
+    weight = np.exp(log_weight - top)
+    return float(weight.sum() ** 2 / (weight.size * (weight**2).sum()))
+
+
+def tempered(log_weight: Array, enough: float) -> Array:
+    """Normalised weights, shape (n,), to the largest power that leaves enough effective draws.
+
+    While few draws carry all the weight, a power below 1 lets a fit to them still span the space.
+
+    Parameters
+    ----------
+    log_weight : ndarray, shape (n,)
+        ln of the weights up to a constant, finite.
+    enough : float
+        Effective number of draws that must be left.
+
+    References
+    ----------
+    E. Koblents, J. Míguez, A population Monte Carlo scheme with transformed weights (2015),
+    DOI 10.1007/s11222-013-9440-2.
+    """
+    powers = 0.5 ** np.arange(12)
+    power = next((p for p in powers if log_weight.size * importance_efficiency(p * log_weight) >= enough), 0.0)
+    weight: Array = np.exp(power * (log_weight - log_weight.max()))
+    weight /= weight.sum()
+    return weight
+
+
+def resampled(weight: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Indices, shape (n,), each drawn as often as its weight asks, to within one: systematic resampling.
+
+    Parameters
+    ----------
+    weight : ndarray, shape (m,)
+        Normalised weights.
+    n : int
+        Number of indices.
+    rng : numpy.random.Generator
+        Source of the one random number.
+
+    References
+    ----------
+    J. Carpenter, P. Clifford, P. Fearnhead, Improved particle filter for nonlinear problems (1999),
+    DOI 10.1049/ip-rsn:19990255.
+
+    Examples
+    --------
+    >>> resampled(np.array([0.5, 0.0, 0.5]), 4, np.random.default_rng(1)).tolist()
+    [0, 0, 2, 2]
+    """
+    steps = np.cumsum(weight)
+    return np.searchsorted(steps / steps[-1], (np.arange(n) + rng.random()) / n)
+
+
+def truncated(log_weight: Array, n: int) -> Array:
+    """ln of importance weights cut off at √n times their mean over n draws, shape (m,): one far out counts for less.
+
+    Parameters
+    ----------
+    log_weight : ndarray, shape (m,)
+        ln of the weights of m <= n draws; those of the others are zero.
+    n : int
+        Number of draws.
+
+    References
+    ----------
+    E. L. Ionides, Truncated importance sampling (2008), DOI 10.1198/106186008X320456.
+    """
+    limit = np.logaddexp.reduce(log_weight) - 0.5 * np.log(n)
+    return np.minimum(log_weight, limit)
+
+
+def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Indices of at most `count` draws in proportion to their weights, none twice.
+
+    The largest of ln w plus Gumbel noise are such a sample.
+    """
+    order: NDArray[np.intp] = np.argsort(-(log_weight + rng.gumbel(size=log_weight.size)))
+    return order[:count]
+
+
+class Distribution(Protocol):
+    """A distribution over φ to draw from."""
+
+    def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
+        """Independent draws, shape (n, d)."""
+        ...
+
+    def log_density(self, x: Array) -> Array:
+        """Log of the normalised density, shape (n,), at x, shape (n, d)."""
+        ...
+
+
+def theta_draws(
+    log_density: LogDensity, density: Distribution, coordinates: Coordinates, rng: np.random.Generator, n: int
+) -> tuple[Array, Array, Array, int]:
+    """Draws that lie in the region of the coordinates, with the log-density and the log of the proposal's there.
+
+    Returns
+    -------
+    theta, value, log_proposal : ndarray, shapes (m, d), (m,), (m,)
+        m ≤ n; both logs are of densities over θ; the value is −inf where the density is zero.
+    left : int
+        How many draws left the region.
+    """
+    phi = density.draw(rng, n)
+    theta, inside = coordinates.inverse(phi)
+    theta, phi = theta[inside], phi[inside]
+    value = log_density(theta) if len(theta) else np.zeros(0)
+    log_proposal = density.log_density(phi)
+    finite = np.isfinite(value)
+    log_proposal[finite] -= coordinates.log_volume(theta[finite])
+    # rounding at the very edge of the region may leave a volume that is no number
+    value = np.where(np.isfinite(log_proposal), value, -np.inf)
+    return theta, value, log_proposal, n - len(theta)
+
+
+class Pool:
+    """Draws from several proposals, each weighted as if it came from their mixture.
+
+    References
+    ----------
+    J.-M. Cornuet et al., Adaptive multiple importance sampling (2012), DOI 10.1111/j.1467-9469.2011.00756.x.
+    """
+
+    def __init__(self, log_density: LogDensity, dimension: int) -> None:
+        self._log_density = log_density
+        self._sources: list[tuple[Distribution, Coordinates, int]] = []
+        self._log_mixture = np.zeros(0)
+        self._value = np.zeros(0)
+        self.theta = np.zeros((0, dimension))
+        self.evaluations = 0
+
+    def extend(self, density: Distribution, coordinates: Coordinates, rng: np.random.Generator, n: int) -> float:
+        """Add draws from a proposal; return its efficiency."""
+        theta, value, log_proposal, left = theta_draws(self._log_density, density, coordinates, rng, n)
+        self.evaluations += len(theta)
+        alive = np.isfinite(value)
+        log_weight = np.concatenate([value[alive] - log_proposal[alive], np.full(left + int((~alive).sum()), -np.inf)])
+        self.add(density, coordinates, theta[alive], value[alive], n)
+        return importance_efficiency(log_weight)
+
+    def add(self, density: Distribution, coordinates: Coordinates, theta: Array, value: Array, n: int) -> None:
+        """Add those of n draws from a proposal at which the density is above zero."""
+        old = np.log(n) + log_density_over_theta(density, coordinates, self.theta)
+        new = [
+            np.log(m) + log_density_over_theta(q, c, theta) for q, c, m in (*self._sources, (density, coordinates, n))
+        ]
+        self._sources.append((density, coordinates, n))
+        before = np.logaddexp(self._log_mixture, old) if len(self._sources) > 1 else old
+        self._log_mixture = np.concatenate([before, np.logaddexp.reduce(np.stack(new), axis=0)])
+        self.theta = np.concatenate([self.theta, theta])
+        self._value = np.concatenate([self._value, value])
+
+    @property
+    def log_weight(self) -> Array:
+        """ln of the importance weight of each draw, up to a constant, shape (n,)."""
+        return self._value - self._log_mixture
+
+
+def log_density_over_theta(density: Distribution, coordinates: Coordinates, theta: Array) -> Array:
+    """Log of a proposal's density over θ, shape (n,), at θ, shape (n, d); −inf outside its coordinates."""
+    value = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
+    return np.where(np.isfinite(value), value, -np.inf)

@@ -1,1 +1,0 @@
-"""Distributions to propose from, fitted to a density."""
