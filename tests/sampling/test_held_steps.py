@@ -7,6 +7,7 @@ import pytest
 
 from jointbayes.sampling import SamplerSettings, run_ensembles
 from jointbayes.sampling.chains import spacing
+from jointbayes.sampling.ensemble import advance
 from jointbayes.sampling.stopping import diagnose
 
 NEVER = SamplerSettings(walkers=8, max_steps=1500, check_every=10, tau_factor=1e9)
@@ -16,10 +17,10 @@ def gaussian(x):
     return -0.5 * (x**2).sum(axis=1)
 
 
-def run(settings=NEVER, progress=None):
+def run(settings=NEVER, progress=None, density=gaussian):
     rng = np.random.default_rng(1)
     start = rng.normal(size=(settings.ensembles, settings.walkers, 2))
-    return run_ensembles(gaussian, start, rng, settings, progress)
+    return run_ensembles(density, start, rng, settings, progress)
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +40,35 @@ def test_a_long_run_holds_every_so_many_steps_of_the_same_run(whole, held):
     assert held.log_density.tobytes() == np.ascontiguousarray(whole.log_density[:, 7::8]).tobytes()
 
 
-def test_counts_are_those_of_all_steps(whole, held):
-    assert held.steps == whole.steps == 1500
-    assert held.acceptance.tolist() == whole.acceptance.tolist()
-    assert held.move_acceptance == whole.move_acceptance
-    assert (held.evaluations, held.singular) == (whole.evaluations, whole.singular)
+class Counted:
+    """A density that says where it had no finite value."""
+
+    singular = 0
+
+    def __call__(self, theta):
+        self.singular += int((theta[:, 0] > 2).sum())
+        return gaussian(theta)
+
+
+def test_counts_are_those_of_all_blocks(whole, held, monkeypatch):
+    blocks = []
+
+    def advanced(*arguments):
+        blocks.append(advance(*arguments))
+        return blocks[-1]
+
+    monkeypatch.setattr("jointbayes.sampling.workers.advance", advanced)
+    chains = run(density=Counted())
+    assert chains.theta.tobytes() == held.theta.tobytes()
+    assert (chains.steps, chains.evaluations) == (1500, whole.evaluations)
+    assert chains.singular == sum(block.singular for block in blocks) > 0
+    for ensemble, share in enumerate(chains.acceptance):
+        accepted = sum(count.accepted for block in blocks[ensemble::4] for count in block.moves.values())
+        assert share == accepted / (1500 * 8)
+    for name, share in chains.move_acceptance.items():
+        counts = [block.moves[name] for block in blocks if name in block.moves]
+        assert share == sum(n.accepted for n in counts) / sum(n.proposed for n in counts)
+    assert len(chains.move_acceptance) == 3
 
 
 def test_the_effective_size_of_what_is_held_is_no_larger_and_nearly_that_of_all(whole, held):
