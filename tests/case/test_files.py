@@ -15,10 +15,11 @@ from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.inference import CorrelatedNoise, GaussianNoise, StudentNoise
 from jointbayes.measurement import CoherenceNoise, RelativeNoise
+from jointbayes.measurement.assemble import mean_of_repeats
 from jointbayes.measurement.formats import FORMATS, read_frf, records_of_frf, write_records
 from jointbayes.measurement.records import FrfRecord
-from jointbayes.measurement.variance import coherence_variance, mean_of_repeats
-from jointbayes.measurement.virtual.synthetic import noisy_frf
+from jointbayes.measurement.simulated import noisy_frf
+from jointbayes.measurement.variance import coherence_variance
 from jointbayes.sampling import SamplerSettings
 from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix, plain_reports
 

@@ -35,10 +35,10 @@ from jointbayes.inference import Problem
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.joint import Joints
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, assemble, formats
-from jointbayes.measurement.plan import MeasurementPlan
+from jointbayes.measurement.measurement_plan import MeasurementPlan
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.measurement.rotations import Rotation
-from jointbayes.measurement.virtual.virtual_test import Rig
+from jointbayes.measurement.simulated import Rig
 from jointbayes.structure import Section
 from jointbayes.structure.uncertain_family import UncertainFamily
 from jointbayes.studies.planning import make_plan

@@ -18,9 +18,9 @@ from jointbayes.measurement.formats import FORMATS, detect_format, iter_records
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.hits import HitSettings, find_hits
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
-from jointbayes.measurement.signals.line_thinning import lines_apart
+from jointbayes.measurement.signals.windows import lines_apart
+from jointbayes.measurement.simulated import noisy_frf
 from jointbayes.measurement.variance import coherence_variance
-from jointbayes.measurement.virtual.synthetic import noisy_frf
 from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"

@@ -8,7 +8,7 @@ import pytest
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.measurement import RelativeNoise
 from jointbayes.measurement.assemble import estimate_variance
-from jointbayes.measurement.plan import VarianceSource
+from jointbayes.measurement.measurement_plan import VarianceSource
 from tests.conftest import TABLE_3, cheap_text, pair_matrix
 
 LAW = RelativeNoise(0.05, 0.02)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.channels import Channel, ChannelMap, map_records
+from jointbayes.measurement.measurement_plan import Channel, ChannelMap, map_records
 from jointbayes.measurement.records import FrfRecord
 
 LINES = np.array([10.0, 20.0, 30.0])

@@ -2,33 +2,29 @@
 
 import os
 import stat
-import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
 from jointbayes.errors import MeasurementError, WriteError
-from jointbayes.frf import FrfSet
+from jointbayes.measurement import records as stated
 from jointbayes.measurement.formats import (
     FORMATS,
     detect_format,
     iter_records,
     join_frfs,
     read_frf,
+    uff_read,
     write_frf,
     write_records,
 )
-from jointbayes.measurement.formats import limits as stated
 from jointbayes.measurement.formats import read as reading
-from jointbayes.measurement.formats.arrays import read as arrays
-from jointbayes.measurement.formats.columns import Column, column_of, column_records
-from jointbayes.measurement.formats.uff import read as uff
-from jointbayes.measurement.inspection.inspection import inspect_file, inspect_records
+from jointbayes.measurement.formats.table import Column, column_of, column_records
+from jointbayes.measurement.inspection import inspect_file, inspect_records
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from tests.measurement.broken_files import FRF, npz_bytes
 from tests.measurement.uff_text import function_58
@@ -95,7 +91,7 @@ def test_nothing_but_a_file_is_written_over(tmp_path, form):
     assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
 
 
-@pytest.mark.parametrize("form", ["csv", "lvm", "uff58", "hdf5"])
+@pytest.mark.parametrize("form", ["csv", "uff58", "hdf5"])
 def test_a_label_that_is_no_text_is_not_written(tmp_path, form):
     record = FrfRecord("tip \udc9b", "b", LINES, LINES + 1j, "mobility")
     with pytest.raises(MeasurementError, match="expected"):
@@ -112,7 +108,7 @@ def test_a_file_larger_than_any_measurement_is_not_begun(tmp_path):
     assert f"expected at most {stated.MOST_BYTES >> 30}" in refusal(tmp_path / "huge")
 
 
-@pytest.mark.parametrize("form", ["uff58", "csv", "npz", "lvm"])
+@pytest.mark.parametrize("form", ["uff58", "csv", "npz"])
 def test_more_records_than_any_measurement_are_refused(tmp_path, monkeypatch, form):
     write_frf(FRF, tmp_path / "a", form)
     monkeypatch.setattr(reading, "MOST_RECORDS", 1)
@@ -121,7 +117,7 @@ def test_more_records_than_any_measurement_are_refused(tmp_path, monkeypatch, fo
 
 def test_more_data_sets_than_belong_to_so_many_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("    -1\n   151\nmodel\n    -1\n" * 30)
-    monkeypatch.setattr(uff, "_MOST_SETS", 20)
+    monkeypatch.setattr(uff_read, "_MOST_SETS", 20)
     assert "data sets: found more than 20" in refusal(tmp_path / "a")
 
 
@@ -234,100 +230,6 @@ def test_a_group_that_holds_itself_is_read_once(tmp_path):
     assert len(list(iter_records(path))) == 1
 
 
-# ---- the process that reads HDF5 and MATLAB files
-
-
-def replaced(monkeypatch, tmp_path, code):
-    """Put another program in the place of the reading one."""
-    script = tmp_path / "program.py"
-    script.write_text(code)
-    monkeypatch.setattr(arrays, "reader_process", SimpleNamespace(__file__=str(script)))
-    write_frf(FRF, tmp_path / "a", "hdf5")
-    return tmp_path / "a"
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="as the system bounds it")
-def test_patience_is_of_computing_so_that_a_busy_machine_refuses_nothing(tmp_path, monkeypatch):
-    home = Path(arrays.reader_process.__file__).parent
-    bound = f"import sys, time\nsys.path.insert(0, {str(home)!r})\nfrom reader_process import _Limits\n"
-    bound += "_Limits(10**6, 0.1).bound()\n"
-    path = replaced(monkeypatch, tmp_path, f"{bound}while True:\n    pass\n")
-    assert "s of computing" in refusal(path)
-    path = replaced(
-        monkeypatch, tmp_path, f'{bound}import time\ntime.sleep(1.5)\nprint(\'{{"refused": "expected"}}\')\n'
-    )
-    assert refusal(path) == f"{path}: expected"
-
-
-def test_a_program_that_neither_computes_nor_ends_is_ended(tmp_path, monkeypatch):
-    path = replaced(monkeypatch, tmp_path, "import time\ntime.sleep(60)\n")
-    monkeypatch.setattr(arrays, "_BUSY", 0.1)
-    assert "found nothing readable in 0 s" in refusal(path)
-
-
-def test_a_reader_that_is_given_up_is_ended(tmp_path, monkeypatch):
-    path = replaced(
-        monkeypatch,
-        tmp_path,
-        f"""
-import sys, time
-from pathlib import Path
-import numpy as np
-class Out:
-    write = sys.stdout.buffer.write
-out = Out()
-out.write(b'{{"blocks": [["a/", ["frequency_hz", "frf"]], ["b/", ["frf"]]]}}\\n')
-for _ in range(2):
-    np.lib.format.write_array(out, np.ones(3))
-sys.stdout.flush()
-time.sleep(3)
-Path({str(tmp_path / "late")!r}).touch()
-""",
-    )
-    records = iter_records(path)
-    next(records)
-    records.close()
-    assert not (tmp_path / "late").exists()
-
-
-@pytest.mark.parametrize(
-    "sends", ["", "'{'", '\'{"blocks": [["", ["frf"]]]}\\n\'', '\'{"blocks": [["", ["frf"]]]}\\nnothing\'']
-)
-def test_a_program_that_dies_while_it_sends_is_damage(tmp_path, monkeypatch, sends):
-    path = replaced(monkeypatch, tmp_path, f"import sys\nsys.stdout.write({sends or repr('')})\nsys.exit(7)\n")
-    assert "damage that ends the reader (code 7)" in refusal(path)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="as the system bounds it")
-@pytest.mark.parametrize("form", ["mat", "mat73", "hdf5"])
-def test_sound_files_are_read_under_a_hard_limit_of_memory(tmp_path, form):
-    write_frf(FRF, tmp_path / "a", form)
-    code = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_AS, (8_000_000 * 1024, 8_000_000 * 1024))
-from jointbayes.measurement.formats import iter_records
-print(len(list(iter_records(sys.argv[1]))))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "a")], capture_output=True, text=True, check=False
-    )
-    assert (done.stdout, done.stderr) == ("2\n", "")
-
-
-def test_reading_leaves_no_file_behind_and_needs_no_room(tmp_path, monkeypatch):
-    rng = np.random.default_rng(5)
-    shape = (4000, 3, 2)
-    values = rng.normal(size=shape) + 1j * rng.normal(size=shape)
-    frf = FrfSet(np.arange(1.0, 4001.0), values, ("a", "b", "c"), ("d", "e"), "mobility")
-    for form in ("mat", "mat73", "hdf5"):
-        write_frf(frf, tmp_path / form, form)
-    before = sorted(tmp_path.iterdir())
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
-    for form in ("mat", "mat73", "hdf5"):
-        np.testing.assert_array_equal(read_frf(tmp_path / form).values, values)
-    assert sorted(tmp_path.iterdir()) == before
-
-
 # ---- faults that were tracebacks
 
 
@@ -376,4 +278,4 @@ def test_hits_are_numbered_by_whole_numbers(tmp_path):
 def test_every_format_has_a_fuzz_target():
     from tests.fuzz.targets.files import TARGETS
 
-    assert {target.name for target in TARGETS} == set(FORMATS)
+    assert {target.name for target in TARGETS} == {*FORMATS, "lvm"}

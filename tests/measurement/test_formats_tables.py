@@ -5,7 +5,7 @@ import pytest
 
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.formats import iter_records, read_frf
-from jointbayes.measurement.formats.columns import column_of
+from jointbayes.measurement.formats.table import column_of
 from jointbayes.measurement.records import TimeRecord
 
 LINES = np.array([1.5, 2.0, 2.5, 3.25])

@@ -8,7 +8,7 @@ import pytest
 from jointbayes.errors import MeasurementError
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.signals.hits import HitSettings, find_hits, is_clipped, reject_overloads
-from jointbayes.measurement.virtual.virtual_test import half_sine
+from jointbayes.measurement.simulated import half_sine
 
 RATE = 10_000.0
 BLOCK = HitSettings(block_s=0.1, pretrigger_s=0.01)

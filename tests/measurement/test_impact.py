@@ -13,8 +13,8 @@ from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits, impact_frfs
 from jointbayes.measurement.signals.spectra import ShakerSettings, by_force, estimate_frf, shaker_frf
 from jointbayes.measurement.signals.windows import added_decay_rate
+from jointbayes.measurement.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from jointbayes.measurement.variance import coherence_variance
-from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 
 RATE, BLOCK = 4096.0, 2048
 SILENT = ChannelNoise(0.0, 0.0)

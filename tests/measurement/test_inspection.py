@@ -12,10 +12,9 @@ from click.testing import CliRunner
 
 from jointbayes.cli.commands import main
 from jointbayes.frf import FrfSet
+from jointbayes.measurement import inspection
 from jointbayes.measurement.formats import write_frf, write_records
-from jointbayes.measurement.inspection import inspection
-from jointbayes.measurement.inspection.inspection import inspect_file, inspect_records
-from jointbayes.measurement.inspection.text import text_of
+from jointbayes.measurement.inspection import inspect_file, inspect_records, text_of
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.report.inspect_figure import inspect_figure
 from tests.conftest import CONFIGS

@@ -6,13 +6,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.signals.line_thinning import (
+from jointbayes.measurement.signals.windows import (
     effective_averages,
+    exponential_window,
     independent_step,
     line_correlation,
     lines_apart,
 )
-from jointbayes.measurement.signals.windows import exponential_window
 
 HANN = signal.get_window("hann", 64)
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Ports
 from jointbayes.measurement import RelativeNoise, synthesise_frf
-from jointbayes.measurement.modal.fit import _few_of, fit_modes, identify_modes
-from jointbayes.measurement.modal.peaks import prominent_peaks
+from jointbayes.measurement.modal_fit import _few_of, fit_modes, identify_modes
+from jointbayes.measurement.modal_problem import prominent_peaks
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 MATRIX = pair_matrix(TABLE_3)
@@ -175,7 +175,7 @@ def test_peaks_are_those_that_scipy_finds():
 def test_poles_of_many_frfs_are_sought_in_a_few_and_all_are_fitted_with_them(monkeypatch):
     frf, variance = plate_frf(np.random.default_rng(3), responses=12)
     assert len(_few_of((10_000, 200))) < 10 < len(_few_of((100, 200)))
-    monkeypatch.setattr("jointbayes.measurement.modal.fit._MOST_VALUES", 1)
+    monkeypatch.setattr("jointbayes.measurement.modal_fit._MOST_VALUES", 1)
     few = fit_modes(frf, variance, f_max_hz=250.0)
     within = frf.frequency_hz <= 250.0
     assert few.values.shape == frf.values[within].shape

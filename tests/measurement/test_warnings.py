@@ -8,7 +8,7 @@ import pytest
 from jointbayes.frf import quantity_factor
 from jointbayes.measurement.formats import iter_records, write_records
 from jointbayes.measurement.records import FrfRecord, TimeRecord
-from jointbayes.measurement.warnings.warnings import WarningCollector, find_warnings
+from jointbayes.measurement.warnings.collector import WarningCollector, find_warnings
 
 UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
 LINES = np.arange(10, 3201) * 0.5

@@ -11,7 +11,6 @@ import pytest
 
 from jointbayes.cli.common import directory_name
 from jointbayes.errors import JointBayesError, MeasurementError
-from jointbayes.measurement.formats.arrays import reader_process
 from jointbayes.posterior.storage import RECORD
 from jointbayes.workflow import load_posterior
 from tests.conftest import CONFIGS, shipped_text
@@ -131,14 +130,6 @@ def test_arrays_that_do_not_belong_to_the_problem_are_refused(place, change, sai
 
 
 # ---- hostile files
-
-
-def test_damage_that_ends_the_reader_is_one_line(tmp_path, monkeypatch):
-    killer = tmp_path / "reader.py"
-    killer.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
-    monkeypatch.setattr(reader_process, "__file__", str(killer))
-    path = copied(tmp_path, FRF)
-    assert "found damage that ends the reader (code -11)" in refusal(path)
 
 
 def test_files_that_a_stored_case_names_are_not_read(tmp_path, monkeypatch):

@@ -11,8 +11,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.frf import MeasuredFile
-from jointbayes.measurement.channels import ChannelUse
-from jointbayes.measurement.provenance import MeasurementWarning, Provenance
+from jointbayes.measurement.provenance import ChannelUse, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.report import render_html, render_pdf

@@ -23,10 +23,9 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, printable
 from jointbayes.frf import MeasuredBody
 from jointbayes.joint import as_joints
-from jointbayes.measurement.channels import Channel
 from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.measurement_plan import Channel, FrequencyPlan, MeasurementPlan, VarianceSource
 from jointbayes.measurement.mode_data import Measurement
-from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings

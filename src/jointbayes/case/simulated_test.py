@@ -21,10 +21,17 @@ from jointbayes.joint import JointMatrix
 from jointbayes.measurement.formats import records_of_frf
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.signals.impact import ImpactSettings, frfs_of_hits
-from jointbayes.measurement.signals.line_thinning import effective_averages, lines_apart
 from jointbayes.measurement.signals.spectra import ShakerSettings, frfs_of_shaker
-from jointbayes.measurement.virtual.synthetic import channel_label, noisy_frf
-from jointbayes.measurement.virtual.virtual_test import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
+from jointbayes.measurement.signals.windows import effective_averages, lines_apart
+from jointbayes.measurement.simulated import (
+    ChannelNoise,
+    Hammer,
+    Rig,
+    channel_label,
+    hammer_records,
+    noisy_frf,
+    shaker_records,
+)
 from jointbayes.structure import Structure, StructureFamily
 from jointbayes.threads import one_blas_thread
 

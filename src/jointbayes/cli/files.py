@@ -17,7 +17,6 @@ _FORMATS: dict[str, tuple[str, ...]] = {
     "tsv": (".tsv", ".txt"),
     "npz": (".npz",),
     "hdf5": (".h5", ".hdf5"),
-    "lvm": (".lvm",),
 }
 
 
@@ -92,8 +91,7 @@ def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> Non
 @click.option("--conjugate", is_flag=True, help="Take the complex conjugates of the FRFs, as [data] of a case may.")
 def inspect_command(file: Path, figure: Path | None, mass: float | None, conjugate: bool) -> None:
     """List what a measurement file holds, and warn of what looks wrong in it."""
-    from jointbayes.measurement.inspection.inspection import inspect_file
-    from jointbayes.measurement.inspection.text import text_of
+    from jointbayes.measurement.inspection import inspect_file, text_of
     from jointbayes.whole_file import write_whole_file
 
     if figure is not None:

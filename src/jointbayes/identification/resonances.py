@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
-from jointbayes.measurement.modal.peaks import prominent_peaks
+from jointbayes.measurement.modal_problem import prominent_peaks
 
 Complex = NDArray[np.complex128]
 

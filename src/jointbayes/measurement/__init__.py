@@ -2,8 +2,8 @@
 
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, ModalMeasurement
 from jointbayes.measurement.mode_data import Measurement, ModeMeasurement, ModeShapes, ModeValue, Observed
+from jointbayes.measurement.simulated import synthesise_frf
 from jointbayes.measurement.variance import CoherenceNoise, NoiseLaw, RelativeNoise
-from jointbayes.measurement.virtual.synthetic import synthesise_frf
 
 __all__ = [
     "CoherenceNoise",

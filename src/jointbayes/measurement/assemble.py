@@ -16,19 +16,25 @@ import numpy as np
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, MeasuredFile
 from jointbayes.measurement.accelerometer import without_accelerometers
-from jointbayes.measurement.channels import ChannelMap, map_records
 from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
-from jointbayes.measurement.formats import excluded_lines, in_band, iter_records, join_frfs, measured_lines
-from jointbayes.measurement.modal.fit import fit_modes, identify_modes
+from jointbayes.measurement.formats.grid import excluded_lines, in_band, join_frfs, measured_lines
+from jointbayes.measurement.formats.read import iter_records
+from jointbayes.measurement.measurement_plan import (
+    ChannelMap,
+    FrequencyPlan,
+    MeasurementPlan,
+    VarianceSource,
+    map_records,
+)
+from jointbayes.measurement.modal_fit import fit_modes, identify_modes
 from jointbayes.measurement.mode_data import Measurement
-from jointbayes.measurement.plan import FrequencyPlan, MeasurementPlan, VarianceSource
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import at_joint, with_rotations
 from jointbayes.measurement.signals.impact import frfs_of_hits
 from jointbayes.measurement.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
-from jointbayes.measurement.variance import RelativeNoise, coherence_variance, mean_of_repeats
-from jointbayes.measurement.warnings.warnings import find_warnings
+from jointbayes.measurement.variance import RelativeNoise, coherence_variance
+from jointbayes.measurement.warnings.collector import find_warnings
 
 #: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
 _EXPLAINED = 10.0
@@ -263,6 +269,64 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
     assert frf.averages is not None
     measured = FrfMeasurement(frf, variance, variance_dof=2 * (frf.averages - 1))
     return measured, f"from the coherence of {frf.averages} averages{least}"
+
+
+def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) -> FrfMeasurement:
+    """Mean of repeated measurements of the same FRFs, and its variance from their scatter.
+
+    σ² = Σ|H_i − H̄|²/(m(m − 1)) for m repetitions, line by line. It counts all that differs from one to the next,
+    also what no coherence shows: a sensor taken off and mounted again, a joint tightened anew. But it is the variance
+    of the *mean*: what all repetitions have in common, such as a calibration, it does not see. Residuals over it are
+    Student-t with 2(m − 1) degrees of freedom: three repetitions leave four of them.
+
+    Parameters
+    ----------
+    frfs
+        At least two sets with the same lines, DOFs and quantity.
+    least
+        Law of the accelerance's noise that no line falls below.
+
+    Returns
+    -------
+    FrfMeasurement
+        The mean with its variance. Without coherence: none belongs to a mean of FRFs. Averages are those of all sets
+        together, where all tell.
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two, they do not match, or all are the same.
+    """
+    where = "noise from repeats"
+    if len(frfs) < 2:
+        raise MeasurementError(
+            f"{where}: found {len(frfs)} measurement; expected two or more; measure again, or state the noise"
+        )
+    first = frfs[0]
+    for number, other in enumerate(frfs[1:], 2):
+        for what, same in (
+            ("lines", np.array_equal(first.frequency_hz, other.frequency_hz)),
+            ("DOFs", (first.outputs, first.inputs) == (other.outputs, other.inputs)),
+            ("quantity", first.quantity == other.quantity),
+        ):
+            if not same:
+                raise MeasurementError(
+                    f"{where}: found other {what} in measurement {number} than in the first; expected the same; "
+                    "leave it out or bring it to the same"
+                )
+    values = np.stack([frf.values for frf in frfs])
+    m, mean = len(frfs), values.mean(axis=0)
+    scatter = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
+    if not scatter.any():
+        raise MeasurementError(
+            f"{where}: found {m} measurements that are the same to the last digit; expected independent ones, which "
+            "differ by their noise; do not repeat one file"
+        )
+    counts = [frf.averages for frf in frfs]
+    averages = None if None in counts else sum(n for n in counts if n is not None)
+    combined = replace(first, values=mean, coherence=None, averages=averages)
+    variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
+    return FrfMeasurement(combined, variance, variance_dof=2 * (m - 1))
 
 
 def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:

@@ -1,14 +1,40 @@
 """Where measured data come from: files, channels, modes they show, and what is doubtful about them."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from jointbayes.frf import MeasuredFile
-from jointbayes.measurement.channels import ChannelUse
 
+#: What a channel is to an FRF.
+Role = Literal["response", "force"]
 #: Warnings that leave open which sign, or which sign of i, the numbers of an FRF have.
 _SIGN_IN_DOUBT = ("conjugated", "sign_flip", "not_passive", "quantity")
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelUse:
+    """How a channel of a file was used.
+
+    Parameters
+    ----------
+    channel, dof
+        Label in the file, and DOF it stands for.
+    role
+        Whether it is the response or the force of FRFs.
+    factor
+        Factor on its signal: sign times gain.
+    reversed_direction
+        Whether the file's direction is opposite to that of the mapped channel, so that the sign was changed for it.
+    accelerometer_mass
+        Mass whose effect is taken out of the FRFs, kg.
+    """
+
+    channel: str
+    dof: str
+    role: Role
+    factor: float
+    reversed_direction: bool
+    accelerometer_mass: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,19 +136,3 @@ class Provenance:
     def as_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists, texts and numbers."""
         return asdict(self)
-
-    @classmethod
-    def from_json(cls, record: Mapping[str, Any]) -> "Provenance":
-        """From what `as_json` gave, also after a way through a JSON text."""
-        kinds = {
-            "files": MeasuredFile,
-            "channels": ChannelUse,
-            "warnings": MeasurementWarning,
-            "modes": MeasuredMode,
-        }
-        given: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in record.items()
-        }
-        if "doubts" in given:  # as files of version 0.1 call them, without their kind
-            given["warnings"] = tuple({"key": "", **entry} for entry in given.pop("doubts"))
-        return cls(**given | {key: tuple(kind(**entry) for entry in given[key]) for key, kind in kinds.items()})

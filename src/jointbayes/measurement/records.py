@@ -8,12 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
+from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.frf.frf_set import Lines, read_only
 
 #: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
 #: Squares and products of what is within stay finite.
 LARGEST, HIGHEST_HZ = 1e40, 1e9
+#: Bytes of a file; the largest that was tried, a universal file of 10 000 FRFs, has 2 GB.
+MOST_BYTES = 16 * 2**30
+#: FRFs and time histories in a file; data sets of other types count in a universal file.
+MOST_RECORDS = 100_000
+#: Averages of an FRF.
+MOST_AVERAGES = 10**6
+#: Columns of a table.
+MOST_COLUMNS = 50_000
+#: Characters of a channel label or a unit.
+LONGEST_LABEL = 300
 
 _AXES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
 _LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S|R?[XYZ])(?P<sign>[+-]?)")
@@ -118,6 +129,41 @@ def measurable(values: Array | NDArray[np.complex128]) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
         size = np.maximum(np.abs(values.real), np.abs(values.imag))
         return np.asarray((size == 0) | ((size >= 1 / LARGEST) & (size <= LARGEST)))
+
+
+def require_short(where: str, *labels: str) -> None:
+    """Refuse labels and units that are none.
+
+    Raises
+    ------
+    MeasurementError
+        If one is longer than `LONGEST_LABEL`.
+    """
+    for label in labels:
+        if len(label) > LONGEST_LABEL:
+            raise MeasurementError(
+                f"{where}: found a name of {len(label)} characters ({label[:20]!r}…); expected at most "
+                f"{LONGEST_LABEL}; shorten it"
+            )
+
+
+def even_rate(time: Array, where: str) -> float:
+    """Sampling rate in Hz of evenly spaced instants in s.
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than two, or they are not evenly spaced to 1 % of a step.
+    """
+    if time.size >= 2 and np.isfinite(time).all():
+        with np.errstate(all="ignore"):
+            step = (time[-1] - time[0]) / (time.size - 1)
+            uneven = np.abs(np.diff(time) / step - 1).max()
+        if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ and uneven < 0.01:
+            return float(1 / step)
+    raise MeasurementError(
+        f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Variance of measured FRFs: by a stated law, from coherence and averages, or from repeated measurements."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +8,6 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
-from jointbayes.measurement.data import FrfMeasurement
 
 #: Coherence this close to 1 is 1 to the last bits.
 _ONE = 1 - 1e-12
@@ -155,61 +153,3 @@ def coherence_variance(frf: FrfSet) -> Array:
             f"{where}: found a coherence of 0 at {frf.frequency_hz[line]:g} Hz; expected values above 0; drop the line"
         )
     return magnitude**2 * (1 - coherence) / ((frf.averages - 1) * coherence)
-
-
-def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) -> FrfMeasurement:
-    """Mean of repeated measurements of the same FRFs, and its variance from their scatter.
-
-    σ² = Σ|H_i − H̄|²/(m(m − 1)) for m repetitions, line by line. It counts all that differs from one to the next,
-    also what no coherence shows: a sensor taken off and mounted again, a joint tightened anew. But it is the variance
-    of the *mean*: what all repetitions have in common, such as a calibration, it does not see. Residuals over it are
-    Student-t with 2(m − 1) degrees of freedom: three repetitions leave four of them.
-
-    Parameters
-    ----------
-    frfs
-        At least two sets with the same lines, DOFs and quantity.
-    least
-        Law of the accelerance's noise that no line falls below.
-
-    Returns
-    -------
-    FrfMeasurement
-        The mean with its variance. Without coherence: none belongs to a mean of FRFs. Averages are those of all sets
-        together, where all tell.
-
-    Raises
-    ------
-    MeasurementError
-        If there are fewer than two, they do not match, or all are the same.
-    """
-    where = "noise from repeats"
-    if len(frfs) < 2:
-        raise MeasurementError(
-            f"{where}: found {len(frfs)} measurement; expected two or more; measure again, or state the noise"
-        )
-    first = frfs[0]
-    for number, other in enumerate(frfs[1:], 2):
-        for what, same in (
-            ("lines", np.array_equal(first.frequency_hz, other.frequency_hz)),
-            ("DOFs", (first.outputs, first.inputs) == (other.outputs, other.inputs)),
-            ("quantity", first.quantity == other.quantity),
-        ):
-            if not same:
-                raise MeasurementError(
-                    f"{where}: found other {what} in measurement {number} than in the first; expected the same; "
-                    "leave it out or bring it to the same"
-                )
-    values = np.stack([frf.values for frf in frfs])
-    m, mean = len(frfs), values.mean(axis=0)
-    scatter = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
-    if not scatter.any():
-        raise MeasurementError(
-            f"{where}: found {m} measurements that are the same to the last digit; expected independent ones, which "
-            "differ by their noise; do not repeat one file"
-        )
-    counts = [frf.averages for frf in frfs]
-    averages = None if None in counts else sum(n for n in counts if n is not None)
-    combined = replace(first, values=mean, coherence=None, averages=averages)
-    variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
-    return FrfMeasurement(combined, variance, variance_dof=2 * (m - 1))

@@ -26,7 +26,7 @@ from jointbayes.measurement import (
     ModeShapes,
     Observed,
 )
-from jointbayes.measurement.formats.arrays.read import read_isolated
+from jointbayes.measurement.formats.array_files import read_arrays
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, provenance_from
 from jointbayes.posterior.storage import JOINT_FRF, RECORD, value_units
@@ -221,7 +221,7 @@ def read_stored(path: str | os.PathLike[str]) -> StoredFile:
     if not there:
         raise MeasurementError(f"{where}: no such file; {_EXPECTED}; give the path of one")
     try:
-        groups = {place.strip("/"): block for place, block in read_isolated(Path(path), "hdf5")}
+        groups = {place.strip("/"): block for place, block in read_arrays(Path(path), "hdf5")}
     except MeasurementError as error:
         raise MeasurementError(f"{where}: found no posterior in it: {error}") from None
     text = groups.get("", {}).get(RECORD)

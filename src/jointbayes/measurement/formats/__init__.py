@@ -1,8 +1,7 @@
 """Measurement files: one way in and one way out, whatever the format."""
 
-from jointbayes.measurement.formats.detect import detect_format
 from jointbayes.measurement.formats.grid import excluded_lines, in_band, join_frfs, measured_lines
-from jointbayes.measurement.formats.read import iter_records, read_frf
+from jointbayes.measurement.formats.read import detect_format, iter_records, read_frf
 from jointbayes.measurement.formats.write import FORMATS, records_of_frf, write_frf, write_records
 
 __all__ = [

@@ -3,7 +3,7 @@
 import itertools
 import re
 from array import array
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,11 +11,9 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.columns import Column, column_of, column_records
-from jointbayes.measurement.formats.limits import MOST_COLUMNS, require_short
-from jointbayes.measurement.formats.table import table_columns
+from jointbayes.measurement.formats.table import Column, column_of, column_records
 from jointbayes.measurement.formats.table_text import bad_number, text_lines
-from jointbayes.measurement.records import Record, TimeRecord
+from jointbayes.measurement.records import MOST_COLUMNS, Record, TimeRecord, require_short
 
 _END = "***End_of_Header***"
 Lines = Iterator[tuple[int, str]]
@@ -189,44 +187,3 @@ def _rows(count: int, number: int, lines: Lines, layout: _Layout) -> tuple[Array
     if not numbers:
         raise MeasurementError(f"line {number}: found no row of numbers; expected the samples; export it again")
     return np.frombuffer(numbers, dtype=float).reshape(-1, count).copy(), following
-
-
-def write_lvm(records: Sequence[Record], path: Path) -> None:
-    """Write records as one segment with one X column; numbers with as many digits as it takes to read them exactly."""
-    headers, columns, comments = table_columns(records)
-    frequency = headers[0].startswith("frequency")
-    units, names = [], []
-    for header in headers[1:]:
-        name, _, unit = header.partition(" [")
-        names.append(name)
-        units.append(unit.removesuffix("]"))
-        if "\t" in name or "\n" in name:
-            raise MeasurementError(f"label {name[:30]!r}: found a tab or line end; expected plain text; rename it")
-    count, size = len(names), columns[0].size
-    step = float(columns[0][-1] - columns[0][0]) / max(1, size - 1)
-    notes = "; ".join(f"{key}: {value}" for key, value in comments.items())
-    head = [
-        "LabVIEW Measurement\t",
-        "Writer_Version\t2",
-        "Reader_Version\t2",
-        "Separator\tTab",
-        "Decimal_Separator\t.",
-        "Multi_Headings\tNo",
-        "X_Columns\tOne",
-        "Time_Pref\tRelative",
-        _END,
-        "",
-        f"Channels\t{count}",
-        "\t".join(["Samples", *[str(size)] * count]),
-        "\t".join(["Y_Unit_Label", *units]),
-        "\t".join(["X_Dimension", *["Frequency" if frequency else "Time"] * count]),
-        "\t".join(["X0", *[repr(float(columns[0][0]))] * count]),
-        "\t".join(["Delta_X", *[repr(step)] * count]),
-        *([f"Notes\t{notes}"] if notes else []),
-        f"{_END}",
-        "\t".join(["X_Value", *names, "Comment"]),
-    ]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(f"{line}\n" for line in head)
-        for row in zip(*(column.tolist() for column in columns), strict=True):
-            file.write("\t".join(map(repr, row)) + "\n")

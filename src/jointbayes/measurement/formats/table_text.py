@@ -11,7 +11,7 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.limits import MOST_COLUMNS, require_short
+from jointbayes.measurement.records import MOST_COLUMNS, require_short
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _LONGEST_LINE = 8 * 2**20

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from jointbayes.errors import MeasurementError, WriteError, path_fault
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.formats.arrays.layout import arrays_of
-from jointbayes.measurement.formats.arrays.write import write_hdf5, write_mat73, write_matlab, write_npz
-from jointbayes.measurement.formats.lvm import write_lvm
+from jointbayes.measurement.formats.array_files import write_hdf5, write_mat73, write_matlab, write_npz
+from jointbayes.measurement.formats.named_arrays import arrays_of
 from jointbayes.measurement.formats.table import write_table
-from jointbayes.measurement.formats.uff.write import write_uff
+from jointbayes.measurement.formats.uff_write import write_uff
 from jointbayes.measurement.formats.units import si_frf_unit
 from jointbayes.measurement.records import FrfRecord, Record
 from jointbayes.whole_file import whole_file
@@ -24,7 +23,6 @@ _WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
     "mat": lambda records, path: write_matlab(arrays_of(records), path),
     "mat73": lambda records, path: write_mat73(arrays_of(records), path),
     "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
-    "lvm": write_lvm,
 }
 
 #: Formats that can be written.

@@ -11,10 +11,9 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, Quantity
 from jointbayes.measurement.formats.grid import join_frfs
 from jointbayes.measurement.formats.units import si_frf_unit
-from jointbayes.measurement.modal.fit import identify_modes
+from jointbayes.measurement.modal_fit import identify_modes
 from jointbayes.measurement.records import FrfRecord, TimeRecord
 from jointbayes.measurement.signals.hits import Hit, HitSettings, find_hits, reject_overloads
-from jointbayes.measurement.signals.line_thinning import independent_step, line_correlation
 from jointbayes.measurement.signals.spectra import (
     WINDOW_SAMPLES,
     Estimator,
@@ -28,6 +27,8 @@ from jointbayes.measurement.signals.windows import (
     added_decay_rate,
     exponential_window,
     force_window,
+    independent_step,
+    line_correlation,
     without_added_damping,
 )
 

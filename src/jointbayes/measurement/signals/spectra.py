@@ -13,7 +13,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
 from jointbayes.measurement.formats.units import MOTION_OF, si_frf_unit
 from jointbayes.measurement.records import LARGEST, FrfRecord, TimeRecord, measurable
-from jointbayes.measurement.signals.line_thinning import effective_averages, independent_step, line_correlation
+from jointbayes.measurement.signals.windows import effective_averages, independent_step, line_correlation
 
 ComplexArray = NDArray[np.complex128]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf import Quantity, quantity_factor
-from jointbayes.measurement.modal.peaks import prominent_peaks
+from jointbayes.measurement.modal_problem import prominent_peaks
 from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
 
 Complex = NDArray[np.complex128]

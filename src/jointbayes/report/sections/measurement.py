@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jointbayes.measurement.channels import ChannelUse
-from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning
+from jointbayes.measurement.provenance import ChannelUse, MeasuredMode, MeasurementWarning
 from jointbayes.posterior.rounding import number, signed
 from jointbayes.report.inputs import SetupInputs
 from jointbayes.report.markup import foreign

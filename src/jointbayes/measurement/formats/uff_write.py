@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
-from jointbayes.measurement.formats.uff.read import CORRECTIONS
-from jointbayes.measurement.formats.uff.units import AXIS_TYPES
+from jointbayes.measurement.formats.uff_data_sets import AXIS_TYPES, CORRECTIONS
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
 from jointbayes.measurement.records import Dof, FrfRecord, Record, SensorQuantity, TimeRecord, dof_label, parse_dof
 

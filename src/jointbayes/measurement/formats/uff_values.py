@@ -10,19 +10,11 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.measurement.formats.table_text import bad_number
-from jointbayes.measurement.formats.uff.header import FunctionHeader, body_bytes
+from jointbayes.measurement.formats.uff_data_sets import FunctionHeader, LineError, body_bytes
 
 #: With these alone, NumPy reads a field as we do; it would also take 1_000 for a number.
 _OF_NUMBERS = b"0123456789eE+-. \r\n"
 _NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
-
-
-class LineError(Exception):
-    """A line of values that cannot be read; `line` counts the lines of values from 0."""
-
-    def __init__(self, line: int, message: str) -> None:
-        super().__init__(message)
-        self.line = line
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,17 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import Quantity
-from jointbayes.measurement.formats.limits import MOST_AVERAGES, MOST_RECORDS
 from jointbayes.measurement.formats.units import read_frf_unit, read_sensor_unit, scaled, si_frf_unit, si_sensor_unit
-from jointbayes.measurement.records import HIGHEST_HZ, FrfRecord, Record, SensorQuantity, TimeRecord
+from jointbayes.measurement.records import (
+    HIGHEST_HZ,
+    MOST_AVERAGES,
+    MOST_RECORDS,
+    FrfRecord,
+    Record,
+    SensorQuantity,
+    TimeRecord,
+    even_rate,
+)
 
 Arrays = Mapping[str, Any]
 
@@ -299,25 +307,6 @@ def _rate(block: _Block, samples: int) -> float:
             f"{block.where('time')}: found {time.size} instants; expected {samples}, one for each sample; correct it"
         )
     return even_rate(time, block.where("time"))
-
-
-def even_rate(time: Array, where: str) -> float:
-    """Sampling rate in Hz of evenly spaced instants in s.
-
-    Raises
-    ------
-    MeasurementError
-        If there are fewer than two, or they are not evenly spaced to 1 % of a step.
-    """
-    if time.size >= 2 and np.isfinite(time).all():
-        with np.errstate(all="ignore"):
-            step = (time[-1] - time[0]) / (time.size - 1)
-            uneven = np.abs(np.diff(time) / step - 1).max()
-        if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ and uneven < 0.01:
-            return float(1 / step)
-    raise MeasurementError(
-        f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"
-    )
 
 
 def _time_record(

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
-from jointbayes.measurement.modal.pole_search import polynomial_poles, steady_poles
-from jointbayes.measurement.modal.problem import ModalProblem
+from jointbayes.measurement.modal_problem import ModalProblem, polynomial_poles, steady_poles
 from jointbayes.measurement.provenance import MeasuredMode
 from jointbayes.measurement.variance import RelativeNoise, coherence_variance
 

@@ -1,0 +1,333 @@
+"""Files of named arrays: npz (never a pickle), HDF5 and MATLAB, read and written as blocks of arrays and texts."""
+
+import math
+import mmap
+import re
+import struct
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import MeasurementError
+from jointbayes.measurement.formats.matlab_5 import REMEDY, Block, read_matlab, refuse_larger
+from jointbayes.measurement.records import LONGEST_LABEL, MOST_RECORDS
+
+#: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
+#: files have headers and constant coherences, which pack well.
+_RATIO, _ALWAYS = 20, 2**20
+#: Groups within groups, and groups and arrays in one file: no export comes near.
+_DEEPEST, _MOST_OBJECTS = 32, 200_000
+#: Bytes of one text in a file of arrays: labels are short, and a posterior's coordinates too.
+_LONGEST_TEXT = 4096
+_MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
+
+
+def read_arrays(path: Path, kind: str) -> Iterator[tuple[str, Block]]:
+    """Blocks of named arrays of a file with the place of each; `kind` is ``npz``, ``mat``, ``mat73`` or ``hdf5``.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read, unpacks to far more than its size, or holds what is neither numbers nor text.
+    """
+    try:
+        yield from _READERS[kind](path, max(_ALWAYS, _RATIO * path.stat().st_size))
+    except MeasurementError:
+        raise
+    # the libraries raise whatever the damaged bytes lead them to; which kind is of no use to anybody
+    except Exception as error:
+        raise MeasurementError(
+            f"content: found a part that cannot be read ({_reason(error)}); expected a complete file; copy it again"
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+# ---- npz
+
+
+def _read_npz(path: Path, most: int) -> Iterator[tuple[str, Block]]:
+    """Blocks of an archive; ``record_2/frf`` is the array ``frf`` of the block ``record_2/``."""
+    blocks: dict[str, Block] = {}
+    with zipfile.ZipFile(path) as archive:
+        refuse_larger(sum(member.file_size for member in archive.infolist()), most)
+    with np.load(path, allow_pickle=False) as arrays, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers as Python 2 wrote them
+        for name in arrays.files:
+            place, _, key = name.rpartition("/")
+            try:
+                array = arrays[name]
+            # numpy, zlib and zipfile each raise their own kinds on damaged bytes
+            except Exception as error:
+                raise MeasurementError(
+                    f"variable '{name}': found an array that cannot be read ({_reason(error)}); expected plain numbers "
+                    "or text; save it again without objects"
+                ) from None
+            if not isinstance(array, np.ndarray):
+                raise MeasurementError(f"member '{name}': found no NumPy array; expected .npy members; save it again")
+            blocks.setdefault(f"{place}/" if place else "", {})[key] = array
+    yield from blocks.items()
+
+
+def write_npz(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays; exact, uncompressed."""
+    arrays = {
+        f"{name}/{key}" if name else key: np.asarray(v) for name, block in blocks.items() for key, v in block.items()
+    }
+    with path.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes every name for allow_pickle
+
+
+# ---- MATLAB 5
+
+
+def write_matlab(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays as variables, or as structs where there are several."""
+    from scipy.io import savemat
+
+    variables: Block = {}
+    for name, block in blocks.items():
+        cells = {
+            key: np.array(value, dtype=object)[:, None] if isinstance(value, list) else value
+            for key, value in block.items()
+        }
+        variables |= {name: cells} if name else cells
+    savemat(str(path), variables, appendmat=False, oned_as="column")
+
+
+# ---- HDF5 and MATLAB 7.3
+
+
+def _read_hdf5(path: Path, most: int, *, matlab: bool = False) -> Iterator[tuple[str, Block]]:
+    """Blocks of a file, one for each group; attributes count as arrays."""
+    import h5py  # type: ignore[import-untyped]
+
+    _require_sound_heaps(path)
+    with h5py.File(path, "r") as file:
+        groups = dict(_groups(file))
+        refuse_larger(sum(_bytes_of(item) for _, block in groups.values() for item in block.values()), most)
+        for place in sorted(groups, key=_natural):
+            group, arrays = groups[place]
+            prefix = f"{place}/" if place else ""
+            block = {key: _dataset(item, f"variable '{prefix}{key}'", matlab) for key, item in arrays.items()}
+            block = ({} if matlab else _attributes(group)) | block
+            block = {key: value for key, value in block.items() if value is not None}
+            if block:
+                yield prefix, block
+
+
+def _require_sound_heaps(path: Path) -> None:
+    """Refuse a file with a damaged heap of texts (a "global heap collection"), which HDF5 may read without end."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for heap in re.finditer(rb"GCOL\x01...", content, re.DOTALL):
+            at, end = heap.end() + 8, heap.start() + struct.unpack_from("<Q", content, heap.end())[0]
+            while at + 16 <= end:
+                number, size = struct.unpack_from("<H6xQ", content, at)
+                step = 16 + size + -size % 8 if number else size  # what is free has number 0
+                if step < 16 or at + step > min(end, len(content)):
+                    raise ValueError(f"a heap of texts at byte {heap.start()}")
+                at += step
+
+
+def _bytes_of(item: Any) -> int:  # noqa: ANN401 - h5py is untyped here
+    """Bytes that a data set takes in memory, or one of the chunks that it is unpacked in."""
+    return max(item.nbytes, math.prod(item.chunks) * item.dtype.itemsize if item.chunks else 0)
+
+
+def _groups(file: Any) -> Iterator[tuple[str, tuple[Any, Block]]]:  # noqa: ANN401
+    """Place of each group, the group itself and its arrays; links to other places and other files are passed over.
+
+    Not by `visititems`, which looks each name up from the top: in groups within groups that takes quadratic time.
+    """
+    import h5py
+
+    waiting, seen, count = [("", file, 0)], set(), 0
+    while waiting:
+        place, group, depth = waiting.pop()
+        where = h5py.h5o.get_info(group.id)
+        if (where.fileno, where.addr) in seen:
+            continue  # a group that holds itself
+        seen.add((where.fileno, where.addr))
+        count += len(group)
+        if depth > _DEEPEST or count > _MOST_OBJECTS:
+            raise MeasurementError(
+                f"group '{place[:60]}': found groups {depth} deep, {count} entries so far; expected at most {_DEEPEST} "
+                f"deep and {_MOST_OBJECTS} entries; {REMEDY}"
+            )
+        arrays: Block = {}
+        for name in group:
+            if len(name) > LONGEST_LABEL:
+                raise MeasurementError(
+                    f"group '{place[:60]}': found a name of {len(name)} characters; expected at most {LONGEST_LABEL}; "
+                    "rename it"
+                )
+            if (not place and name.startswith("#")) or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue  # MATLAB's own, and links
+            item = group[name]
+            if isinstance(item, h5py.Dataset):
+                arrays[name] = item
+            elif isinstance(item, h5py.Group):
+                waiting.append((f"{place}/{name}" if place else name, item, depth + 1))
+        yield place, (group, arrays)
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Order in which record_10 comes after record_9."""
+    return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in re.split(r"(\d{1,9})", name) if piece]
+
+
+def _attributes(group: Any) -> Block:  # noqa: ANN401
+    """Attributes that are numbers or one text; of lists of texts each entry could be as long as the file."""
+    kinds = {key: group.attrs.get_id(key) for key in group.attrs}
+    values = {
+        key: group.attrs[key]
+        for key, kind in kinds.items()
+        if _is_plain(kind.dtype) or (kind.dtype.kind == "O" and kind.shape == ())
+    }
+    arrays = {key: np.asarray(value) for key, value in values.items()}
+    return {key: array for key, array in arrays.items() if array.dtype.kind in "iufUS"}
+
+
+def _matlab_class(attributes: Block) -> str:
+    return np.asarray(attributes.get("MATLAB_class", ""), dtype=str).ravel()[0]
+
+
+def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
+    """Content of a data set, or None where MATLAB marks it as empty."""
+    import h5py
+
+    if item.is_virtual or item.external:
+        raise MeasurementError(f"{where}: found data kept in another file; expected them in this one; {REMEDY}")
+    attributes = _attributes(item)
+    kind = _matlab_class(attributes)
+    if "MATLAB_object_decode" in attributes or kind == "function_handle":
+        raise MeasurementError(f"{where}: found a function handle or an object of MATLAB; expected numbers; {REMEDY}")
+    if item.shape is None or "MATLAB_empty" in attributes:
+        return None
+    if h5py.check_string_dtype(item.dtype):
+        return _texts(item, where)
+    if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+        return np.array([_text(item.file[reference], where) for reference in item[()].ravel(order="K")], dtype=str)
+    if not _is_plain(item.dtype):
+        raise MeasurementError(f"{where}: found data of type {item.dtype}; expected numbers or text; {REMEDY}")
+    values: NDArray[Any] = item[()]
+    if values.dtype.names == ("real", "imag"):
+        whole = np.empty(values.shape, complex)
+        whole.real, whole.imag = values["real"], values["imag"]
+        values = whole
+    if kind == "char":
+        return np.array(_characters(values), dtype=str)
+    return np.asarray(values).T if matlab else values
+
+
+def _is_plain(dtype: np.dtype[Any]) -> bool:
+    """Whether values are numbers, text, or real and imaginary parts beside each other.
+
+    Damage can make of a part a number of 16 bytes in the room of 8: h5py writes beyond its array, and ends the process.
+    """
+    if dtype.names is None:
+        return (
+            dtype.kind in "iuSUb"
+            or (dtype.kind == "f" and dtype.itemsize <= 8)
+            or dtype in (np.complex64, np.complex128)
+        )
+    parts = [dtype[name] for name in dtype.names]
+    wide = sum(part.itemsize for part in parts)
+    return dtype.names == ("real", "imag") and all(map(_is_plain, parts)) and dtype.itemsize == wide
+
+
+#: How a text of any length stands in a data set that lies in one piece: its length, and where its bytes are.
+_TEXT_ENTRY = np.dtype([("length", "<u4"), ("heap", "<u8"), ("number", "<u4")])
+
+
+def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
+    """Texts of a data set; HDF5 makes room for as many bytes as an entry says, up to 4 GB, before it looks for them."""
+    import h5py
+
+    offset = item.id.get_offset() if h5py.check_string_dtype(item.dtype).length is None else None
+    longest = 0
+    if offset is not None and item.size:
+        longest = int(np.fromfile(item.file.filename, _TEXT_ENTRY, item.size, offset=offset)["length"].max())
+    if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
+        raise MeasurementError(
+            f"{where}: found {item.size} texts of up to {longest} bytes; expected at most {MOST_RECORDS} of "
+            f"{_LONGEST_TEXT}; {REMEDY}"
+        )
+    return np.array(item.asstr(errors="replace")[()], dtype=str)
+
+
+def _text(item: Any, where: str) -> str:  # noqa: ANN401
+    """Text in a cell of a cell array."""
+    attributes = _attributes(item)
+    if _matlab_class(attributes) != "char" or item.dtype.kind != "u" or item.nbytes > 2 * _LONGEST_TEXT:
+        raise MeasurementError(f"{where}: found cells that are not text; expected a cell array of labels; {REMEDY}")
+    return "" if "MATLAB_empty" in attributes else _characters(item[()])[0]
+
+
+def _characters(codes: NDArray[Any]) -> list[str]:
+    """Rows of a character array, stored as UTF-16 with rows along the last axis."""
+    rows = np.atleast_2d(codes.T).astype("<u2")
+    return [row.tobytes().decode("utf-16-le", errors="replace").rstrip() for row in rows]
+
+
+def write_hdf5(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays, one group for each where there are several."""
+    import h5py
+
+    with h5py.File(path, "w", locking=False) as file:  # `whole_file` has locked it
+        for name, block in blocks.items():
+            group = file.create_group(name) if name else file
+            for key, value in block.items():
+                group[key] = np.array(value, dtype=h5py.string_dtype()) if isinstance(value, list) else value
+
+
+def write_mat73(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays as MATLAB 7.3 does: a header of 512 bytes, then HDF5."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512, locking=False) as file:
+        for name, block in blocks.items():
+            group: Any = file.create_group(name) if name else file
+            if name:
+                group.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, value in block.items():
+                _matlab_variable(group, key, value)
+    with path.open("r+b") as raw:
+        raw.write(_MATLAB_HEADER.ljust(124) + b"\x00\x02IM")
+
+
+def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
+    if isinstance(value, (str, list)):
+        rows = [value] if isinstance(value, str) else value
+        codes = [np.frombuffer(row.encode("utf-16-le"), "<u2") for row in rows]
+        table = np.full((len(rows), max(1, *(row.size for row in codes))), 32, dtype="<u2")
+        for line, row in zip(table, codes, strict=True):
+            line[: row.size] = row
+        item = group.create_dataset(key, data=table.T)
+        item.attrs["MATLAB_class"] = np.bytes_("char")
+        item.attrs["MATLAB_int_decode"] = np.int32(2)
+        return
+    array = np.atleast_1d(np.asarray(value))
+    array = array[:, None] if array.ndim == 1 else array
+    if np.iscomplexobj(array):
+        pair = np.empty(array.shape, dtype=[("real", "<f8"), ("imag", "<f8")])
+        pair["real"], pair["imag"] = array.real, array.imag
+        array = pair
+    item = group.create_dataset(key, data=array.T)
+    item.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+_READERS: dict[str, Callable[[Path, int], Iterator[tuple[str, Block]]]] = {
+    "npz": _read_npz,
+    "mat": read_matlab,
+    "mat73": partial(_read_hdf5, matlab=True),
+    "hdf5": _read_hdf5,
+}

@@ -1,1 +1,0 @@
-"""Files of arrays: npz, HDF5, MATLAB."""

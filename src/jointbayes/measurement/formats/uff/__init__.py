@@ -1,1 +1,0 @@
-"""Universal files, dataset 58."""

@@ -1,1 +1,0 @@
-"""What a measurement file holds, and what looks wrong in it."""

@@ -1,1 +1,0 @@
-"""Modes fitted to measured FRFs."""
