@@ -11,8 +11,8 @@ import scipy.linalg  # noqa: F401  (comes with a BLAS of its own)
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 import jointbayes as jb
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.studies.crews import attempt, packed
-from jointbayes.threads import one_blas_thread
 from tests.conftest import CONFIGS
 
 _HEAD = """

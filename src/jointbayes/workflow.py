@@ -33,6 +33,7 @@ from jointbayes.posterior.coordinates import coordinate_systems, judged_quantiti
 from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.run_record import sampler_figures
 from jointbayes.posterior.storage import draws_tree, estimate_record
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
     Progress,
@@ -44,7 +45,6 @@ from jointbayes.sampling import (
     run_adapted,
     starting_walkers,
 )
-from jointbayes.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from jointbayes.posterior.stored_file import StoredFile

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.code_version import code_version
+from jointbayes.reproducibility import code_version
 from jointbayes.studies.crews import Event, Reply, Task, attempt, packed
 from jointbayes.studies.tasks import _Driver, run_tasks
 from tests.studies.task_functions import (
@@ -276,7 +276,7 @@ def test_what_another_version_of_a_worker_would_compute_is_refused(monkeypatch):
 def test_the_fingerprint_of_the_code_sees_one_changed_digit(tmp_path):
     sources = Path(jb.__file__).parent
     copy = shutil.copytree(sources, tmp_path / "jointbayes", ignore=shutil.ignore_patterns("__pycache__"))
-    ask = [sys.executable, "-c", "from jointbayes.code_version import code_version; print(code_version())"]
+    ask = [sys.executable, "-c", "from jointbayes.reproducibility import code_version; print(code_version())"]
     own, other = (
         subprocess.run(ask, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=True).stdout
         for path in (str(sources.parent), str(tmp_path))

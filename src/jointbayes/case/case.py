@@ -32,9 +32,9 @@ from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, as_joints
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
-from jointbayes.threads import one_blas_thread
 
 
 @dataclass(frozen=True)

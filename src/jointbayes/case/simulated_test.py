@@ -32,8 +32,8 @@ from jointbayes.measurement.simulated import (
     noisy_frf,
     shaker_records,
 )
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.structure import Structure, StructureFamily
-from jointbayes.threads import one_blas_thread
 
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.

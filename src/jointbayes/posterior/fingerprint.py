@@ -10,10 +10,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from jointbayes.code_version import code_version
 from jointbayes.inference import Problem
 from jointbayes.posterior.run_record import bodies_of, measurement_sha256
 from jointbayes.posterior.stored_problem import described
+from jointbayes.reproducibility import code_version
 from jointbayes.sampling import SamplerSettings
 
 #: Settings that change no draw, and tables of a case that are only shown or compared with the result.

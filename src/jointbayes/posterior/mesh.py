@@ -11,7 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.threads import one_blas_thread
+from jointbayes.reproducibility import one_blas_thread
 
 #: Largest error of a prediction that noise hides, in standard deviations of that line.
 LARGEST_ERROR_SD = 0.05

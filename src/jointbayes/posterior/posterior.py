@@ -14,7 +14,7 @@ from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, va
 from jointbayes.posterior.stored_problem import with_problem
 from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import JudgedPosterior
-from jointbayes.threads import one_blas_thread
+from jointbayes.reproducibility import one_blas_thread
 
 if TYPE_CHECKING:  # what reads files is not loaded by a run, which writes one
     from jointbayes.posterior.stored_file import StoredFile

@@ -14,8 +14,8 @@ from jointbayes.own_directory import real_directory
 from jointbayes.posterior import Posterior
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.kept_draws import draws_kept
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
-from jointbayes.threads import one_blas_thread
 from jointbayes.whole_file import exchanged, scratch_directory, swept, write_whole_file
 
 _MARK = "summary.json"  # by which a run directory is known

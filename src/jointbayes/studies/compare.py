@@ -14,9 +14,9 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Start
 from jointbayes.studies.comparison import Candidate, Comparison, LeaveOneOut, PriorEdge, leave_one_out
-from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import find_map
 
 _KEPT = 2000  # posterior draws, for what the evidence does not need

@@ -21,9 +21,8 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jointbayes.code_version import code_version
 from jointbayes.errors import JointBayesError, WorkerError
-from jointbayes.threads import one_blas_thread
+from jointbayes.reproducibility import code_version, one_blas_thread
 
 _GRACE = 5.0  # seconds in which a worker that is told to end may remove what it has half written
 _STILLBORN = 3  # processes that may end in a row before any of them was ready

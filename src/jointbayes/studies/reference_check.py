@@ -8,7 +8,7 @@ from jointbayes.case.case import Case
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
-from jointbayes.threads import one_blas_thread
+from jointbayes.reproducibility import one_blas_thread
 
 #: Largest relative difference of mode and reference where the data are exact.
 EXACT_TOLERANCE = 0.005

@@ -12,6 +12,7 @@ from jointbayes.case.spec.fields import show_key
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Progress
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -24,7 +25,6 @@ from jointbayes.studies.planning.race import (
     plan_fingerprint,
 )
 from jointbayes.studies.planning.simulator import Simulator, assumed_truth, stated_joint
-from jointbayes.threads import one_blas_thread
 from jointbayes.workflow import sample
 
 #: Simulated truths of each candidate, and of those few that could still come first after that.

@@ -1,14 +1,16 @@
-"""The number of threads of the linear algebra, which decides the last bit of its results."""
+"""What a result depends on besides its input: the code that computed it, and the threads of the linear algebra."""
 
+import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
-
 
 _lock = Lock()
 _inside: list[Any] = []  # the limit that the first to enter has set, once for each that is inside
@@ -46,3 +48,17 @@ def _controller() -> "ThreadpoolController":
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
+
+
+@cache
+def code_version() -> str:
+    """Version of this package with a fingerprint of its sources as they are installed on this machine.
+
+    Two that differ in a line may compute other numbers, whatever number they call themselves.
+    """
+    sources, digest = Path(__file__).parent, hashlib.sha256()
+    for file in sorted(sources.rglob("*.py")):
+        if not file.is_file():
+            continue  # the lock of an editor is a link to nothing
+        digest.update(file.relative_to(sources).as_posix().encode() + b"\0" + file.read_bytes())
+    return f"{version('jointbayes')}+{digest.hexdigest()[:12]}"
