@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from functools import partial
 
 import pytest
 
@@ -227,3 +229,26 @@ print(bool(fcntl.fcntl(open_regular(sys.argv[1], os.O_RDWR), fcntl.F_GETFL) & os
 """
     done = subprocess.run([sys.executable, "-c", program, __file__], capture_output=True, text=True, check=True)
     assert done.stdout == "True\n"
+
+
+@pytest.mark.parametrize("calls", range(7))
+def test_a_directory_that_a_process_was_killed_in_as_it_removed_it_is_swept(tmp_path, monkeypatch, calls):
+    """Whatever it had got to: the mark, by which the next process knows it, goes last."""
+    place = scrap(tmp_path / ".one.12345678.jointbayes")
+    (place / "trial").write_bytes(b"some")
+    (place / "new").mkdir()
+    (place / "new" / "half").write_bytes(b"half")
+    left = iter(range(calls))
+
+    def kill_after_some(call, *arguments, **options):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return call(*arguments, **options)
+
+    with monkeypatch.context() as killing:
+        for name in ("unlink", "rmdir"):
+            killing.setattr(os, name, partial(kill_after_some, getattr(os, name)))
+        with suppress(KeyboardInterrupt):
+            files._remove_marked(place)
+    swept(tmp_path)
+    assert names(tmp_path) == []

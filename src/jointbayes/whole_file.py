@@ -10,7 +10,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jointbayes.errors import WriteError
-from jointbayes.own_directory import HAS_LOCKS, OwnDirectory, lock_taken, open_regular, still_there, sync_directory
+from jointbayes.own_directory import (
+    HAS_LOCKS,
+    LOCK,
+    MARK,
+    OwnDirectory,
+    lock_taken,
+    open_regular,
+    still_there,
+    sync_directory,
+)
 
 _LONGEST = 100  # characters of the target's name in that of its scratch file; names end at 255 bytes
 #: Names of what is being written; a process that is alive holds a lock on it.
@@ -91,7 +100,8 @@ def scratch_directory(target: Path) -> Iterator[Path]:
     try:
         yield scratch.path
     finally:
-        shutil.rmtree(scratch.path, ignore_errors=True)
+        with suppress(OSError):
+            _remove_marked(scratch.path)
         scratch.leave()
 
 
@@ -174,9 +184,19 @@ def _sweep(scrap: Path, *, is_directory: bool) -> None:
         for name in os.listdir(scrap / _OLD) if _OLD in directory.names() and not (scrap / _OLD).is_symlink() else ():
             if not os.path.lexists(scrap.parent / name):
                 (scrap / _OLD / name).replace(scrap.parent / name)
-        shutil.rmtree(scrap)
+        _remove_marked(scrap)
     finally:
         directory.leave()
+
+
+def _remove_marked(directory: Path) -> None:
+    """Remove a directory of ours, its mark last: whatever is left of it by a kill can still be told to be ours."""
+    for entry in list(os.scandir(directory)):
+        if entry.is_dir(follow_symlinks=False):
+            shutil.rmtree(entry.path)
+        elif entry.name not in {MARK, LOCK}:
+            os.unlink(entry.path)
+    shutil.rmtree(directory)
 
 
 def _claimed_scratch(target: Path) -> tuple[Path, int]:
