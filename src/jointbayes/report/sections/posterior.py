@@ -10,43 +10,8 @@ from jointbayes.report.model import Block, Figure, Paragraph, Section, Table
 
 def posterior_section(inputs: ReportInputs) -> Section:
     """Marginals, pairs, prior and the full table."""
-    posterior, summary, reference = inputs.posterior, inputs.summary, inputs.reference
-    head = (
-        "Quantity" if posterior.problem.parametrisation.damped else "Stiffness",
-        "Joint mode",
-        "MAP",
-        "Mean",
-        "sd of ln k",
-        "Prior 95 %",
-        "Contraction",
-        "R̂",
-        "ESS bulk",
-        "ESS tail",
-    )
-    rows = tuple(
-        (
-            name,
-            number(p.mode, 4),
-            number(p.map, 4),
-            number(p.mean, 4),
-            number(p.known.sd_log),
-            interval(p.prior_interval95, 2),
-            contraction(p.known.contraction, 4),
-            fixed(p.r_hat, 4),
-            fixed(p.ess_bulk, 0),
-            fixed(p.ess_tail, 0),
-        )
-        for name, p in summary.parameters.items()
-    )
-    note = (
-        "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
-        "of ln k (of k12 itself where it has both signs) that the data removed; none where the posterior is as wide as "
-        "the prior or wider, because the data favour values near the prior's ends."
-    )
-    blocks: list[Block] = [
-        Table("Posterior in numbers", head, rows, note=note),
-        Paragraph(summary.map.mode_sentence),
-    ]
+    posterior, reference = inputs.posterior, inputs.reference
+    blocks: list[Block] = [_table(inputs), Paragraph(inputs.summary.map.mode_sentence)]
     parametrisation = posterior.problem.parametrisation
     scale = np.array([axis.axis_scale for axis in parametrisation.axes])
     draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, posterior.prior_stiffness))
@@ -74,3 +39,40 @@ def posterior_section(inputs: ReportInputs) -> Section:
             Paragraph(f"The published point lies on the edge of the {100 * level:.1f} % highest-density region.")
         )
     return Section("posterior", "Posterior", tuple(blocks))
+
+
+def _table(inputs: ReportInputs) -> Table:
+    """The full table."""
+    head = (
+        "Quantity" if inputs.posterior.problem.parametrisation.damped else "Stiffness",
+        "Joint mode",
+        "MAP",
+        "Mean",
+        "sd of ln k",
+        "Prior 95 %",
+        "Contraction",
+        "R̂",
+        "ESS bulk",
+        "ESS tail",
+    )
+    rows = tuple(
+        (
+            name,
+            number(p.mode, 4),
+            number(p.map, 4),
+            number(p.mean, 4),
+            number(p.known.sd_log),
+            interval(p.prior_interval95, 2),
+            contraction(p.known.contraction, 4),
+            fixed(p.r_hat, 4),
+            fixed(p.ess_bulk, 0),
+            fixed(p.ess_tail, 0),
+        )
+        for name, p in inputs.summary.parameters.items()
+    )
+    note = (
+        "Joint mode, MAP and mean in the stiffness's unit, see above. Contraction: the share of the prior's variance "
+        "of ln k (of k12 itself where it has both signs) that the data removed; none where the posterior is as wide as "
+        "the prior or wider, because the data favour values near the prior's ends."
+    )
+    return Table("Posterior in numbers", head, rows, note=note)
