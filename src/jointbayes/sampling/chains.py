@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import effective_sample_size
-from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount, MoveOn, Streams
+from jointbayes.sampling.ensemble import EnsembleState, MoveCount, MoveOn, StepBlock, Streams
 from jointbayes.sampling.sampler_settings import SamplerSettings
 from jointbayes.sampling.stopping import (
     Check,
@@ -220,7 +220,7 @@ class HeldSteps:
     theta: list[Array] = field(default_factory=list)
     log_density: list[Array] = field(default_factory=list)
 
-    def take(self, rows: Sequence[list[Block]], every: int) -> None:
+    def take(self, rows: Sequence[list[StepBlock]], every: int) -> None:
         """Hold of some rows of blocks, which follow, steps of this distance, and no more of those before."""
         if every > self.every and self.theta:
             keep = slice(every // self.every - 1, None, every // self.every)
@@ -234,7 +234,7 @@ class HeldSteps:
         self.steps += sum(len(row[0].theta) for row in rows)
         self.rows += len(rows)
 
-    def joined(self, rows: Sequence[list[Block]], every: int) -> tuple[Array, Array]:
+    def joined(self, rows: Sequence[list[StepBlock]], every: int) -> tuple[Array, Array]:
         """θ and log-density at this distance, of what is held and of the rows that follow."""
         further = [spaced(rows, self.steps, every)] if rows else []
         keep = slice(every // self.every - 1, None, every // self.every)
@@ -245,7 +245,7 @@ class HeldSteps:
         return theta, log_density
 
 
-def spaced(rows: Sequence[list[Block]], before: int, every: int) -> tuple[Array, Array]:
+def spaced(rows: Sequence[list[StepBlock]], before: int, every: int) -> tuple[Array, Array]:
     """Steps whose number, with so many before, is a multiple: (ensembles, n, walkers, d), and log-density without d."""
     theta: list[list[Array]] = [[] for _ in rows[0]]
     log_density: list[list[Array]] = [[] for _ in rows[0]]
@@ -278,7 +278,7 @@ class Stage:
     move, and ``accepted`` of all that an ensemble accepted.
     """
 
-    blocks: list[list[Block]] = field(default_factory=list)
+    blocks: list[list[StepBlock]] = field(default_factory=list)
     checks: list[Check] = field(default_factory=list)
     step: int = 0
     held: HeldSteps = field(default_factory=HeldSteps)
@@ -304,7 +304,7 @@ class Stage:
         states: list[EnsembleState],
         streams: Streams,
         settings: SamplerSettings,
-        kept: Callable[[int, int, tuple[int, ...]], list[Block] | None] | None = None,
+        kept: Callable[[int, int, tuple[int, ...]], list[StepBlock] | None] | None = None,
     ) -> list[EnsembleState]:
         """Move every ensemble on by one block and return where they stand.
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from jointbayes.errors import CheckpointError, WriteError
 from jointbayes.own_directory import OwnDirectory, sync_directory
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import Block, EnsembleState, MoveCount
+from jointbayes.sampling.ensemble import EnsembleState, MoveCount, StepBlock
 
 #: Least time between two writings, and how many times as long as the last one took: they cost less than 2 %.
 SECONDS_BETWEEN = 5.0
@@ -30,7 +30,7 @@ _FILES = (_BLOCKS, _DRAWS, "posterior.nc")  # the last one while the report is w
 _Count = Annotated[int, Field(ge=0, lt=2**62)]
 
 
-class _Line(BaseModel):
+class _SignedLine(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 
     def written(self) -> bytes:
@@ -39,20 +39,20 @@ class _Line(BaseModel):
         return hashlib.sha256(text).hexdigest().encode() + b" " + text + b"\n"
 
 
-class _Head(_Line):
+class _HeadLine(_SignedLine):
     """What all blocks are of."""
 
     version: int
     fingerprint: dict[str, str]
 
 
-class _Estimate(_Line):
+class _EstimateLine(_SignedLine):
     """What was found before the first step."""
 
     estimate: dict[str, Any]
 
 
-class _Block(_Line):
+class _BlockLine(_SignedLine):
     """A block of steps of all ensembles: where it is in the file of draws, and its digest."""
 
     stage: _Count
@@ -70,7 +70,7 @@ class _Block(_Line):
         return 8 * math.prod(self.shape)
 
 
-_ANY_LINE = TypeAdapter[_Head | _Estimate | _Block](_Head | _Estimate | _Block)
+_ANY_LINE = TypeAdapter[_HeadLine | _EstimateLine | _BlockLine](_HeadLine | _EstimateLine | _BlockLine)
 
 
 class UnfinishedRun:
@@ -120,8 +120,8 @@ class UnfinishedRun:
             private=True,
         )
         self._resume, self._tell, self._remedy = resume, tell, remedy
-        self._head: _Head | None = None
-        self._blocks: dict[tuple[int, int], _Block] = {}  # by stage and number
+        self._head: _HeadLine | None = None
+        self._blocks: dict[tuple[int, int], _BlockLine] = {}  # by stage and number
         self._rows: dict[int, int] = {}  # of each stage: so many blocks from its first one on are on disk
         self._end = dict.fromkeys((_BLOCKS, _DRAWS), 0)  # what comes after it was not written whole
         self._begun = self._kept_estimate = self._failed = self._discarded = False
@@ -163,7 +163,7 @@ class UnfinishedRun:
             If what is there is of something else: which parts.
         """
         kept = dict(fingerprint) if self._head is None else self._head.fingerprint
-        self._head = _Head(version=_VERSION, fingerprint=dict(fingerprint))
+        self._head = _HeadLine(version=_VERSION, fingerprint=dict(fingerprint))
         names = [name for name in {**kept, **fingerprint} if kept.get(name) != fingerprint.get(name)]
         if names:
             differences = "; ".join(
@@ -183,7 +183,7 @@ class UnfinishedRun:
             with self._timed():
                 self._write([], b"")
 
-    def block(self, stage: int, number: int, shape: tuple[int, ...]) -> list[Block] | None:
+    def block(self, stage: int, number: int, shape: tuple[int, ...]) -> list[StepBlock] | None:
         """A block of all ensembles of a stage, if it is on disk and of this shape."""
         kept = self._blocks.get((stage, number))
         if kept is None or kept.shape != shape:
@@ -191,7 +191,7 @@ class UnfinishedRun:
             return None
         values = np.frombuffer(self._content(_DRAWS, kept.offset, kept.size), dtype="<f8").reshape(kept.shape)
         return [
-            Block(
+            StepBlock(
                 np.ascontiguousarray(values[:, e, :, :-1], dtype=float),
                 np.ascontiguousarray(values[:, e, :, -1], dtype=float),
                 {name: MoveCount(*count) for name, count in moves.items()},
@@ -208,7 +208,7 @@ class UnfinishedRun:
         """Time that was spent on a stage before this process went on with it."""
         return max((block.seconds for (of, _), block in self._blocks.items() if of == stage), default=0.0)
 
-    def keep(self, number: int, first: int, rows: list[list[Block]], seconds: float, *, now: bool = False) -> None:
+    def keep(self, number: int, first: int, rows: list[list[StepBlock]], seconds: float, *, now: bool = False) -> None:
         """Write the blocks that are not on disk if the last writing is long enough ago, or now.
 
         Parameters
@@ -217,7 +217,7 @@ class UnfinishedRun:
             Number of the stage.
         first : int
             Number of the first of these rows.
-        rows : list of list of Block
+        rows : list of list of StepBlock
             The last blocks of all ensembles, and all that are not on disk among them.
         seconds : float
             Time spent on it.
@@ -228,11 +228,11 @@ class UnfinishedRun:
         if not new or not self._due(now=now):
             return
         with self._timed():
-            blocks, content = list[_Block](), bytearray()
+            blocks, content = list[_BlockLine](), bytearray()
             for n, row in new:
                 draws = _bytes(row)
                 blocks.append(
-                    _Block(
+                    _BlockLine(
                         stage=number,
                         block=n,
                         offset=self._end[_DRAWS] + len(content),
@@ -276,11 +276,11 @@ class UnfinishedRun:
         lines = [_parsed(line) for line in text[: self._end[_BLOCKS]].split(b"\n")[:-1]]
         damaged = lines.count(None)
         for line in lines:
-            if isinstance(line, _Head):
+            if isinstance(line, _HeadLine):
                 self._head, self._begun = line, True
-            elif isinstance(line, _Estimate):
+            elif isinstance(line, _EstimateLine):
                 self.estimate, self._kept_estimate = line.estimate, True
-            elif isinstance(line, _Block):
+            elif isinstance(line, _BlockLine):
                 if _DRAWS in names and self._is_whole(line):
                     self._blocks[line.stage, line.block] = line
                     self._end[_DRAWS] = max(self._end[_DRAWS], line.offset + line.size)
@@ -294,7 +294,7 @@ class UnfinishedRun:
         if damaged:
             self._tell(f"{self.path}: found {damaged} damaged blocks of steps; they are made again")
 
-    def _is_whole(self, block: _Block) -> bool:
+    def _is_whole(self, block: _BlockLine) -> bool:
         """Whether the draws of a block are as they were written."""
         if not block.size or len(block.moves) != block.shape[1] or block.shape[3] < 2:
             return False
@@ -328,12 +328,12 @@ class UnfinishedRun:
         self._saved = time.monotonic()
         self._cost = self._saved - begun
 
-    def _write(self, blocks: list[_Block], draws: bytes) -> None:
+    def _write(self, blocks: list[_BlockLine], draws: bytes) -> None:
         """Append draws, and then the lines that say what they are."""
         assert self._head is not None
         lines = [] if self._begun else [self._head.written()] * 2  # either will do
         if self.estimate is not None and not self._kept_estimate:
-            lines.append(_Estimate(estimate=self.estimate).written())
+            lines.append(_EstimateLine(estimate=self.estimate).written())
         lines += [block.written() for block in blocks]
         text = b"".join(lines)
         for name, content in ((_DRAWS, draws), (_BLOCKS, text)):
@@ -368,13 +368,13 @@ def require_same_density(log_density: LogDensity, states: list[EnsembleState]) -
             )
 
 
-def _bytes(row: list[Block]) -> bytes:
+def _bytes(row: list[StepBlock]) -> bytes:
     """A block of all ensembles as it is kept: θ and log-density, the steps slowest."""
     values = [np.concatenate([block.theta, block.log_density[..., None]], axis=-1) for block in row]
     return np.stack(values, axis=1).astype("<f8", copy=False).tobytes()
 
 
-def _parsed(written: bytes) -> _Head | _Estimate | _Block | None:
+def _parsed(written: bytes) -> _HeadLine | _EstimateLine | _BlockLine | None:
     """What a line says; None where it is not what was written."""
     digest, _, text = written.partition(b" ")
     if hashlib.sha256(text).hexdigest().encode() != digest:

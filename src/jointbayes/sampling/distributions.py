@@ -276,7 +276,7 @@ def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Gene
     return order[:count]
 
 
-class Distribution(Protocol):
+class ProposalDensity(Protocol):
     """A distribution over φ to draw from."""
 
     def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
@@ -289,7 +289,7 @@ class Distribution(Protocol):
 
 
 def theta_draws(
-    log_density: LogDensity, density: Distribution, coordinates: Coordinates, rng: np.random.Generator, n: int
+    log_density: LogDensity, density: ProposalDensity, coordinates: Coordinates, rng: np.random.Generator, n: int
 ) -> tuple[Array, Array, Array, int]:
     """Draws that lie in the region of the coordinates, with the log-density and the log of the proposal's there.
 
@@ -322,13 +322,13 @@ class Pool:
 
     def __init__(self, log_density: LogDensity, dimension: int) -> None:
         self._log_density = log_density
-        self._sources: list[tuple[Distribution, Coordinates, int]] = []
+        self._sources: list[tuple[ProposalDensity, Coordinates, int]] = []
         self._log_mixture = np.zeros(0)
         self._value = np.zeros(0)
         self.theta = np.zeros((0, dimension))
         self.evaluations = 0
 
-    def extend(self, density: Distribution, coordinates: Coordinates, rng: np.random.Generator, n: int) -> float:
+    def extend(self, density: ProposalDensity, coordinates: Coordinates, rng: np.random.Generator, n: int) -> float:
         """Add draws from a proposal; return its efficiency."""
         theta, value, log_proposal, left = theta_draws(self._log_density, density, coordinates, rng, n)
         self.evaluations += len(theta)
@@ -337,7 +337,7 @@ class Pool:
         self.add(density, coordinates, theta[alive], value[alive], n)
         return importance_efficiency(log_weight)
 
-    def add(self, density: Distribution, coordinates: Coordinates, theta: Array, value: Array, n: int) -> None:
+    def add(self, density: ProposalDensity, coordinates: Coordinates, theta: Array, value: Array, n: int) -> None:
         """Add those of n draws from a proposal at which the density is above zero."""
         old = np.log(n) + log_density_over_theta(density, coordinates, self.theta)
         new = [
@@ -355,7 +355,7 @@ class Pool:
         return self._value - self._log_mixture
 
 
-def log_density_over_theta(density: Distribution, coordinates: Coordinates, theta: Array) -> Array:
+def log_density_over_theta(density: ProposalDensity, coordinates: Coordinates, theta: Array) -> Array:
     """Log of a proposal's density over θ, shape (n,), at θ, shape (n, d); −inf outside its coordinates."""
     value = density.log_density(coordinates.forward(theta)) - coordinates.log_volume(theta)
     return np.where(np.isfinite(value), value, -np.inf)

@@ -59,7 +59,7 @@ class EnsembleState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class StepBlock:
     """A few steps of one ensemble.
 
     Parameters
@@ -85,7 +85,7 @@ class Block:
         return EnsembleState(self.theta[-1], self.log_density[-1])
 
 
-MoveOn = Callable[[list[EnsembleState], int, list[np.random.SeedSequence]], list[Block]]
+MoveOn = Callable[[list[EnsembleState], int, list[np.random.SeedSequence]], list[StepBlock]]
 """Moves each ensemble on by so many steps, each with a seed of its own."""
 
 
@@ -95,7 +95,7 @@ def advance(
     steps: int,
     seed: np.random.SeedSequence,
     moves: tuple[WeightedMove, ...],
-) -> Block:
+) -> StepBlock:
     """Move one ensemble on by some steps.
 
     A pure function of its arguments: the same state and seed give the same block in any process and in any order.
@@ -115,7 +115,7 @@ def advance(
 
     Returns
     -------
-    Block
+    StepBlock
         The steps and the state after the last one.
 
     Raises
@@ -138,7 +138,7 @@ def advance(
     singular = getattr(log_density, "singular", 0)
     before = State(state.theta, log_prob=state.log_density, random_state=twister.get_state())
     sampler.run_mcmc(before, steps, skip_initial_state_check=True)
-    return Block(
+    return StepBlock(
         theta=sampler.get_chain(),
         log_density=sampler.get_log_prob(),
         moves={name: MoveCount(move.accepted, move.proposed) for name, move in counted.items()},

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import SeveralModes
-from jointbayes.sampling.distributions import Distribution, StudentT
+from jointbayes.sampling.distributions import ProposalDensity, StudentT
 
 Walkers = NDArray[np.intp] | slice
 
@@ -171,7 +171,7 @@ class IndependenceMove(EachAlone):
     DOI 10.1214/aos/1176325750.
     """
 
-    def __init__(self, coordinates: Coordinates, density: Distribution) -> None:
+    def __init__(self, coordinates: Coordinates, density: ProposalDensity) -> None:
         self._coordinates, self._density = coordinates, density
 
     def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:

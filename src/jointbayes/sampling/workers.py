@@ -17,7 +17,7 @@ import numpy as np
 
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import LogDensity
-from jointbayes.sampling.ensemble import Block, EnsembleState, MoveOn, WeightedMove, advance
+from jointbayes.sampling.ensemble import EnsembleState, MoveOn, StepBlock, WeightedMove, advance
 
 # What a worker works on. It is sent once when the worker starts; a task then carries a state and a seed only.
 _work: tuple[LogDensity, tuple[WeightedMove, ...]]
@@ -69,7 +69,7 @@ def mover(log_density: LogDensity, moves: tuple[WeightedMove, ...], processes: i
 
 def _move_on(
     pool: ProcessPoolExecutor, states: list[EnsembleState], steps: int, seeds: list[np.random.SeedSequence]
-) -> list[Block]:
+) -> list[StepBlock]:
     with _interrupts_held():  # the pool starts its processes when it gets tasks
         blocks = pool.map(_advance, states, [steps] * len(states), seeds)
     return list(blocks)
@@ -105,7 +105,7 @@ def _end_with_caller() -> None:
     os._exit(1)
 
 
-def _advance(state: EnsembleState, steps: int, seed: np.random.SeedSequence) -> Block:
+def _advance(state: EnsembleState, steps: int, seed: np.random.SeedSequence) -> StepBlock:
     return advance(_work[0], state, steps, seed, _work[1])
 
 
