@@ -5,9 +5,9 @@ import re
 
 import pytest
 from benchmarks import numbers, quoted, readme_figure
+from benchmarks.paper_tables import audit
 
 from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
-from jointbayes.report.paper_tables import audit
 from jointbayes.studies.reference_check import EXACT_TOLERANCE, NOISY_TOLERANCE_K22, REGION
 
 pytestmark = pytest.mark.docs

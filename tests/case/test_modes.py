@@ -130,7 +130,7 @@ def test_priors_on_the_stiffness_itself():
         parse_case(text.replace("high = 1.0e11", "high = 0.0"))
     with pytest.raises(CaseError, match=r'prior\.rho\.distribution: .*"uniform", the only kind of prior for rho'):
         parse_case((CONFIGS / "clamped_beam_frequencies.toml").read_text().replace(
-            'extends = "clamped_beam.toml"\nremove = ["prior.k12", "data", "identification", "reference.paper_audit"]',
+            'extends = "clamped_beam.toml"\nremove = ["prior.k12", "data", "identification"]',
             ""
         ).replace('distribution = "uniform"', 'distribution = "normal"'))  # fmt: skip
 

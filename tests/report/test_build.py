@@ -40,7 +40,7 @@ def report_of(posterior, **changes):
 @pytest.fixture(scope="module")
 def whole(cheap_posterior):
     """The cheap case's report with everything in it."""
-    return report_of(cheap_posterior, paper_audit=True)
+    return report_of(cheap_posterior)
 
 
 @pytest.fixture(scope="module")
@@ -156,27 +156,13 @@ def test_a_mode_that_the_map_search_missed_has_a_banner(whole, cheap_posterior):
     assert [block.kind for block in banners] == ["bad"]
 
 
-@pytest.mark.usefixtures("plain_reports")
-def test_the_audit_has_its_four_findings_only_where_it_is_asked_for(whole, cheap_posterior):
-    audit = section(whole, "audit")
-    findings = [p.text for p in of_kind(audit.blocks, Paragraph) if re.match(r"\*\*\d\. ", p.text)]
-    assert [text[2] for text in findings] == ["1", "2", "3", "4"]
-    for text, numbers in zip(
-        findings, ("139.6 / 861.5 / 2357.2", "121.5 / 752.5 / 2066.4", "0.1", "-0.6"), strict=True
-    ):
-        assert numbers in text
-    assert len(of_kind(audit.blocks, Table)) == 4
-    assert len(of_kind(section(whole, "paper").blocks, Table)) == 3
-    assert {"audit", "paper"}.isdisjoint(s.identifier for s in report_of(cheap_posterior).sections)
-
-
 def test_every_file_of_a_section_is_in_the_report():
     files = {info.name for info in pkgutil.iter_modules(jointbayes.report.sections.__path__)} - {"lead", "setups"}
     assert files == {section.__module__.rsplit(".", 1)[1] for section in (*SECTIONS_OF_DATA, *SECTIONS)}
 
 
 def test_sections_stand_in_the_order_in_which_they_are_listed(whole, cheap_posterior):
-    inputs = ReportInputs(of_case(cheap_posterior, reference=TABLE_3, paper_audit=True))
+    inputs = ReportInputs(of_case(cheap_posterior, reference=TABLE_3))
     sections = [
         *(section(inputs.setups[0]) for section in SECTIONS_OF_DATA),
         *(section(inputs) for section in SECTIONS),
@@ -331,13 +317,6 @@ def test_a_coupling_of_free_sign_from_frfs_builds_too():
     assert (posterior.prior_values("k12") < 0).any()
     report = report_of(posterior)
     assert "spans a factor of" in of_kind(report.lead, Paragraph)[1].text
-
-
-@pytest.mark.usefixtures("plain_reports")
-@pytest.mark.parametrize("measured", [(120.0,), (120.0, 762.0, 2101.0, 4000.0)])
-def test_the_paper_s_tables_bear_another_number_of_measured_frequencies(cheap_posterior, measured):
-    report = report_of(cheap_posterior, measured_frequencies_hz=measured, paper_audit=True)
-    assert len(of_kind(section(report, "frequencies").blocks, Table)[0].rows) == len(measured)
 
 
 def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_posterior):

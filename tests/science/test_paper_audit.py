@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from jointbayes.report.paper_tables import TABLE_2, TABLE_4, audit, clamped_frequencies_hz
+from benchmarks.paper_tables import TABLE_2, TABLE_4, audit, clamped_frequencies_hz
 
 
 def test_table_2_is_the_beam_of_360_mm_to_the_last_printed_digit():

@@ -17,7 +17,6 @@ from jointbayes.report.sections.measured_bodies import measured_bodies_section
 from jointbayes.report.sections.measurement import measurement_section
 from jointbayes.report.sections.modes import modes_section
 from jointbayes.report.sections.nuisances import nuisance_section
-from jointbayes.report.sections.paper import audit_section, paper_section
 from jointbayes.report.sections.posterior import posterior_section
 from jointbayes.report.sections.sampling import sampling_section
 from jointbayes.report.sections.settings import settings_section
@@ -43,8 +42,6 @@ SECTIONS = (
     knowledge_section,
     sampling_section,
     starts_section,
-    paper_section,
-    audit_section,
     likelihood_section,
     settings_section,
 )

@@ -61,11 +61,10 @@ class SamplingSpec(Spec):
 
 
 class ReferenceSpec(StiffnessSpec):
-    """Published values to compare with; ``paper_audit`` appends the audit of the paper's tables."""
+    """Published values to compare with."""
 
     source: Annotated[str, Field(min_length=1), key_field("a text: where the values are published", "Table 3")]
     natural_frequencies_hz: Annotated[Frequencies, FREQUENCIES] = ()
-    paper_audit: Annotated[bool, key_field("true (append the audit of the paper's tables) or false", True)] = False
 
 
 if TYPE_CHECKING:

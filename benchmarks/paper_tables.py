@@ -1,4 +1,6 @@
-"""What Cao, Li and He print, beside what their own inputs give: an audit computed afresh in each run.
+"""What Cao, Li and He print, beside what their own inputs give: an audit.
+
+``python -m benchmarks.paper_tables`` prints it.
 
 References
 ----------
@@ -166,3 +168,8 @@ def _rows(*columns: tuple[float, ...] | Array) -> tuple[tuple[str, ...], ...]:
 
 def _list(values: tuple[float, ...] | Array, digits: int = 1) -> str:
     return " / ".join(f"{value:.{digits}f}" for value in values)
+
+
+if __name__ == "__main__":
+    for finding in audit():
+        print(finding.claim, finding.found, sep="\n", end="\n\n")
