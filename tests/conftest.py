@@ -53,10 +53,8 @@ class StatedCase:
 
     title: str = "Clamp"
     stated: Problem | None = None
-    needs_files: bool = False
     reference: np.ndarray | None = None
     reference_source: str = ""
-    paper_audit: bool = False
     measured_frequencies_hz: tuple[float, ...] | None = None
     workshop_problem: Problem | None = None
     default_priors: frozenset[str] = frozenset()

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 from scipy import sparse, stats
@@ -268,15 +267,6 @@ def test_the_page_on_problems_without_files_runs_as_it_stands(tmp_path, monkeypa
     assert (tmp_path / "reports" / "rod" / "report.pdf").is_file()
     # the static test weighs in: k22 = 2.1e4 to 3 % against what vibration says
     assert names["again"].values("k22").mean() > rod.values("k22").mean()
-
-
-def test_a_problem_of_case_text_is_still_stored_as_its_text(cheap_posterior, tmp_path):
-    cheap_posterior.save(tmp_path / "kept.nc")
-    with h5py.File(tmp_path / "kept.nc") as file:
-        record = json.loads(file.attrs["jointbayes"])
-        assert "problem" not in file
-    assert record["file_version"] == 1
-    assert record["record"]["case_text"] == cheap_text()
 
 
 # ---- own priors and an own term of the likelihood

@@ -3,15 +3,12 @@
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import Case, case_around, case_from_text, load_case
-from jointbayes.case.spec.measured_table import MeasuredSpec
-from jointbayes.case.spec.parse import needs_files, parse_setups
+from jointbayes.case.case import Case, case_around, load_case
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.identification import (
     Images,
@@ -30,8 +27,7 @@ from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
-from jointbayes.posterior.fingerprint import run_fingerprint
-from jointbayes.posterior.run_record import sampler_figures
+from jointbayes.posterior.run_record import run_fingerprint, sampler_figures
 from jointbayes.posterior.storage import draws_tree, estimate_record
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
@@ -45,10 +41,6 @@ from jointbayes.sampling import (
     run_adapted,
     starting_walkers,
 )
-
-if TYPE_CHECKING:
-    from jointbayes.posterior.stored_file import StoredFile
-
 
 #: What is analysed: a case, the path of its file, or a problem.
 Analysed = Case | Problem | str | os.PathLike[str]
@@ -289,8 +281,8 @@ def _found_mode(
     problem, _ = _problem_and_case(case)
     estimate = None
     if checkpoint.estimate is not None:
-        from jointbayes.posterior.agreement import require_estimate
         from jointbayes.posterior.file_record import parse_estimate
+        from jointbayes.posterior.stored_file import require_estimate
 
         try:
             kept = parse_estimate(checkpoint.estimate, str(checkpoint.path))
@@ -324,7 +316,6 @@ def _posterior(
     mode = refine_where_possible(problem.log_posterior, chains.theta[best])
     if len(estimate.modes) > 1 and mode[1] < estimate.log_posterior:  # the best draw is at one of the others
         mode = estimate.theta.copy(), estimate.log_posterior
-    provenance = problem.measurement.provenance
     record = RunRecord(
         problem.name,
         "" if case is None else case.text,
@@ -334,7 +325,6 @@ def _posterior(
         sampler_figures(settings, chains, proposal, problem.names),
         dict(zip(problem.names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
-        provenance.as_json() if provenance else None,
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(_generator(seed, _PRIOR), _PRIOR_DRAWS))
     return Posterior(problem, tree, estimate, *mode, record, case)
@@ -361,41 +351,12 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
     ModelError
         If the problem has parts that no file can hold and is not passed, or another one is.
     """
-    from jointbayes.posterior.agreement import require_same_density
-    from jointbayes.posterior.stored_file import one_line_of, read_stored
-    from jointbayes.posterior.stored_problem import problem_from, require_same_problem
+    from jointbayes.posterior.stored_file import one_line_of, read_posterior
 
-    stored, passed, case = read_stored(path), problem, None
-    where, run, description = stored.where, stored.record.run, stored.record.stored_problem
-    with one_line_of(where):
-        if description is None:
-            case = _case_of(stored)
-            problem = passed or case.problem
-        elif passed is None:
-            problem = problem_from(stored.problem_array, description, where)
-        else:
-            require_same_problem(passed, description, where)
-        assert problem is not None
-        posterior = Posterior.restored(problem, stored)
-        if passed is None:
-            require_same_density(posterior, where, passed=False)
-        if case is None and run.case_text:
-            case = case_around(problem, run.case_text, stated=passed is None and stored.record.of_case_text)
-    if passed is not None:
-        require_same_density(posterior, where, passed=True)
+    posterior, stated = read_posterior(path, problem)
+    problem, text, case = posterior.problem, posterior.record.case_text, None
+    if text:
+        with one_line_of(os.fspath(path)):
+            case = case_around(problem, text, stated=stated)
     iteration = identify(case or problem) if part_to_iterate(problem) is not None else None
     return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
-
-
-def _case_of(stored: "StoredFile") -> Case:
-    """The case that the text in a posterior file states, with the data of the file; files it names are not read."""
-    run = stored.record.run
-    measured = stored.measurement if run.provenance is not None else None
-    specs = parse_setups(run.case_text, run.case_name)  # which refuses a text that builds on a file
-    of_files = any(isinstance(spec.data, MeasuredSpec) for spec in specs.values())
-    if (of_files and measured is None) or needs_files(specs):
-        raise MeasurementError(
-            f"{stored.where}: found a case with measurement files, and no data of theirs; expected both, as files it "
-            "names are not read; sample again, or take another copy of the file"
-        )
-    return case_from_text(run.case_name, run.case_text, measurement=measured)

@@ -11,8 +11,8 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import MeasuredBody, MeasuredFile, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Setup
 from jointbayes.posterior import Posterior, data_sha256
-from jointbayes.posterior.fingerprint import run_fingerprint
 from jointbayes.posterior.noise_of_bodies import DOUBTFUL, noise_of_bodies
+from jointbayes.posterior.run_record import run_fingerprint
 from jointbayes.posterior.verdicts import verdict_line
 from jointbayes.report.build import build_report
 from jointbayes.report.inputs import ReportInputs

@@ -120,7 +120,7 @@ OTHER_ARRAYS = {
     ),
     "of other data": ("posterior/k22", lambda values: values * 1.01, "found draws of another density"),
     "ensembles mixed": ("posterior/ensemble", lambda values: values[::-1], "expected ensembles of as many chains"),
-    "data not finite": ("observed_data/frf_real", lambda values: values * np.nan, "observed_data: FRF set: found NaN"),
+    "data not finite": ("problem/array_1_real", lambda values: values * np.nan, "FRF set: found NaN"),
 }
 
 
@@ -129,18 +129,27 @@ def test_arrays_that_do_not_belong_to_the_problem_are_refused(place, change, sai
     assert re.search(said, refusal(copied(tmp_path, FRF, None, spoilt(place, change))))
 
 
+def test_a_file_with_a_case_in_place_of_its_problem_is_refused(tmp_path):
+    def change(record):
+        record["file_version"] = 1
+        del record["problem"]
+
+    assert "found file version 1, which holds the text of a case" in refusal(copied(tmp_path, FRF, change))
+
+
 # ---- hostile files
 
 
-def test_files_that_a_stored_case_names_are_not_read(tmp_path, monkeypatch):
-    text = shipped_text("measured_rotation")
-    path = copied(tmp_path, FRF, replaced(("record", "case_text"), text))
-    monkeypatch.chdir(CONFIGS)  # where the file that it names is
+@pytest.mark.parametrize("name", ["measured_rotation", "spindle_measured"])
+def test_files_that_a_stored_case_names_are_not_read(name, tmp_path, monkeypatch):
+    path = copied(tmp_path, FRF, replaced(("record", "case_text"), shipped_text(name)))
+    monkeypatch.chdir(CONFIGS)  # where the files that it names are
     opened = []
     sys.addaudithook(lambda event, arguments: opened.append(str(arguments[0])) if event == "open" else None)
-    assert "found a case with measurement files, and no data of theirs" in refusal(path)
+    posterior = load_posterior(path)
+    assert (posterior.case.workshop_problem is None) == (name == "spindle_measured")
     assert opened
-    assert not [name for name in opened if name.endswith((".uff", ".csv"))]
+    assert not [name for name in opened if name.endswith((".uff", ".csv", ".npz"))]
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,7 @@ assert sys.modules["corner.corner"].arviz_corner is not None  # what a user impo
 
 
 def test_the_report_is_the_same_for_the_same_posterior(whole, cheap_posterior):
-    assert render_html(report_of(cheap_posterior, paper_audit=True)) == render_html(whole)
+    assert render_html(report_of(cheap_posterior)) == render_html(whole)
 
 
 def test_a_report_on_natural_frequencies_builds_and_renders(of_frequencies):

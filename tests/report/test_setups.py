@@ -18,7 +18,7 @@ from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
 from jointbayes.posterior.curve import Curve, _change, curves_of
-from jointbayes.posterior.fingerprint import run_fingerprint
+from jointbayes.posterior.run_record import run_fingerprint
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report.build import SECTIONS_OF_DATA
 from jointbayes.report.inputs import ReportInputs

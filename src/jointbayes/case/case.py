@@ -24,7 +24,7 @@ from jointbayes.case.combined import (
 from jointbayes.case.doubts import find_numbering, numbering_warnings, sign_warnings, truth_warnings
 from jointbayes.case.plausibility import input_warnings, stated_band_hz
 from jointbayes.case.spec.measured_table import MeasuredSpec
-from jointbayes.case.spec.parse import needs_files, parse_case, parse_planned, parse_setups
+from jointbayes.case.spec.parse import needs_files, parse_planned, parse_setups
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import KeyPath, fault_start
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError
@@ -88,11 +88,6 @@ class Case:
         return self.spec.reference.source if self.spec.reference else ""
 
     @property
-    def paper_audit(self) -> bool:
-        """Whether the report compares the paper's tables with the results and audits them."""
-        return bool(self.spec.reference and self.spec.reference.paper_audit)
-
-    @property
     def plan_parameter(self) -> str:
         """The stiffness that a further measurement is to determine; by default the first coupling, or the first.
 
@@ -123,11 +118,6 @@ class Case:
             return tuple(measured.frequency_hz.tolist()) if measured.lowest else None
         reference = self.spec.reference
         return reference.natural_frequencies_hz if reference else None
-
-    @cached_property
-    def needs_files(self) -> bool:
-        """Whether its text and the data of a lone test do not make the problem: the text names files besides these."""
-        return needs_files(parse_setups(self.source))
 
     @cached_property
     def warnings(self) -> tuple[InputWarning, ...]:
@@ -238,7 +228,15 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
         Whether the text states this problem, with files that are not read again.
     """
     source = case_text(text, problem.name)
-    return Case(problem.name, source, parse_case(source), problem, problem if stated else None)
+    specs = parse_setups(source)
+    setups: tuple[CaseSetup, ...] = ()
+    if stated and not needs_files(specs):
+        texts = setup_texts(source)
+        setups = tuple(
+            _setup(name, texts[name], spec, Path(), problem.measurement, allow_outside=False)
+            for name, spec in specs.items()
+        )
+    return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
 
 
 @one_blas_thread()

@@ -1,7 +1,7 @@
 """The record of a posterior file, typed: what each field must be before anything is made of it.
 
 A file may be damaged, of another version, or made by somebody else on purpose. What is here is checked by itself, each
-number by its range; what must agree with the problem, by `jointbayes.posterior.agreement`.
+number by its range; what must agree with the problem, by `jointbayes.posterior.stored_file`.
 """
 
 import json
@@ -20,23 +20,19 @@ from pydantic import (
     model_validator,
 )
 
-from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.identification import LocalMode, MapEstimate, SearchEffort, StartOutcome
 from jointbayes.joint import Coordinate
-from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.information.excluded import SimplerJoint
 from jointbayes.posterior.information.uncertain_inputs import Source
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.posterior.storage import FILE_VERSION
+from jointbayes.posterior.stored_problem import fault_in_record
 
 #: More coordinates, starts and so on than any run has; a reader must not build what takes all memory.
 _MOST = 10_000
-#: What to do about any file that holds no whole posterior.
-REMEDY = "sample again, or take another copy of the file"
 _STRICT = ConfigDict(strict=True, extra="ignore")
-_SHOWN = 60  # characters of a wrong value in a message
 
 
 def _with_jointbayes(versions: dict[str, str]) -> dict[str, str]:
@@ -88,7 +84,6 @@ class _Run(_Part):
     sampler: _Sampler
     r_hat: dict[Name, float]
     versions: Annotated[dict[Name, Name], AfterValidator(_with_jointbayes)]
-    provenance: dict[str, Any] | None = None
 
 
 class _Mode(_Part):
@@ -180,10 +175,6 @@ class _Problem(_Part):
     sha256: Annotated[str, Field(max_length=64)]
 
 
-class _Measured(_Part):
-    provenance: Provenance
-
-
 class FileRecord(_Part):
     """Everything of a posterior file that is not an array."""
 
@@ -192,35 +183,21 @@ class FileRecord(_Part):
     mode: _Mode
     map: EstimateRecord
     knowledge: _Knowledge | None = None
-    problem: _Problem | None = None
-    of_case_text: bool = False  # of a stored problem: whether the text of the case states it
+    problem: _Problem
+    of_case_text: bool = False  # whether the text of the case states the problem
     _plain: dict[str, Any] = PrivateAttr(default_factory=dict)
-
-    @property
-    def mode_theta(self) -> Array:
-        """Joint mode, shape (d,)."""
-        return np.array(self.mode.theta)
 
     @property
     def run(self) -> RunRecord:
         """How the draws came about."""
         plain = self._plain["record"]
-        return RunRecord(**{part.name: plain[part.name] for part in fields(RunRecord) if part.name in plain})
+        return RunRecord(**{part.name: plain[part.name] for part in fields(RunRecord)})
 
     @property
-    def kept_knowledge(self) -> Mapping[str, Any] | None:
-        """What `Knowledge.kept` gave."""
-        return None if self.knowledge is None else self.knowledge.model_dump()
-
-    @property
-    def stored_problem(self) -> Mapping[str, Any] | None:
-        """What `with_problem` gave; None where the text of a case states the problem."""
-        return self._plain.get("problem")
-
-    @property
-    def estimate(self) -> MapEstimate:
-        """MAP estimate, as it was saved."""
-        return self.map.estimate
+    def stored_problem(self) -> Mapping[str, Any]:
+        """What `with_problem` gave."""
+        plain: Mapping[str, Any] = self._plain["problem"]
+        return plain
 
 
 def parse_estimate(plain: Mapping[str, Any], where: str) -> EstimateRecord:
@@ -234,7 +211,7 @@ def parse_estimate(plain: Mapping[str, Any], where: str) -> EstimateRecord:
     try:
         return EstimateRecord.model_validate_json(json.dumps(plain))
     except ValidationError as error:
-        raise MeasurementError(f"{where}: {_fault(error)}") from None
+        raise MeasurementError(f"{where}: {fault_in_record(error)}") from None
 
 
 def parse_record(text: str, where: str) -> FileRecord:
@@ -260,6 +237,11 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found no posterior in it ({type(error).__name__}); expected a posterior.nc written by "
             "jointbayes; give the path of one"
         ) from None
+    if version == 1:
+        raise MeasurementError(
+            f"{where}: found file version 1, which holds the text of a case instead of a problem; expected "
+            f"{FILE_VERSION}; sample again"
+        )
     if isinstance(version, int) and version > FILE_VERSION:
         raise MeasurementError(
             f"{where}: found file version {version}; expected {FILE_VERSION} or less; "
@@ -268,39 +250,6 @@ def parse_record(text: str, where: str) -> FileRecord:
     try:
         record = FileRecord.model_validate_json(text)
     except ValidationError as error:
-        raise MeasurementError(f"{where}: {_fault(error)}") from None
+        raise MeasurementError(f"{where}: {fault_in_record(error)}") from None
     record._plain.update(plain)
     return record
-
-
-def provenance_from(record: Mapping[str, Any], where: str) -> Provenance:
-    """Where measured data came from, typed.
-
-    Raises
-    ------
-    MeasurementError
-        If a field of it is not what it must be: which.
-    """
-    plain = dict(record)
-    if isinstance(plain.get("doubts"), list):  # as files of version 0.1 call them, without their kind
-        plain["warnings"] = [{"key": "", **entry} for entry in plain.pop("doubts") if isinstance(entry, dict)]
-    try:
-        return _Measured.model_validate_json(json.dumps({"provenance": plain})).provenance
-    except ValidationError as error:
-        raise MeasurementError(f"{where}: {_fault(error)}") from None
-
-
-def _fault(error: ValidationError) -> str:
-    """The first fault: where, what was found, what is expected."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(map(str, first["loc"])) or "record"
-    found = repr(first["input"])
-    found = "nothing" if first["type"] == "missing" else found if len(found) <= _SHOWN else f"{found[:_SHOWN]}…"
-    more = f" ({error.error_count()} faults in all)" if error.error_count() > 1 else ""
-    return f"record, {place}: found {found}; {_expected(first['msg'])}{more}; {REMEDY}"
-
-
-def _expected(message: str) -> str:
-    """What pydantic wants, in the words of other messages."""
-    said = message.removeprefix("Value error, ")
-    return said if said.startswith("expected") else f"expected another value: {said[:1].lower()}{said[1:]}"

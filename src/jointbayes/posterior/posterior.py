@@ -2,22 +2,18 @@
 
 import os
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import xarray as xr
 
-from jointbayes.inference import Problem
 from jointbayes.posterior.brief import Cell, brief
 from jointbayes.posterior.curve import Curve, curve_of
 from jointbayes.posterior.information.knowledge import Knowledge
-from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, values_tree, write_tree
+from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, write_tree
 from jointbayes.posterior.stored_problem import with_problem
 from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import JudgedPosterior
 from jointbayes.reproducibility import one_blas_thread
-
-if TYPE_CHECKING:  # what reads files is not loaded by a run, which writes one
-    from jointbayes.posterior.stored_file import StoredFile
 
 
 class Posterior(JudgedPosterior):
@@ -79,17 +75,11 @@ class Posterior(JudgedPosterior):
         }
         return replace(self, tree=xr.DataTree.from_dict(groups))
 
-    @property
-    def of_case_text(self) -> bool:
-        """Whether the problem is the one that the text of its case states."""
-        return self.case is not None and self.case.stated is self.problem
-
     def save(self, path: str | os.PathLike[str], knowledge: Knowledge | None = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
 
-        Of a problem that a case file states its text is kept, with data from measurement files; of any other problem,
-        and of one whose text names further files, its matrices, data and priors, to the last bit. The prior's density
-        at each draw is kept as well.
+        Its problem is kept with it, matrices, data and priors to the last bit, with the text of its case, and so is
+        the prior's density at each draw.
 
         Parameters
         ----------
@@ -109,41 +99,11 @@ class Posterior(JudgedPosterior):
             "mode": {"theta": self.mode_theta.tolist(), "log_density": self.mode_log_density},
             "map": estimate_record(self.estimate),
             "knowledge": self.kept_knowledge if knowledge is None else knowledge.kept(),
+            "of_case_text": self.case is not None and self.case.stated is self.problem,
         }
-        tree = self.tree
+        tree, record["problem"] = with_problem(self.tree, self.problem)
         if self.problem.prior.marginals:
             before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
             groups = {name: node.to_dataset() for name, node in tree.children.items()}
             tree = xr.DataTree.from_dict({**groups, "log_prior": before})
-        # files that a case names may be gone later
-        if self.case is None or not self.of_case_text or self.case.needs_files:
-            tree, record["problem"] = with_problem(tree, self.problem)
-            record["of_case_text"] = self.of_case_text
         write_tree(tree, record, path)
-
-    @classmethod
-    def restored(cls, problem: Problem, stored: "StoredFile") -> Self:
-        """Rebuild a posterior from its problem and what `save` wrote.
-
-        Raises
-        ------
-        MeasurementError
-            If what is stored does not belong to the problem: other names, shapes, or numbers that are none.
-        """
-        from jointbayes.posterior.agreement import require_agreement
-
-        record = stored.record
-        require_agreement(problem, record, stored.where)
-        draws = stored.draws(problem)
-        observed = {part.setup: part.measurement for part in problem.parts}
-        if not problem.setups:
-            observed = {"": stored.measurement}
-        return cls(
-            problem,
-            values_tree(problem, observed, draws.values, draws.log_density, draws.ensemble, draws.before),
-            record.estimate,
-            record.mode_theta,
-            record.mode.log_density,
-            record.run,
-            kept_knowledge=record.kept_knowledge,
-        )

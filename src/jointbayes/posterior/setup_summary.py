@@ -18,7 +18,7 @@ Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class NaturalFrequencies:
+class FrequencySummary:
     """Natural frequencies, Hz: measured if they were, with the first guess of the joint, at the MAP, and over draws."""
 
     measured: tuple[float, ...] | None
@@ -45,7 +45,7 @@ class SetupSummary:
     fit: FitSummary
     check: PredictiveCheck
     diagnosis: Diagnosis
-    natural_frequencies_hz: NaturalFrequencies
+    natural_frequencies_hz: FrequencySummary
     data_sha256: str
     measurement: Mapping[str, Any] | None
 
@@ -95,7 +95,7 @@ def _setup(
 
 def _frequencies(
     posterior: JudgedPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None
-) -> NaturalFrequencies:
+) -> FrequencySummary:
     count, theta = len(measured) if measured else 3, posterior.estimate.theta
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these
 
@@ -104,7 +104,7 @@ def _frequencies(
 
     predicted = posterior.predict_natural_frequencies(count, setup=problem.setup or None)
     ends = np.quantile(predicted, [0.025, 0.975], axis=0).T
-    return NaturalFrequencies(
+    return FrequencySummary(
         measured=tuple(measured) if measured else None,
         initial=at(initial),
         map=at(problem.prior.stiffness(theta)),

@@ -2,7 +2,6 @@
 
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -18,17 +17,16 @@ from jointbayes.measurement import FrfMeasurement, Measurement, ModeMeasurement,
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
-#: Of the file: raised when an older reader would misread it, as one that looks for no stored problem.
+#: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
 FILE_VERSION = 2
-#: Attribute that holds the record, and group of the FRFs at the joint.
-RECORD, JOINT_FRF = "jointbayes", "joint_frf"
+#: Attribute that holds the record.
+RECORD = "jointbayes"
 
 
 def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTree:
     """Groups posterior, sample_stats, prior and observed_data from draws of θ."""
     before = _values(problem, prior_theta[None])
-    observed = {part.setup: part.measurement for part in problem.parts}
-    return values_tree(problem, observed, _values(problem, draws.theta), draws.log_density, draws.ensemble, before)
+    return values_tree(problem, _values(problem, draws.theta), draws.log_density, draws.ensemble, before)
 
 
 def _values(problem: Problem, theta: Array) -> Array:
@@ -45,7 +43,6 @@ def value_units(problem: Problem) -> dict[str, str]:
 
 def values_tree(
     problem: Problem,
-    observed: Mapping[str, Measurement],
     values: Array,
     log_density: Array,
     ensemble: NDArray[Any],
@@ -56,9 +53,7 @@ def values_tree(
     Parameters
     ----------
     problem
-        Gives names and units.
-    observed
-        The data of each set-up by its name, which is empty for a lone test.
+        Gives names, units and data.
     values, log_density, ensemble
         Of the draws, shape (chains, draws, quantities), (chains, draws) and (chains,).
     before
@@ -71,11 +66,8 @@ def values_tree(
         "/sample_stats": stats,
         "/prior": _values_dataset(problem, before),
     }
-    for setup, measurement in observed.items():
-        groups[f"/{observed_group(setup)}"] = _observed(measurement)
-    lone = observed.get("")
-    if lone is not None and lone.provenance is not None and lone.joint_frf is not None:
-        groups[JOINT_FRF] = _frf_dataset(lone.joint_frf)  # the files may be gone later
+    for part in problem.parts:
+        groups[f"/{observed_group(part.setup)}"] = _observed(part.measurement)
     return xr.DataTree.from_dict(groups)
 
 
@@ -194,7 +186,7 @@ def write_tree(tree: xr.DataTree, record: dict[str, Any], path: str | os.PathLik
         If the file cannot be written.
     """
     stored = tree.copy()
-    stored.attrs = {RECORD: json.dumps({"file_version": FILE_VERSION if "problem" in record else 1, **record})}
+    stored.attrs = {RECORD: json.dumps({"file_version": FILE_VERSION, **record})}
     view = stored.to_netcdf(None, engine="h5netcdf")
     assert isinstance(view, memoryview)
     content = bytes(view)

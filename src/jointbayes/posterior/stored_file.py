@@ -1,49 +1,37 @@
-"""A posterior file as it is read: in a process of its own, then checked, before anything is made of it.
+"""A posterior file as it is read, and checked before anything is made of it.
 
-Damaged bytes can end the process in which the HDF5 library reads them; there that is an error of one line. Names of the
-arrays are known, so nothing else in a file is looked at.
+Each part of a file may be right by itself and yet not belong to the others: after a repair by hand, or where a later
+version of the program computes another density.
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.errors import JointBayesError, MeasurementError
-from jointbayes.frf import FrfSet
+from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.measurement import (
-    FrequencyMeasurement,
-    FrfMeasurement,
-    Measurement,
-    ModeMeasurement,
-    ModeShapes,
-    Observed,
-)
 from jointbayes.measurement.formats.array_files import read_arrays
-from jointbayes.measurement.provenance import Provenance
-from jointbayes.posterior.file_record import REMEDY, FileRecord, parse_record, provenance_from
-from jointbayes.posterior.storage import JOINT_FRF, RECORD, value_units
-from jointbayes.posterior.stored_problem import PROBLEM_GROUP
+from jointbayes.posterior.draws import PosteriorDraws
+from jointbayes.posterior.file_record import EstimateRecord, FileRecord, parse_record
+from jointbayes.posterior.posterior import Posterior
+from jointbayes.posterior.storage import RECORD, value_units, values_tree
+from jointbayes.posterior.stored_problem import PROBLEM_GROUP, REMEDY, problem_from, require_same_problem
 
 _EXPECTED = "expected a posterior.nc written by jointbayes"
 _LEAST = 2  # draws of a chain, and of the prior: one has no spread
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredDraws:
-    """Arrays of the draws, as `jointbayes.posterior.storage.values_tree` takes them."""
-
-    values: Array
-    log_density: Array
-    ensemble: NDArray[np.int64]
-    before: Array
+_COMPARED = 16  # draws at which the problem must have the density that is stored
+#: How far ln p of a rebuilt problem may be from the one stored, as a part of it and absolutely: other versions of the
+#: libraries round otherwise, and stiffnesses near the edge of possible joints have lost digits.
+_RTOL, _ATOL = 1e-6, 1e-2
+_FAR = 100.0  # standard deviations of its prior: no draw is so far away
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,36 +52,8 @@ class StoredFile:
     record: FileRecord
     groups: Mapping[str, Mapping[str, NDArray[Any]]]
 
-    @property
-    def measurement(self) -> Measurement:
-        """The data that were analysed; with their provenance where they come from files.
-
-        Raises
-        ------
-        MeasurementError
-            If arrays of them are missing, of other shapes than each other, or hold impossible numbers.
-        """
-        given = self.record.record.provenance
-        known = None if given is None else provenance_from(given, self.where)
-        observed = self.groups.get("observed_data", {})
-        try:
-            if "natural_frequency" in observed:
-                hz, sd = (self.numbers("observed_data", f"natural_frequency{end}") for end in ("", "_sd"))
-                return FrequencyMeasurement(hz, sd, known)
-            if "mode_frequency" in observed:
-                return self._modes(known)
-            frf, variance = self._frf("observed_data"), self.numbers("observed_data", "frf_variance")
-            if known is None:
-                return FrfMeasurement(frf, variance, "synthetic" not in observed or bool(observed["synthetic"].any()))
-            joint_frf = self._frf(JOINT_FRF) if JOINT_FRF in self.groups else None
-            return FrfMeasurement(frf, variance, False, known.variance_dof, joint_frf, known)
-        except MeasurementError as error:
-            if str(error).startswith(self.where):
-                raise
-            raise MeasurementError(f"{self.where}: observed_data: {error}") from None
-
-    def draws(self, problem: Problem) -> StoredDraws:
-        """Draws of a problem.
+    def draws(self, problem: Problem) -> xr.DataTree:
+        """Draws of a problem, as `jointbayes.posterior.storage.values_tree` groups them.
 
         Raises
         ------
@@ -118,7 +78,7 @@ class StoredFile:
         sizes = np.unique(ensemble, return_counts=True)[1]
         if (np.diff(ensemble) < 0).any() or len(set(sizes.tolist())) != 1:
             raise self._fault("posterior/ensemble: expected ensembles of as many chains each, one after the other")
-        return StoredDraws(values, log_density, ensemble.astype(np.int64), before)
+        return values_tree(problem, values, log_density, ensemble.astype(np.int64), before)
 
     def numbers(self, group: str, name: str, dimensions: int | None = None) -> Array:
         """An array of finite numbers.
@@ -174,35 +134,54 @@ class StoredFile:
         values.real, values.imag = real, imaginary
         return values
 
-    def _frf(self, group: str) -> FrfSet:
-        outputs, inputs = (tuple(map(str, self.array(group, side).ravel())) for side in ("output", "input"))
-        quantity: Any = str(self.array(group, "quantity"))  # judged by the set
-        return FrfSet(self.numbers(group, "frequency"), self._complex(group, "frf"), outputs, inputs, quantity)
-
-    def _modes(self, known: Provenance | None) -> ModeMeasurement:
-        group = "observed_data"
-        here = self.groups[group]
-
-        def part(name: str) -> Observed | None:
-            if name not in here:
-                return None
-            return Observed(self._any_numbers(group, name), self._any_numbers(group, f"{name}_sd"))
-
-        frequency, components = part("mode_frequency"), part("mode_shape")
-        assert frequency is not None
-        shapes = None
-        if components is not None:
-            dofs, references = (
-                tuple(map(str, self.array(group, name).ravel())) for name in ("shape_dof", "reference_dof")
-            )
-            shapes = ModeShapes(dofs, references[0] if len(set(references)) == 1 else references, components)
-        match: Any = str(self.array(group, "match"))  # judged by the measurement
-        numbers = tuple(map(int, self._any_numbers(group, "mode").ravel()))
-        eigenvalues = bool(self._any_numbers(group, "eigenvalues").any())
-        return ModeMeasurement(frequency, part("damping_ratio"), shapes, numbers, match, eigenvalues, known)
-
     def _fault(self, found: str) -> MeasurementError:
         return MeasurementError(f"{self.where}: {found}; {REMEDY}")
+
+
+def read_posterior(path: str | os.PathLike[str], problem: Problem | None = None) -> tuple[Posterior, bool]:
+    """Read a posterior file; its case is for the caller to add.
+
+    Parameters
+    ----------
+    path
+        The file.
+    problem
+        The problem that was sampled, where it has parts that no file can hold.
+
+    Returns
+    -------
+    posterior : Posterior
+        With the problem that is stored with it, or the one passed.
+    stated : bool
+        Whether the text in its record states that problem.
+
+    Raises
+    ------
+    MeasurementError, ModelError
+        As `jointbayes.load_posterior` says.
+    """
+    stored, passed = read_stored(path), problem is not None
+    where, record, description = stored.where, stored.record, stored.record.stored_problem
+    with one_line_of(where):
+        if problem is None:
+            problem = problem_from(stored.problem_array, description, where)
+        else:
+            require_same_problem(problem, description, where)
+        _require_agreement(problem, record, where)
+        posterior = Posterior(
+            problem,
+            stored.draws(problem),
+            record.map.estimate,
+            np.array(record.mode.theta),
+            record.mode.log_density,
+            record.run,
+            kept_knowledge=None if record.knowledge is None else record.knowledge.model_dump(),
+        )
+        if not passed:
+            _require_same_density(posterior, where, passed=False)
+    if passed:
+        _require_same_density(posterior, where, passed=True)
+    return posterior, record.of_case_text and not passed
 
 
 def read_stored(path: str | os.PathLike[str]) -> StoredFile:
@@ -248,3 +227,133 @@ def one_line_of(where: str) -> Iterator[None]:
             f"{where}: found a problem in it that cannot be evaluated ({type(error).__name__}: {said}); expected that "
             "of its draws; sample again, or take another copy of the file"
         ) from error
+
+
+def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None:
+    """Refuse a record whose names or shapes are not those of the problem.
+
+    Raises
+    ------
+    MeasurementError
+        If anything has another shape or other names: which.
+    """
+    names, d = problem.names, len(problem.names)
+    expected: dict[str, tuple[object, object]] = {"mode.theta": (len(record.mode.theta), d)}
+    for name, given in (
+        ("r_hat", record.record.r_hat),
+        ("sampler.tau", record.record.sampler.tau),
+        ("sampler.ess", record.record.sampler.ess),
+    ):
+        expected[f"record.{name}"] = (sorted(given), sorted(names))
+    if record.knowledge is not None:
+        known = sorted(quantity.name for quantity in problem.quantities)
+        for i, row in enumerate(record.knowledge.freed):
+            expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), known if row.known else [])
+        for i, profile in enumerate(record.knowledge.profiles):
+            expected[f"knowledge.profiles.{i}.theta"] = ({len(theta) for theta in profile.theta}, {d})
+    _require(expected, where)
+    require_estimate(problem, record.map, where)
+
+
+def require_estimate(problem: Problem, found: EstimateRecord, where: str) -> None:
+    """Refuse a MAP estimate whose shapes are not those of the problem, as `_require_agreement` does."""
+    d, stiffnesses = len(problem.names), len(problem.quantities)
+    expected: dict[str, tuple[object, object]] = {
+        "map.theta": (len(found.theta), d),
+        "map.stiffness": (len(found.stiffness), stiffnesses),
+    }
+    for i, start in enumerate(found.starts):
+        expected[f"map.starts.{i}"] = ((len(start.start), len(start.stiffness)), (stiffnesses, stiffnesses))
+    for i, mode in enumerate(found.modes):
+        expected[f"map.modes.{i}.theta"] = (len(mode.theta), d)
+        if mode.inside is not None:
+            expected[f"map.modes.{i}.inside"] = (len(mode.inside[0]), d)
+    _require(expected, where)
+    covariances = {"map": found.covariance} | {f"map.modes.{i}": m.covariance for i, m in enumerate(found.modes)}
+    covariances |= {f"map.modes.{i}.inside": m.inside[1] for i, m in enumerate(found.modes) if m.inside is not None}
+    for place, matrix in covariances.items():
+        if not _is_covariance(matrix, d):
+            raise MeasurementError(
+                f"{where}: record, {place}.covariance: found none; expected a covariance of {d} numbers; {REMEDY}"
+            )
+
+
+def _require(expected: dict[str, tuple[object, object]], where: str) -> None:
+    for place, (there, wanted) in expected.items():
+        if there != wanted:
+            raise MeasurementError(f"{where}: record, {place}: found {there}; expected {wanted}; {REMEDY}")
+
+
+def _is_covariance(rows: tuple[tuple[float, ...], ...], dimension: int) -> bool:
+    if len(rows) != dimension or any(len(row) != dimension for row in rows):
+        return False
+    matrix = np.array(rows).reshape(dimension, dimension)
+    if not dimension:
+        return True
+    sd = np.sqrt(np.maximum(np.diag(matrix), 0))
+    if not (sd > 0).all():
+        return False
+    correlation = matrix / sd / sd[:, None]
+    return bool(np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation).min() > -1e-6)
+
+
+def _require_same_density(posterior: PosteriorDraws, where: str, *, passed: bool) -> None:
+    """Refuse draws that are not of the problem's density: far outside its prior, or with another ln p.
+
+    Parameters
+    ----------
+    posterior
+        With its problem.
+    where
+        The file, for messages.
+    passed
+        Whether the caller passed the problem; it is then his own, on the same machine, and must agree closely.
+
+    Raises
+    ------
+    ModelError
+        If the density is another one.
+    """
+    problem = posterior.problem
+    theta = _coordinates(posterior, posterior.stiffness, posterior.values, where, "draws")
+    _coordinates(posterior, posterior.prior_stiffness, posterior.prior_values, where, "draws of the prior")
+    with np.errstate(all="ignore"):
+        if not np.isfinite(problem.prior.log_density(theta)).all():
+            raise ModelError(f"{where}: found draws that its prior excludes; expected draws of its problem; {REMEDY}")
+    rows = np.linspace(0, len(theta) - 1, _COMPARED).round().astype(int)
+    stored = posterior.log_density.ravel()[rows]
+    points = theta[rows]
+    if not passed:
+        points = np.concatenate([points, posterior.mode_theta[None], posterior.estimate.theta[None]])
+        stored = np.append(stored, [posterior.mode_log_density, posterior.estimate.log_posterior])
+    with np.errstate(all="ignore"):  # a damaged mode may lie anywhere
+        computed = problem.log_posterior(points)
+    rtol, atol = (1e-9, 1e-6) if passed else (_RTOL, _ATOL)
+    if not np.allclose(computed, stored, rtol=rtol, atol=atol):
+        finite = np.where(np.isfinite(computed), computed, -1e300)  # outside the prior, or not a number
+        worst = int(np.argmax(np.abs(finite - stored)))
+        given = "the problem passed" if passed else "its problem"
+        raise ModelError(
+            f"{where}: found draws of another density than that of {given}: ln p is "
+            f"{stored[worst]:.6g} in the file and {computed[worst]:.6g} by the problem; expected the problem "
+            f"that was sampled; {'pass that one' if passed else REMEDY}"
+        )
+
+
+def _coordinates(
+    posterior: PosteriorDraws, stiffness: Array, values: Callable[[str], Array], where: str, what: str
+) -> Array:
+    """θ of draws, shape (n, d); refused where nobody can have drawn them, which arithmetic may not survive."""
+    prior = posterior.problem.prior
+    low, high = prior.support
+    low = np.where(np.isfinite(low), low, prior.mean - _FAR * prior.sd) - prior.sd
+    high = np.where(np.isfinite(high), high, prior.mean + _FAR * prior.sd) + prior.sd
+    with np.errstate(all="ignore"):
+        if not prior.parametrisation.describes(stiffness).all():
+            raise ModelError(f"{where}: found {what} that are no joint; expected joints of its problem; {REMEDY}")
+        rest = [n.coordinate(values(n.name).ravel())[:, None] for n in prior.nuisances]
+        theta = np.concatenate([prior.parametrisation.coordinates(stiffness), *rest], axis=1)
+        inside = (theta >= low) & (theta <= high)
+    if not inside.all():
+        raise ModelError(f"{where}: found {what} that its prior excludes; expected draws of its problem; {REMEDY}")
+    return theta

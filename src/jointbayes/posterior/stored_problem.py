@@ -11,16 +11,19 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.measurement.provenance import Provenance
-from jointbayes.posterior.file_record import REMEDY, provenance_from
 
+#: What to do about any file that holds no whole posterior.
+REMEDY = "sample again, or take another copy of the file"
 #: Group of its arrays in a posterior file.
 PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
 _ROOMS = ("structure", "joint", "frf", "measurement", "inference")
+_SHOWN = 60  # characters of a wrong value in a message
 
 
 def with_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict[str, Any]]:
@@ -168,7 +171,7 @@ class _Restoring:
         if "array" in plain:
             return self.array(str(plain["array"]))
         if "provenance" in plain:
-            return provenance_from(plain["provenance"], self.where)
+            return _provenance(plain["provenance"], self.where)
         if "mapping" in plain:
             return self._mapping(plain["mapping"], place)
         if "scipy.stats" in plain:
@@ -255,3 +258,38 @@ def _public_class(name: str) -> type | None:
         if isinstance(cls, type) and is_dataclass(cls) and cls.__module__.startswith("jointbayes."):
             return cls
     return None
+
+
+class _Measured(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
+    provenance: Provenance
+
+
+def _provenance(record: Mapping[str, Any], where: str) -> Provenance:
+    """Where measured data came from, typed.
+
+    Raises
+    ------
+    MeasurementError
+        If a field of it is not what it must be: which.
+    """
+    try:
+        return _Measured.model_validate_json(json.dumps({"provenance": record})).provenance
+    except ValidationError as error:
+        raise MeasurementError(f"{where}: {fault_in_record(error)}") from None
+
+
+def fault_in_record(error: ValidationError) -> str:
+    """The first fault: where, what was found, what is expected."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(map(str, first["loc"])) or "record"
+    found = repr(first["input"])
+    found = "nothing" if first["type"] == "missing" else found if len(found) <= _SHOWN else f"{found[:_SHOWN]}…"
+    more = f" ({error.error_count()} faults in all)" if error.error_count() > 1 else ""
+    return f"record, {place}: found {found}; {_expected(first['msg'])}{more}; {REMEDY}"
+
+
+def _expected(message: str) -> str:
+    """What pydantic wants, in the words of other messages."""
+    said = message.removeprefix("Value error, ")
+    return said if said.startswith("expected") else f"expected another value: {said[:1].lower()}{said[1:]}"

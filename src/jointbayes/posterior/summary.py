@@ -21,7 +21,7 @@ from jointbayes.posterior.rounding import in_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (
     FitSummary,
-    NaturalFrequencies,
+    FrequencySummary,
     SetupSummary,
     check_json,
     fit_json,
@@ -137,7 +137,7 @@ class Summary:
     parameters: Mapping[str, StiffnessSummary]
     nuisances: Mapping[str, NuisanceSummary]
     map: MapSummary
-    natural_frequencies_hz: NaturalFrequencies
+    natural_frequencies_hz: FrequencySummary
     fit: FitSummary
     check: PredictiveCheck
     diagnosis: Diagnosis
@@ -214,7 +214,7 @@ class Summary:
             "sampler": record.sampler,
             "versions": record.versions,
             "data_sha256": self.data_sha256,
-            "measurement": record.provenance,
+            "measurement": next(iter(self.setups.values())).measurement,
             "setups": {name: one.as_json() for name, one in self.setups.items() if name},
         }
         return _json_ready(summary)

@@ -66,6 +66,12 @@ class ReportInputs:
         return foreign(self.posterior.problem.name if case is None else case.title)
 
     @property
+    def case_text(self) -> str:
+        """TOML text of the case, where it states the problem that was sampled."""
+        case = self.posterior.case
+        return self.posterior.record.case_text if case is not None and case.stated is self.posterior.problem else ""
+
+    @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if the case states any."""
         return None if self.posterior.case is None else self.posterior.case.reference
@@ -74,8 +80,3 @@ class ReportInputs:
     def reference_source(self) -> str:
         """Where the published stiffnesses are from; empty without any."""
         return "" if self.posterior.case is None else foreign(self.posterior.case.reference_source)
-
-    @property
-    def paper_audit(self) -> bool:
-        """Whether the report compares the paper's tables with the results and audits them."""
-        return self.posterior.case is not None and self.posterior.case.paper_audit

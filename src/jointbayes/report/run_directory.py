@@ -96,8 +96,8 @@ def write_run(
     report = build_report(inputs, datetime.datetime.now(datetime.UTC).date())
 
     files = {"summary.json": json_text(summary.to_json())}
-    if posterior.of_case_text:
-        files["case.toml"] = posterior.record.case_text
+    if inputs.case_text:
+        files["case.toml"] = inputs.case_text
     tell("writing HTML, PDF and draws")
     write_whole(target, report, files, lambda path: posterior.save(path, inputs.knowledge))
     return target

@@ -7,7 +7,7 @@ from jointbayes.report.model import Code, Paragraph, Section, Table
 
 def settings_section(inputs: ReportInputs) -> Section:
     """Everything needed to repeat the run."""
-    posterior, summary = inputs.posterior, inputs.summary
+    summary = inputs.summary
     versions = tuple((foreign(name), foreign(version)) for name, version in summary.record.versions.items())
     return Section(
         "settings",
@@ -16,8 +16,6 @@ def settings_section(inputs: ReportInputs) -> Section:
             *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
             Paragraph(f"Fingerprint of the data (SHA-256): `{summary.data_sha256}`."),
             Table("Versions", ("Package", "Version"), versions, align="ll"),
-            Code(posterior.record.case_text, "toml")
-            if posterior.of_case_text
-            else Code(str(posterior.problem), "text"),
+            Code(inputs.case_text, "toml") if inputs.case_text else Code(str(inputs.posterior.problem), "text"),
         ),
     )
