@@ -22,10 +22,9 @@ from jointbayes.frf import Ports
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
-from jointbayes.report.canvas import logarithmic, panels, svg
+from jointbayes.report.canvas import extremes, logarithmic, panels, svg
 from jointbayes.report.model import SERIES_COLOURS
-from jointbayes.report.sections.fit import frf_unit
-from jointbayes.report.thinning import extremes
+from jointbayes.report.sections.fit_to_data import frf_unit
 
 Kept = dict[str, Any]
 

@@ -16,13 +16,13 @@ from jointbayes.inference import (
     StudentNoise,
 )
 from jointbayes.posterior.checks import (
+    CELLS,
     FALSE_ALARM,
     FAR_BELOW,
     PredictiveCheck,
     check_frequencies,
     check_frfs,
 )
-from jointbayes.posterior.findings import CELLS
 from jointbayes.posterior.whiteness import Whiteness, replicated_portmanteau
 
 LINES = 80

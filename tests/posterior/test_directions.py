@@ -9,12 +9,12 @@ import pytest
 
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.information.directions import (
-    factor_in_words,
     interval_ratio,
     name_directions,
     spread_in_words,
     summary_sentence,
 )
+from jointbayes.posterior.rounding import factor_in_words
 from tests.conftest import PAIR
 
 NAMES = ("k11", "k12", "k22")

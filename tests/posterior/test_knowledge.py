@@ -14,15 +14,18 @@ from jointbayes.case.case import case_from_text
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior import gather_knowledge, summarise
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.information.exact_inputs import effect_sentence, inputs_taken_as_exact
 from jointbayes.posterior.information.knowledge import assumed_words
-from jointbayes.posterior.information.uncertain_inputs import UncertainInputsRow, effect_of_uncertain_inputs
+from jointbayes.posterior.information.uncertain_inputs import (
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
+    effect_sentence,
+    inputs_taken_as_exact,
+)
 from jointbayes.posterior.rounding import rounded_interval
 from jointbayes.report import ReportInputs, build_report, render_html
-from jointbayes.report.labels import nuisance_label
-from jointbayes.report.markup import badge
+from jointbayes.report.markup import badge, nuisance_label
 from jointbayes.report.model import Callout, Paragraph, Table
-from jointbayes.report.sections.knowledge import freed_blocks
+from jointbayes.report.sections.identifiable import freed_blocks
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, of_case
 
 INITIAL = (1e8, 0.0, 0.0)

@@ -16,7 +16,7 @@ from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import WEAK_RATIO, assess
 from jointbayes.posterior.information.knowledge import _profiles
-from jointbayes.posterior.information.limits import LikelihoodRegion
+from jointbayes.posterior.information.likelihood_region import LikelihoodRegion
 from jointbayes.posterior.information.profile import profile_likelihood
 from jointbayes.posterior.rounding import factor as ratio_in_words
 from jointbayes.posterior.rounding import rounded, rounded_interval

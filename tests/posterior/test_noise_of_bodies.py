@@ -11,12 +11,12 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import MeasuredBody, MeasuredFile, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Setup
 from jointbayes.posterior import Posterior, data_sha256
-from jointbayes.posterior.noise_of_bodies import DOUBTFUL, noise_of_bodies
+from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
 from jointbayes.posterior.run_record import run_fingerprint
 from jointbayes.posterior.verdicts import verdict_line
-from jointbayes.report.build import build_report
+from jointbayes.report.contents import build_report
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.sections.measured_bodies import measured_bodies_section
+from jointbayes.report.sections.measured_data import measured_bodies_section
 from jointbayes.workflow import identify, load_posterior, sample
 
 

@@ -302,6 +302,10 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         for name in PAIR.stiffness_names:
             assert loaded.values(name).tobytes() == posterior.values(name).tobytes()
         assert loaded.record == posterior.record
+        # what a report says of the case does not change by the way
+        assert loaded.case.workshop_problem.names == posterior.case.workshop_problem.names
+        assert loaded.case.default_priors == posterior.case.default_priors
+        assert loaded.case.warnings == posterior.case.warnings
         assert loaded.mode == posterior.mode
         assert loaded.mode_log_density == posterior.mode_log_density
         assert loaded.mode_theta.tobytes() == posterior.mode_theta.tobytes()

@@ -19,10 +19,10 @@ from jointbayes.posterior import Identifiability, summarise
 from jointbayes.posterior.rounding import number, rounded, rounded_interval
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Figure, ReportInputs, build_report, render_html, render_pdf
-from jointbayes.report.build import SECTIONS, SECTIONS_OF_DATA
+from jointbayes.report.contents import SECTIONS, SECTIONS_OF_DATA
 from jointbayes.report.model import Callout, Code, Paragraph, Table
 from jointbayes.report.sections.lead import coupling_sentence
-from jointbayes.report.sections.sampling import chain_figures
+from jointbayes.report.sections.run_details import chain_figures
 from jointbayes.workflow import sample
 from tests.conftest import PAIR, TO_CONVERGE, cheap_text, edited, of_case
 
@@ -157,7 +157,7 @@ def test_a_mode_that_the_map_search_missed_has_a_banner(whole, cheap_posterior):
 
 
 def test_every_file_of_a_section_is_in_the_report():
-    files = {info.name for info in pkgutil.iter_modules(jointbayes.report.sections.__path__)} - {"lead", "setups"}
+    files = {info.name for info in pkgutil.iter_modules(jointbayes.report.sections.__path__)} - {"lead"}
     assert files == {section.__module__.rsplit(".", 1)[1] for section in (*SECTIONS_OF_DATA, *SECTIONS)}
 
 

@@ -13,7 +13,7 @@ from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Figure
-from jointbayes.report.sections.fit import MOST_FIGURES, MOST_ROWS, _measure, _shown, fit_section, frf_unit
+from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, _measure, _shown, fit_section, frf_unit
 from jointbayes.sampling import Draws
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
-from jointbayes.report.sections.modes import _Compared, _figures
+from jointbayes.report.sections.natural_frequencies import _Compared, _figures
 
 
 def test_a_mode_of_which_no_component_was_measured_has_no_figure():

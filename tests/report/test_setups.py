@@ -17,16 +17,15 @@ from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.posterior import Posterior, RunRecord, data_sha256
-from jointbayes.posterior.curve import Curve, _change, curves_of
+from jointbayes.posterior.posterior import Curve, _change, curves_of
 from jointbayes.posterior.run_record import run_fingerprint
 from jointbayes.posterior.storage import draws_tree
-from jointbayes.report.build import SECTIONS_OF_DATA
+from jointbayes.report.contents import SECTIONS_OF_DATA
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph, Table
-from jointbayes.report.sections.curve import curve_section
 from jointbayes.report.sections.lead import lead
-from jointbayes.report.sections.setups import overview_section, setup_section
-from jointbayes.report.sections.starts import starts_section
+from jointbayes.report.sections.run_details import starts_section
+from jointbayes.report.sections.several_setups import curve_section, overview_section, setup_section
 from jointbayes.sampling import Draws
 from tests.case.test_setups import BASE, CLAMP_EDGE, TWO
 from tests.case.test_setups import HEARD as OF_PEAKS

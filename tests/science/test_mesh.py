@@ -8,7 +8,7 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.joint import Joint
-from jointbayes.posterior.mesh import LARGEST_ERROR_SD, LARGEST_SHIFT_SD, check_mesh
+from jointbayes.posterior.model_errors import LARGEST_ERROR_SD, LARGEST_SHIFT_SD, check_mesh
 from jointbayes.posterior.summary import summarise
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section
 from tests.conftest import CONFIGS, TABLE_3, pair_matrix

@@ -104,7 +104,7 @@ class Diagnosis:
     ignores_noise
         Whether the noise of measured bodies, which may be all there is to it, is ignored.
     remedy
-        What helps where they point to nothing: that of `jointbayes.posterior.findings`.
+        What helps where they point to nothing: that of `jointbayes.posterior.checks`.
     """
 
     modes: tuple[ModeError, ...]

@@ -15,14 +15,13 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
 from jointbayes.measurement import FrfMeasurement
-from jointbayes.posterior.arviz_bridge import to_arviz
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
-from jointbayes.posterior.mesh import MeshCheck, check_mesh
-from jointbayes.posterior.noise_of_bodies import NoiseOfBodies, noise_of_bodies
+from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
 from jointbayes.posterior.prediction import FrfPrediction, predict_frf
 from jointbayes.posterior.rounding import in_unit
 from jointbayes.posterior.run_record import RunRecord, SampledCase
+from jointbayes.posterior.storage import to_arviz
 
 _KERNEL_DRAWS = 4000
 #: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.

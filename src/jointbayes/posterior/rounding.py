@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
+#: The largest ratio of the ends of an interval that is told as a number.
+LARGEST_FACTOR = 1e3
 
 
 def rounded(value: float, error: float = math.nan) -> str:
@@ -85,6 +87,19 @@ def factor(ratio: float) -> str:
     if 1 < ratio < 2:
         return f"{ratio:.{1 - math.floor(math.log10(ratio - 1))}f}"
     return number(ratio)
+
+
+def factor_in_words(ratio: float) -> str:
+    """Upper over lower end of a 95 % interval.
+
+    Examples
+    --------
+    >>> factor_in_words(1.0162), factor_in_words(3.84), factor_in_words(math.inf)
+    ('a factor of 1.016', 'a factor of 3.84', 'more than a factor of 1000')
+    """
+    if ratio > LARGEST_FACTOR:
+        return f"more than a factor of {LARGEST_FACTOR:.0f}"
+    return f"a factor of {factor(ratio)}"
 
 
 def signed(value: float, decimals: int = 2) -> str:

@@ -71,6 +71,11 @@ class SampledCase(Protocol):
         ...
 
     @property
+    def setups(self) -> Sequence[Any]:
+        """Its set-ups as they were built, each with `name` and `spec`, a pydantic model; empty if built of no text."""
+        ...
+
+    @property
     def reference(self) -> Array | None:
         """Published (k11, k12, k22), shape (3,), if any."""
         ...
@@ -98,20 +103,6 @@ class SampledCase(Protocol):
     @property
     def warnings(self) -> Sequence[object]:
         """What is probably a slip."""
-        ...
-
-
-class StatedCase(Protocol):
-    """What this asks of a case."""
-
-    @property
-    def stated(self) -> Problem | None:
-        """The problem that its text states."""
-        ...
-
-    @property
-    def setups(self) -> Sequence[Any]:
-        """Its set-ups as they were built, each with `name` and `spec`, a pydantic model; empty if built of no text."""
         ...
 
 
@@ -182,7 +173,7 @@ def package_versions() -> dict[str, str]:
     }
 
 
-def run_fingerprint(problem: Problem, case: StatedCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:
+def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:
     """Parts of a run by name: seed, settings, versions, data, and the keys of the case or the parts of the problem.
 
     Parameters

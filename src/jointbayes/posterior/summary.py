@@ -12,11 +12,10 @@ from jointbayes.frf import MeasuredFile
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.information.exact_inputs import ExactInputs
 from jointbayes.posterior.information.knowledge import Knowledge
-from jointbayes.posterior.mesh import MeshCheck
+from jointbayes.posterior.information.uncertain_inputs import ExactInputs
+from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies
 from jointbayes.posterior.monte_carlo import effective_sizes
-from jointbayes.posterior.noise_of_bodies import NoiseOfBodies
 from jointbayes.posterior.rounding import in_columns, number, rounded
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
 from jointbayes.posterior.setup_summary import (

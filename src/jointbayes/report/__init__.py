@@ -1,6 +1,6 @@
 """Reports: one model of formatted text, tables and figures, rendered as HTML and as PDF."""
 
-from jointbayes.report.build import build_report
+from jointbayes.report.contents import build_report
 from jointbayes.report.html import render_html
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Report

@@ -16,9 +16,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.report.canvas import legend_above, logarithmic, panels, svg
+from jointbayes.report.canvas import extremes, legend_above, logarithmic, panels, svg
 from jointbayes.report.model import SERIES_COLOURS
-from jointbayes.report.thinning import extremes
 
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 #: Of a figure over frequency: pairs of points to a curve, two or three for each point of the page's width.

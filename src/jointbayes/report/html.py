@@ -18,9 +18,9 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
+from jointbayes.report.canvas import extremes, points_of_polyline
 from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
 from jointbayes.report.model import SERIES_COLOURS, Figure, LinePlot, Report, Series
-from jointbayes.report.thinning import extremes, points_of_polyline
 
 #: Of the vertical range of an interactive plot: by this a curve may miss points that are left out.
 _TOLERANCE = 2e-4

@@ -13,8 +13,8 @@ from jointbayes.inference import Problem
 from jointbayes.joint import COUPLED, RIGID, Quantity
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.posterior import package_versions
-from jointbayes.posterior.arviz_bridge import loo_pointwise
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence
+from jointbayes.posterior.storage import loo_pointwise
 
 _FEWEST = 30  # values that a standard error of a sum can be taken from
 _MOST_NUMBERS = 5_000_000  # log densities in memory at once

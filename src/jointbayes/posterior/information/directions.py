@@ -35,11 +35,10 @@ from jointbayes.posterior.identifiability import (
     assess,
     verdict_by_rule,
 )
-from jointbayes.posterior.rounding import factor, rounded, rounded_interval
+from jointbayes.posterior.rounding import LARGEST_FACTOR, factor_in_words, rounded, rounded_interval
 from jointbayes.posterior.verdicts import IF_MODEL_RIGHT
 
 _NORMAL_95 = 1.959963984540054
-_LARGEST_FACTOR = 1e3
 #: A quantity says something else than those named before if so much of its gradient is left beside theirs.
 _NEW = 0.5
 #: Products of powers of whatever exponents are the last resort: they must be known so many times better.
@@ -101,19 +100,6 @@ def interval_ratio(sd: float) -> float:
     return math.exp(exponent) if exponent < 700 else math.inf
 
 
-def factor_in_words(ratio: float) -> str:
-    """Upper over lower end of a 95 % interval.
-
-    Examples
-    --------
-    >>> factor_in_words(1.0162), factor_in_words(3.84), factor_in_words(math.inf)
-    ('a factor of 1.016', 'a factor of 3.84', 'more than a factor of 1000')
-    """
-    if ratio > _LARGEST_FACTOR:
-        return f"more than a factor of {_LARGEST_FACTOR:.0f}"
-    return f"a factor of {factor(ratio)}"
-
-
 def spread_in_words(sd: float) -> str:
     """A standard deviation of a logarithm: in per cent where small, else as the ratio of the ends of the 95 % interval.
 
@@ -123,7 +109,7 @@ def spread_in_words(sd: float) -> str:
     ('0.58 %', '16 %', 'a factor of 4.1', 'a factor of 160')
     """
     ratio = interval_ratio(sd)
-    if ratio > _LARGEST_FACTOR:
+    if ratio > LARGEST_FACTOR:
         return factor_in_words(ratio)
     return f"a factor of {float(f'{ratio:.2g}'):g}" if ratio > WEAK_RATIO else f"{100 * math.expm1(sd):.2g} %"
 

@@ -14,18 +14,16 @@ from jointbayes.joint.quantities import Coordinate
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
 from jointbayes.posterior.information.directions import NamedDirection, name_directions, summary_sentence
-from jointbayes.posterior.information.exact_inputs import (
+from jointbayes.posterior.information.excluded import SimplerJoint, exclusion_sentence, simpler_joints
+from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
+from jointbayes.posterior.information.uncertain_inputs import (
     ExactInputs,
+    UncertainInputsRow,
+    effect_of_uncertain_inputs,
     effect_sentence,
     inputs_taken_as_exact,
     listed,
     quantities_taken_as_exact,
-)
-from jointbayes.posterior.information.excluded import SimplerJoint, exclusion_sentence, simpler_joints
-from jointbayes.posterior.information.profile import ProfileLikelihood, profile_likelihood
-from jointbayes.posterior.information.uncertain_inputs import (
-    UncertainInputsRow,
-    effect_of_uncertain_inputs,
     uncertain_quantities,
 )
 from jointbayes.posterior.verdicts import FALL_PRINTED, FALL_TWO_SIDED, IF_MODEL_RIGHT, MOST_UNKNOWNS, JudgedPosterior

@@ -10,7 +10,7 @@ from jointbayes.posterior.verdicts import IF_MODEL_RIGHT, MOST_UNKNOWNS
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Callout, Paragraph, Table
-from jointbayes.report.sections.measurement import mode_table
+from jointbayes.report.sections.measured_data import mode_table
 
 _MOST_COUPLINGS = 6  # that page one says something of
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from jointbayes.errors import ModelError
 from jointbayes.own_directory import real_directory
-from jointbayes.posterior.brief import Cell
+from jointbayes.posterior.posterior import Cell
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.campaign.case_table import CampaignCase, read_cases
 from jointbayes.studies.campaign.index import DONE, FAILED, KILLED, Campaign, Index, Row, campaign_directory, kept_rows

@@ -6,22 +6,15 @@ from typing import TypeVar
 
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Report, Section
-from jointbayes.report.sections.curve import curve_section
-from jointbayes.report.sections.fit import fit_section
-from jointbayes.report.sections.frequencies import frequency_section
+from jointbayes.report.sections.fit_to_data import fit_section
+from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
+from jointbayes.report.sections.intervals import nuisance_section, posterior_section
 from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
-from jointbayes.report.sections.knowledge import knowledge_section
 from jointbayes.report.sections.lead import lead
-from jointbayes.report.sections.likelihood import likelihood_section
-from jointbayes.report.sections.measured_bodies import measured_bodies_section
-from jointbayes.report.sections.measurement import measurement_section
-from jointbayes.report.sections.modes import modes_section
-from jointbayes.report.sections.nuisances import nuisance_section
-from jointbayes.report.sections.posterior import posterior_section
-from jointbayes.report.sections.sampling import sampling_section
-from jointbayes.report.sections.settings import settings_section
-from jointbayes.report.sections.setups import overview_section, setup_section
-from jointbayes.report.sections.starts import starts_section
+from jointbayes.report.sections.measured_data import measured_bodies_section, measurement_section
+from jointbayes.report.sections.natural_frequencies import frequency_section, modes_section
+from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
+from jointbayes.report.sections.several_setups import curve_section, overview_section, setup_section
 
 Inputs = TypeVar("Inputs")
 

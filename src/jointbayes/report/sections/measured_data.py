@@ -1,13 +1,14 @@
-"""What a report says of the measurement files: what they are, how they were read, and the modes they show."""
+"""What was measured, files and channels, and bodies of the structure that were measured instead of modelled."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from jointbayes.frf import MeasuredBody
 from jointbayes.measurement.provenance import ChannelUse, MeasuredMode, MeasurementWarning
 from jointbayes.posterior.rounding import number, signed
-from jointbayes.report.inputs import SetupInputs
+from jointbayes.report.inputs import ReportInputs, SetupInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, Section, Table
 
@@ -75,7 +76,7 @@ def measurement_section(inputs: SetupInputs) -> Section | None:
     more = ""
     if len(p.channels) > _MOST_CHANNELS:
         more = f"The first {_MOST_CHANNELS} of {len(p.channels)}; summary.json has all."
-    rows = tuple(_row(use) for use in p.channels[:_MOST_CHANNELS])
+    rows = tuple(_channel_row(use) for use in p.channels[:_MOST_CHANNELS])
     blocks.append(Table("Channels", head, rows, align="lllrr", note=more))
     blocks += [Paragraph(foreign(text)) for text in p.notes]
     if p.left_out:
@@ -89,7 +90,49 @@ def _sentence(warning: MeasurementWarning) -> str:
     return foreign(f"{warning.sentence[:1].upper()}{warning.sentence[1:]}; {warning.remedy}.")
 
 
-def _row(use: ChannelUse) -> tuple[str, ...]:
+def _channel_row(use: ChannelUse) -> tuple[str, ...]:
     turned = " (other direction)" if use.reversed_direction else ""
     mass = number(1e3 * use.accelerometer_mass) if use.accelerometer_mass else "–"
     return (f"`{foreign(use.channel)}`{turned}", use.role, foreign(use.dof), number(use.factor, 6), mass)
+
+
+def measured_bodies_section(inputs: ReportInputs) -> Section | None:
+    """A row for each body; None where the structure is modelled throughout."""
+    found = inputs.summary.measured_bodies
+    if found is None:
+        return None
+    bodies = [
+        (f"{body.name} in set-up {part.setup}" if part.setup else body.name, body)
+        for part in inputs.posterior.problem.parts
+        for body in part.measured_bodies
+    ]
+    head = ("Body", "DOFs", "Lines", "Noise, median (%)", "Reciprocity")
+    note = (
+        "Noise: standard deviation of the receptances over their size, median over lines and pairs. Reciprocity: mean "
+        "square of the difference of FRFs when force and response change places over what their noise allows, 1 "
+        "expected; a dash where no pair was measured both ways. Nothing is interpolated."
+    )
+    rows = tuple(_body_row(name, body) for name, body in bodies)
+    table = Table("Measured bodies", head, rows, align="llrrr", note=note)
+    files = tuple(
+        (foreign(name), foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`")
+        for name, body in bodies
+        for file in body.files
+    )
+    listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
+    return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(found.sentence)), table, *listed))
+
+
+def _body_row(name: str, body: MeasuredBody) -> tuple[str, ...]:
+    a, b = np.triu_indices(len(body.dofs))
+    size = np.abs(body.receptance[:, a, b])
+    sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
+    relative = float(np.median(sd[size > 0] / size[size > 0]))
+    f = body.frequency_hz
+    return (
+        foreign(name),
+        foreign(", ".join(body.dofs)),
+        f"{f.size}, {f[0]:g} to {f[-1]:g} Hz",
+        number(100 * relative, 2),
+        "–" if body.discrepancy is None else number(body.discrepancy),
+    )

@@ -1,0 +1,154 @@
+"""How the run went, and what it takes to repeat it: starts, sampler, chains, settings and versions."""
+
+from jointbayes.arrays import Array
+from jointbayes.identification import IterationHistory, missing_for_iteration
+from jointbayes.joint import Quantity
+from jointbayes.posterior import Posterior
+from jointbayes.posterior.rounding import fixed, number
+from jointbayes.report import figures
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.markup import coordinate_labels, foreign
+from jointbayes.report.model import Block, Code, Figure, Paragraph, Section, Table
+
+
+def starts_section(inputs: ReportInputs) -> Section:
+    """Where the mode came from: the starts, and the paper's iteration or what is missing for it."""
+    posterior, estimate = inputs.posterior, inputs.posterior.estimate
+    rows = tuple(
+        (
+            foreign(start.name),
+            ", ".join(number(k) for k in start.start),
+            ", ".join(number(k) for k in start.stiffness),
+            number(start.log_posterior, 7),
+            "yes" if start.reached_mode else "no",
+        )
+        for start in estimate.starts
+    )
+    head = ("Start", f"{foreign(', '.join(posterior.stiffness_names))} from", "to", "ln p", "Mode reached")
+    reached = len(rows) - len(estimate.failed_starts)
+    text = f"{reached} of {len(rows)} starts reach the mode"
+    text += f"; these do not: {foreign(estimate.failed_text)}." if estimate.failed_starts else "."
+    text += (
+        f" The joint mode refined from the best draw lies {number(posterior.mode_distance, 2)} Laplace sd from the MAP."
+    )
+    if estimate.sentence:
+        text += f" {estimate.sentence}"
+    blocks: list[Block] = [Paragraph(text), Table("Starts of the MAP search, and where each led", head, rows)]
+    if estimate.iteration is not None:
+        blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
+    elif missing := missing_for_iteration(posterior.problem):
+        blocks.append(Paragraph(f"**The paper's iteration was left out.** {foreign(missing)}."))
+    return Section("starts", "Starting points and the paper's iteration", tuple(blocks))
+
+
+def _iteration_blocks(
+    history: IterationHistory, quantities: tuple[Quantity, ...], published: Array | None
+) -> list[Block]:
+    norm, iterated = history.residual_norm, [quantities[i] for i in history.iterated]
+    settled = ", ".join(
+        f"{q.name} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
+        for i, q in zip(history.iterated, iterated, strict=True)
+        if history.stiffness[i] != 0
+    )
+    text = f"**The paper's iteration (Eqs. 3–9)**{foreign(history.on_setup)} {history.reason}. "
+    text += f"Step 5 differs from the last step by: {foreign(settled)}."
+    if len(iterated) < len(quantities):
+        text += " Quantities that do not act in that set-up stay at the first guess."
+    return [
+        Paragraph(text),
+        Figure(
+            "iteration-norm",
+            "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
+            f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
+            figures.residual_norm(norm),
+        ),
+        Figure(
+            "iteration-stiffness",
+            "Stiffnesses over the iteration, as in the paper's Fig. 8.",
+            f"History of {_listed([q.name for q in iterated])} over the iteration steps with the published values.",
+            figures.histories(
+                [f"{q.name} ({q.unit})" for q in iterated],
+                history.stiffness_history[:, history.iterated],
+                None if published is None else published[list(history.iterated)],
+            ),
+        ),
+    ]
+
+
+def _listed(names: list[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def sampling_section(inputs: ReportInputs) -> Section:
+    """How the draws were made and how well they mixed."""
+    record = inputs.posterior.record
+    s = record.sampler
+    rows = (
+        ("Ensembles × walkers", f"{s['ensembles']} × {s['walkers']}"),
+        ("Steps (limit)", f"{s['steps']} ({s['max_steps']})"),
+        ("Burn-in, thinning", f"{s['burn_in']} steps, every {s['thin']} steps"),
+        ("Autocorrelation time τ", ", ".join(f"{n} {number(t)}" for n, t in s["tau"].items()) + " steps"),
+        ("Acceptance", f"{100 * s['acceptance']:.0f} %"),
+        *((f"– {foreign(name)}", f"{100 * share:.0f} %") for name, share in s["move_acceptance"].items()),
+        ("Importance efficiency of the proposal", f"{100 * s['proposal_efficiency']:.0f} %"),
+        ("Evaluations", f"{s['evaluations']}"),
+        ("of these without a finite value", f"{s['singular']}"),
+        ("Effective draws", ", ".join(f"{n} {fixed(e, 0)}" for n, e in s["ess"].items())),
+        ("Time", f"{s['seconds']:.1f} s, {fixed(s['ess_per_second'], 0)} effective draws per second"),
+        ("Seed", f"{record.seed}"),
+    )
+    return Section(
+        "sampling",
+        "Sampling",
+        (
+            Table("Sampler", ("Figure", "Value"), rows, align="ll"),
+            *chain_figures(inputs.posterior, s["thin"]),
+        ),
+    )
+
+
+def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
+    """Traces and autocorrelation of all coordinates, in as many figures as there are colours for."""
+    theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
+    ensemble = posterior.draws["ensemble"].values
+    names = coordinate_labels(posterior.problem)
+    pages = [slice(i, i + figures.MOST_CURVES) for i in range(0, len(names), figures.MOST_CURVES)]
+    traces, correlations = [], []
+    for count, page in enumerate(pages, 1):
+        suffix = "" if count == 1 else f"-{count}"
+        these = "" if len(pages) == 1 else f" of {', '.join(names[page])}"
+        traces.append(
+            Figure(
+                f"traces{suffix}",
+                f"Traces{these} after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles "
+                "lie on top of each other and show no trend.",
+                "Traces of the coordinates for each ensemble over the kept draws.",
+                figures.traces(names[page], theta[..., page], ensemble),
+            )
+        )
+        correlations.append(
+            Figure(
+                f"autocorrelation{suffix}",
+                f"Autocorrelation{these or ' of the kept draws'}, averaged over walkers.",
+                "Autocorrelation of each coordinate against lag in steps, falling to zero.",
+                figures.autocorrelation(names[page], theta[..., page], thin),
+            )
+        )
+    return [*traces, *correlations]
+
+
+def settings_section(inputs: ReportInputs) -> Section:
+    """Everything needed to repeat the run."""
+    summary = inputs.summary
+    versions = tuple((foreign(name), foreign(version)) for name, version in summary.record.versions.items())
+    return Section(
+        "settings",
+        "Settings and versions",
+        (
+            *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
+            Paragraph(f"Fingerprint of the data (SHA-256): `{summary.data_sha256}`."),
+            Table("Versions", ("Package", "Version"), versions, align="ll"),
+            Code(inputs.case_text, "toml") if inputs.case_text else Code(str(inputs.posterior.problem), "text"),
+        ),
+    )
