@@ -13,7 +13,7 @@ SCRIPT = (
     "    from numba.core import caching\n"
     "    caching.CacheImpl._locator_classes = [caching.UserProvidedCacheLocator]\n"
     "import numpy as np\n"
-    "from jointbayes.frf.kernels.springs import springs\n"
+    "from jointbayes.frf.kernels.secular import springs\n"
     "print(springs(np.diag([2.0, 3.0])[None])[1])\n"
 )
 

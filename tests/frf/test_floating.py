@@ -10,7 +10,7 @@ from scipy import linalg
 import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledModes, DirectSolve, NaturalFrequencies, Ports
-from jointbayes.frf.floating import rigid_body_modes
+from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes
 from jointbayes.inference import JointPrior, ModePrediction, Problem, Uniform
 from jointbayes.joint import Joint, Joints, LogStiffness

@@ -8,7 +8,7 @@ import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, FrfSet, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Uniform
-from jointbayes.inference.cone import log_probability_inside
+from jointbayes.inference.prior import log_probability_inside
 from jointbayes.joint import Joint, Joints, LogStiffness, Rigid, SignedCoupling, blocks_of, parametrisation_named
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.structure import LossFactor, ModalDamping

@@ -8,7 +8,7 @@ from scipy import linalg, stats
 
 from jointbayes.frf import AssembledShapes
 from jointbayes.inference import likelihood_of
-from jointbayes.inference.modes import ModePrediction, mac
+from jointbayes.inference.modal_likelihood import ModePrediction, mac
 from jointbayes.joint import Joint
 from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
 from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family

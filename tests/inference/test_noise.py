@@ -16,7 +16,7 @@ from jointbayes.inference import (
     ScaledNoise,
     StudentNoise,
 )
-from jointbayes.inference.residuals import ComplexResidual, LogMagnitudeResidual, residual_of
+from jointbayes.inference.likelihood_base import ComplexResidual, LogMagnitudeResidual, residual_of
 from jointbayes.measurement.variance import coherence_variance
 
 EVEN = 10.0 + 2.0 * np.arange(40)

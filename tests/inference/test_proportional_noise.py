@@ -10,9 +10,9 @@ from scipy import integrate
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import ModelError
 from jointbayes.inference import GaussianNoise, JointPrior, Nuisance, ProportionalNoise, Uniform
+from jointbayes.inference.likelihood_base import residual_of
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.inference.noise.proportional import RANGE, noise_of
-from jointbayes.inference.residuals import residual_of
 from jointbayes.joint import PlainSprings
 from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
 from jointbayes.posterior.evidence import evidence

@@ -12,7 +12,7 @@ import pytest
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledModes, DirectSolve, FrfSet, LowRankCoupling, Ports
-from jointbayes.frf.kernels.springs import springs
+from jointbayes.frf.kernels.secular import springs
 from jointbayes.frf.modal import JoinedModes
 from jointbayes.inference import JointPrior, LogPosterior, Normal
 from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of

@@ -13,7 +13,7 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import Joint, LogStiffness
 from jointbayes.measurement import FrfMeasurement
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
-from jointbayes.structure.mode_table import ModeTable
+from jointbayes.structure.shape_modes import ModeTable
 from tests.conftest import TABLE_3, pair_matrix
 
 STEEL, CLAMP = BeamMaterial(2.1e11, 0.3, 7800.0), Joint(("1:y", "1:rz"))

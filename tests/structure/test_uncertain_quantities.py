@@ -18,11 +18,11 @@ from jointbayes.structure import (
     ModalDamping,
     Rayleigh,
     Section,
-    mode_table,
+    shape_modes,
 )
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.mesh import BeamShape, mesh_through
-from jointbayes.structure.mode_table import ModeTable, _hopeless
+from jointbayes.structure.shape_modes import ModeTable, _hopeless
 from tests.conftest import pair_matrix
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
@@ -74,7 +74,7 @@ def test_an_accelerometer_of_known_mass_counts_beside_an_uncertain_beam():
 
 
 def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
-    monkeypatch.setattr(mode_table, "_NODES", (2,))
+    monkeypatch.setattr(shape_modes, "_NODES", (2,))
     ranges = {"section_size": (-0.05, 0.05), "shear_coefficient": (-0.3, 0.3)}
     family = BeamFamily(recipe(), ranges)
     near = family.at(("1:y", "1:rz", *PORTS.outputs), 2500.0)
@@ -243,7 +243,7 @@ def test_modes_that_change_places_are_not_tabulated_at_more_and_more_points():
         jump = 1.0 if numbers[0] > 0.1 else 0.0
         return Modes(np.array([1.0 + jump, 3.0 + jump]), np.eye(2)), np.eye(2)
 
-    assert mode_table.tabulated(modes_at, np.eye(2)[:, :1], [(-1.0, 1.0)]) is None
+    assert shape_modes.tabulated(modes_at, np.eye(2)[:, :1], [(-1.0, 1.0)]) is None
     assert len(solved) < 4 + 6 + 8 + 11 + 15
 
 

@@ -1,14 +1,12 @@
 """Frequency response functions: measured sets, the forward models that predict them."""
 
-from jointbayes.frf.coupling import LowRankCoupling, receptance_model
+from jointbayes.frf.coupling import LowRankCoupling, NoisePropagation, receptance_model
 from jointbayes.frf.direct import DirectSolve
-from jointbayes.frf.floating import rigid_body_modes
 from jointbayes.frf.frf_set import FrfSet, Quantity, quantity_factor
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, MeasuredFile, Substructures
-from jointbayes.frf.modal import AssembledModes, NaturalFrequencies
+from jointbayes.frf.modal import AssembledModes, NaturalFrequencies, rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes, Modal
 from jointbayes.frf.ports import Ports, ReceptanceModel
-from jointbayes.frf.propagation import NoisePropagation
 
 __all__ = [
     # data

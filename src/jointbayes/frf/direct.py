@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf.floating import rigid_body_modes
+from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.ports import Ports
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
 from jointbayes.structure import Structure

@@ -4,8 +4,7 @@ from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
 from jointbayes.inference.likelihood_base import Likelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.marginals import Distribution, Marginal, Normal, OfStiffness, OwnMarginal, Uniform
-from jointbayes.inference.modal_likelihood import ModalLikelihood
-from jointbayes.inference.modes import ModePrediction, mac, modal_model
+from jointbayes.inference.modal_likelihood import ModalLikelihood, ModePrediction, mac, modal_model
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.inference.noise.gaussian import GaussianNoise, IntegratedScale, ScaledNoise

@@ -1,7 +1,15 @@
 """Likelihoods of joint matrices K^J and of what else is uncertain: invariant to how these are parametrised.
 
-Each offers ln L for a batch, and for one point the standardised residuals e, with ln L = constant − eᵀe/2 for Gaussian
-noise of known size, and their Jacobian.
+Where bodies of the structure are themselves measured the noise depends on the joint. At a line the measured FRFs differ
+from the predicted ones by their own errors and by what the errors of the measured bodies make of the prediction,
+Σ = diag(σ²) + J Σ_A Jᴴ with J = ∂H/∂A at the joint and factors at hand, so that ln L = −Σ (ln det πΣ + rᴴ Σ⁻¹ r) with
+r = H − Hˣ. What the errors of the bodies have in common makes FRFs of different outputs and inputs at one line depend
+on each other; lines do not.
+
+References
+----------
+Goodman, N. R. (1963). Statistical analysis based on a certain multivariate complex Gaussian distribution. Annals of
+Mathematical Statistics 34(1), 152-177. DOI 10.1214/aoms/1177704250
 """
 
 import math
@@ -16,25 +24,68 @@ from jointbayes.frf import (
     AnyStructure,
     FrfSet,
     LowRankCoupling,
+    NoisePropagation,
     Ports,
     ReceptanceModel,
     quantity_factor,
     receptance_model,
 )
+from jointbayes.frf.kernels.by_line import noise_roots
 from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import as_factors
-from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
-from jointbayes.inference.modal_likelihood import ModalLikelihood
-from jointbayes.inference.modes import modal_model
+from jointbayes.inference.likelihood_base import STEP, Likelihood, ResidualKind, moved_factors, residual_of
+from jointbayes.inference.modal_likelihood import ModalLikelihood, modal_model
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
-from jointbayes.inference.propagated import PropagatedNoise
-from jointbayes.inference.residuals import ResidualKind, residual_of
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
 from jointbayes.structure import is_mode_frequency
 
 ComplexArray = NDArray[np.complex128]
+
+
+class PropagatedNoise:
+    """Covariance of residuals at each line, and residuals that are white by it.
+
+    Parameters
+    ----------
+    model
+        Forward model with measured bodies.
+    variance
+        σ² of the measured receptances, shape (lines, outputs, inputs).
+    """
+
+    def __init__(self, model: LowRankCoupling, variance: Array) -> None:
+        self.propagation = NoisePropagation(model)
+        self._variance = variance.reshape(len(variance), -1)
+
+    def roots(self, matrices: AnyJointMatrix, factors: Array, gain: Array) -> ComplexArray:
+        """Lower triangular L with L Lᴴ = Σ, shape (batch, lines, pairs, pairs).
+
+        Of joint matrices (batch, r, r), factors on the structure (batch, f) and on all measured FRFs (batch,).
+        """
+        added = self.propagation.roots(matrices, factors)
+        out = np.empty((*added.shape[:3], added.shape[2]), dtype=complex)
+        noise_roots(added, np.ascontiguousarray(gain), self._variance, out)
+        return out
+
+    def white(self, roots: ComplexArray, residuals: ComplexArray) -> ComplexArray:
+        """L⁻¹ r, shape (n, lines, pairs), E|z|² = 1, of residuals (n, lines, outputs, inputs); roots of one or n."""
+        flat = residuals.reshape(*residuals.shape[:2], -1)
+        white = np.empty(flat.shape, dtype=complex)
+        for p in range(flat.shape[2]):
+            known = (roots[..., p, :p] * white[..., :p]).sum(axis=-1)
+            white[..., p] = (flat[..., p] - known) / roots[..., p, p]
+        return white
+
+    def excess(self, roots: ComplexArray) -> Array:
+        """Part of each value in ln det Σ above that of the data's own noise, shape (batch, lines, pairs)."""
+        return 2 * np.log(np.diagonal(roots, axis1=2, axis2=3).real) - np.log(self._variance)
+
+    def variance(self, roots: ComplexArray) -> Array:
+        """Diagonal of Σ, shape (batch, lines, pairs)."""
+        return (np.abs(roots) ** 2).sum(axis=-1)
+
 
 _GAIN = "gain"
 _AT_ONCE, _VALUES_AT_ONCE = 64, 8_000_000  # joints whose lines are held in memory together, and values of all
@@ -131,7 +182,7 @@ class FrfLikelihood(Likelihood):
         return value
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Residuals:
-        """Residuals over σ, shape (batch, lines, pairs), see `jointbayes.inference.residuals`."""
+        """Residuals over σ, shape (batch, lines, pairs), see `Residual`."""
         joints = as_joint_matrix(matrices)
         return self._compared(joints, as_factors(factors, len(joints)))[0]
 

@@ -21,11 +21,10 @@ from jointbayes.frf import (
 )
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood import likelihood_of
-from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.prior import JointPrior
-from jointbayes.inference.residuals import ResidualKind
 from jointbayes.inference.setup import (
     Setup,
     SetupsLikelihood,

@@ -12,9 +12,8 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody
 from jointbayes.frf.measured_body import substructures
-from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
 from jointbayes.inference.noise.base import NoiseModel
-from jointbayes.inference.residuals import ResidualKind
 from jointbayes.joint import (
     AnyJoint,
     AnyJointMatrix,

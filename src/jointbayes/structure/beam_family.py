@@ -15,9 +15,8 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
-from jointbayes.structure.matrices import Structure
+from jointbayes.structure.matrices import Forced, Structure
 from jointbayes.structure.mesh import BeamMesh
-from jointbayes.structure.reduction import Forced
 from jointbayes.structure.shape_modes import (
     ModesOverShape,
     Parts,

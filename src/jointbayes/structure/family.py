@@ -8,8 +8,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.structure.matrices import Modes, Structure
-from jointbayes.structure.reduction import Forced, Reduction
+from jointbayes.structure.matrices import Forced, Modes, Reduction, Structure
 
 #: DOFs that a joint may hold: each may lift every natural frequency to where the next one was.
 MOST_HELD = 6

@@ -15,8 +15,7 @@ from jointbayes.errors import ModelError
 from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes
 from jointbayes.structure.frame_mesh import BodyFactors
 from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe
-from jointbayes.structure.matrices import Structure
-from jointbayes.structure.reduction import Forced
+from jointbayes.structure.matrices import Forced, Structure
 from jointbayes.structure.shape_modes import (
     ModesOverShape,
     Parts,

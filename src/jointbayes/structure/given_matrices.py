@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of, printable
-from jointbayes.structure.damping import DampingLaw, ViscousMatrix
+from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
 from jointbayes.structure.family import MOST_HELD, FixedFamily, FreeModes
-from jointbayes.structure.matrices import Structure
-from jointbayes.structure.reduction import Forced
-from jointbayes.structure.signs import NOT_NEGATIVE, lowest_eigenvalue
+from jointbayes.structure.matrices import Forced, Structure
 from jointbayes.structure.uncertain_family import UncertainFamily
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
 

@@ -1,20 +1,204 @@
 """Free modes over the few numbers that change them by more than factors, and from these at all quantities.
 
 E, ρ and size change the modes of a body by similarity, that is by factors. Over what is left, such as slenderness or an
-accelerometer's mass beside the body's, the modes and the few vectors that stand for those above the band
-(`jointbayes.structure.reduction`) are interpolated between Chebyshev points, at which the body is assembled and solved.
+accelerometer's mass beside the body's, the modes and the few vectors that stand for those above the band (`Reduction`)
+are interpolated between Chebyshev points, at which the body is assembled and solved.
 """
 
+import itertools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from jointbayes.arrays import Array
-from jointbayes.structure.matrices import Modes, Structure
-from jointbayes.structure.mode_table import Ends, ModeTable, tabulated
-from jointbayes.structure.reduction import Forced, Reduction
+from jointbayes.structure.matrices import Forced, Modes, Reduction, Structure
+
+Ends = Sequence[tuple[float, float]]
+ModesAt = Callable[[Sequence[float]], tuple[Modes, Array]]
+
+_NODES = (4, 6, 8, 11, 15, 20, 27, 36)
+_MOST_POINTS = 1000  # beyond, tabulating costs more than it gains
+_ACCURATE = 1e-8  # of the interpolation, relative to each eigenvalue and to the largest motion in any mode
+_TRIED, _FAR = 4, 1e4  # sizes of tables whose errors tell how the others will be; errors that far above are no use
+_SAME_PLANE = 1e-6  # eigenvalues closer than this (relative) share a plane in which any basis is as good
+
+
+class _Interpolation:
+    """Polynomials through a tensor grid of Chebyshev points.
+
+    Parameters
+    ----------
+    ends
+        Lower and upper end of each axis.
+    counts
+        Number of points on each.
+    """
+
+    def __init__(self, ends: Sequence[tuple[float, float]], counts: Sequence[int]) -> None:
+        self._nodes = [_chebyshev(low, high, n) for (low, high), n in zip(ends, counts, strict=True)]
+        self._weights = [(-1.0) ** np.arange(n) * np.sin((np.arange(n) + 0.5) * np.pi / n) for n in counts]
+
+    @property
+    def points(self) -> list[tuple[float, ...]]:
+        """The points of the grid, each (axes,)."""
+        return list(itertools.product(*(nodes.tolist() for nodes in self._nodes)))
+
+    def coefficients(self, numbers: Array) -> Array:
+        """Weight of each point, shape (n, points), for shape numbers (n, axes)."""
+        total = np.ones((len(numbers), 1))
+        for i, (nodes, weights) in enumerate(zip(self._nodes, self._weights, strict=True)):
+            gap = numbers[:, i, None] - nodes
+            hit = gap == 0
+            # barycentric formula; at a point itself its own weight alone counts
+            share = weights / np.where(hit, 1.0, gap)
+            share = np.where(hit.any(axis=1, keepdims=True), hit, share)
+            share = share / share.sum(axis=1, keepdims=True)
+            total = (total[:, :, None] * share[:, None, :]).reshape(len(numbers), -1)
+        return total
+
+
+class ModeTable:
+    """Eigenvalues and motions over the shape numbers: polynomials through those at tensor points.
+
+    Parameters
+    ----------
+    modes_at
+        Modes and mass matrix at shape numbers (axes,); the modes at zero give all others order and direction.
+    motions
+        Motions that are wanted, as forms on the DOFs, shape (DOFs, k).
+    ends, counts
+        Lower and upper end of each axis, and number of points on each.
+    """
+
+    def __init__(self, modes_at: ModesAt, motions: Array, ends: Ends, counts: Sequence[int]) -> None:
+        self._grid = _Interpolation(ends, counts)
+        self._ends, self._motions = ends, motions
+        self._nominal, _ = modes_at([0.0] * len(ends))
+        solved = [self._turned(modes_at, point) for point in self._grid.points]
+        self._eigenvalues = np.stack([eigenvalues for eigenvalues, _ in solved])
+        self._rows = np.stack([rows for _, rows in solved])
+        self._flat = np.concatenate([self._eigenvalues, self._rows.reshape(len(self._rows), -1)], axis=1)
+
+    def __call__(self, numbers: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes)."""
+        k, m = self._rows.shape[1:]
+        values = self._grid.coefficients(numbers) @ self._flat
+        return values[:, :m], values[:, m:].reshape(-1, k, m)
+
+    def _turned(self, modes_at: ModesAt, numbers: Sequence[float]) -> tuple[Array, Array]:
+        """Eigenvalues (m,) and motions (k, m) of modes ordered and turned like their nominal counterparts."""
+        modes = _turned_modes(*modes_at(numbers), self._nominal)
+        return modes.eigenvalues, self._motions.T @ modes.shapes
+
+    def error(self, modes_at: ModesAt) -> float:
+        """Largest error of the table at a few points beside its own, near the ends among them.
+
+        Of the lower half of the modes each has to be right. The highest avoid each other as the beam becomes thicker,
+        and are then no smooth functions one by one; of them only the sum counts, in the receptance below them.
+        """
+        worst = 0.0
+        for share in (0.03, 0.41, 0.97):
+            point = np.array([low + share * (high - low) for low, high in self._ends])
+            lam, rows = self._turned(modes_at, point.tolist())
+            found_lam, found_rows = (each[0] for each in self(point[None]))
+            lower = slice(0, -(-lam.size // 2))
+            elastic = lam[lam > 0]
+            scale = np.maximum(lam, elastic.min(initial=np.inf))
+            size = np.abs(rows).max(axis=1, keepdims=True)
+            size[size == 0] = 1.0  # a motion that is none: a port at the joint, with the joint's own motion taken out
+            errors = [
+                (np.abs(found_lam - lam) / scale)[lower],
+                (np.abs(found_rows - rows) / size)[:, lower],
+            ]
+            lowest = elastic.min(initial=np.inf)
+            for square in (lowest, max(lam[lower].max(), lowest)):
+                # at ω² = −square, where it has no poles
+                right, guess = (r / (e + square) @ r.T for e, r in ((lam, rows), (found_lam, found_rows)))
+                root = np.sqrt(np.diag(right))
+                root[root == 0] = 1.0
+                errors.append((guess - right) / np.outer(root, root))
+            worst = max(worst, *(float(np.abs(e).max()) for e in errors))
+        return worst
+
+
+def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None:
+    """The smallest table that is accurate enough, axis by axis and then as a whole; None if there is none."""
+    modes_at = _remembering(modes_at)
+    counts: list[int] = []
+    for i in range(len(ends)):
+        alone = [end if j == i else (0.0, 0.0) for j, end in enumerate(ends)]
+        each = [[n if j == i else 1 for j in range(len(ends))] for n in _NODES]
+        errors: list[float] = []
+        for n in each:
+            errors.append(ModeTable(modes_at, motions, alone, n).error(modes_at))
+            if errors[-1] < _ACCURATE:
+                counts.append(n[i])
+                break
+            if _hopeless(errors):
+                return None
+        else:
+            return None
+    if math.prod(counts) > _MOST_POINTS:
+        return None
+    table = ModeTable(modes_at, motions, ends, counts)
+    if not ends:  # nothing is interpolated
+        return table
+    return table if table.error(modes_at) < 10 * _ACCURATE else None
+
+
+def _remembering(modes_at: ModesAt) -> ModesAt:
+    """The same function, each point solved once: tables of different size share those at which they are checked."""
+    known: dict[tuple[float, ...], tuple[Modes, Array]] = {}
+
+    def remembered(numbers: Sequence[float]) -> tuple[Modes, Array]:
+        point = tuple(numbers)
+        if point not in known:
+            known[point] = modes_at(numbers)
+        return known[point]
+
+    return remembered
+
+
+def _hopeless(errors: Sequence[float]) -> bool:
+    """Whether errors of tables of 4, 6, 8 … points fall so slowly that the largest will not be accurate by far.
+
+    They fall geometrically with the number of points where modes are smooth, and not at all where modes change places
+    or rounding is all that is left of them.
+    """
+    if len(errors) < _TRIED:
+        return False
+    first, last = errors[-_TRIED], errors[-1]
+    done, left = _NODES[len(errors) - 1] - _NODES[len(errors) - _TRIED], _NODES[-1] - _NODES[len(errors) - 1]
+    return not (last < first / 2 and last * (last / first) ** (left / done) < _FAR * _ACCURATE)
+
+
+def _chebyshev(low: float, high: float, n: int) -> Array:
+    return (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(n) + 0.5) * np.pi / n)
+
+
+def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:
+    """Modes in the order of their nominal counterparts, each turned to lie as its own does."""
+    # modes of different symmetry cross as the beam becomes thicker: each is known by its shape, not by its number
+    overlap = np.abs(modes.shapes.T @ mass @ nominal.shapes)
+    _, number = optimize.linear_sum_assignment(-overlap.T)
+    eigenvalues, shapes = modes.eigenvalues[number], modes.shapes[:, number]
+    for plane in _planes(nominal.eigenvalues):
+        # the rotation within the plane that brings the shapes nearest to the nominal ones; a sign for one mode
+        left, _, right = np.linalg.svd(shapes[:, plane].T @ mass @ nominal.shapes[:, plane])
+        shapes[:, plane] = shapes[:, plane] @ (left @ right)
+    return Modes(eigenvalues, shapes)
+
+
+def _planes(eigenvalues: Array) -> list[slice]:
+    """Runs of modes with equal eigenvalues."""
+    apart = np.diff(eigenvalues) > _SAME_PLANE * eigenvalues[1:]
+    cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), eigenvalues.size]
+    return [slice(a, b) for a, b in itertools.pairwise(cuts)]
+
 
 #: Powers in which quantities change a shape number.
 Powers = Mapping[str, float]

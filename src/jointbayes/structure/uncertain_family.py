@@ -11,8 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.family import FreeModes
-from jointbayes.structure.matrices import Structure
-from jointbayes.structure.reduction import Forced
+from jointbayes.structure.matrices import Forced, Structure
 from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
 
 #: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and

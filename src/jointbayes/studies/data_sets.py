@@ -19,7 +19,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.inference.residuals import PURE_NOISE
+from jointbayes.inference.likelihood_base import PURE_NOISE
 from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement, ModeMeasurement
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.ranks import rank_statistic

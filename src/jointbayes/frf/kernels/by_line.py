@@ -114,7 +114,7 @@ def error_roots(
     n_out: int,
     out: ComplexArray,
 ) -> None:
-    """Roots R of E[δH δHᴴ] = R Rᴴ into `out` (n, lines, pairs, E), see `jointbayes.frf.propagation`.
+    """Roots R of E[δH δHᴴ] = R Rᴴ into `out` (n, lines, pairs, E), see `jointbayes.frf.coupling`.
 
     Of joint matrices (n, 1 or lines, r, r), the free receptance (1 or n, lines, r + q, r + q) between the joint's
     motions and the rest of the q ports, their parts along the joint (r, q), motions of the bodies' DOFs (DOFs, r + q),

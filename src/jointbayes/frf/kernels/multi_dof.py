@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import aligned_zeros, compiled, inner, lane_blocks
-from jointbayes.frf.kernels.springs import springs
+from jointbayes.frf.kernels.secular import springs
 from jointbayes.frf.ports import as_batch
 
 ComplexArray = NDArray[np.complex128]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
-from jointbayes.frf.kernels.springs import RIGID
+from jointbayes.frf.kernels.secular import RIGID
 from jointbayes.frf.ports import as_batch
 
 ComplexArray = NDArray[np.complex128]

@@ -2,7 +2,7 @@
 
 Residuals are standardised, z = (H − Hˣ)/σ of shape (n, lines, pairs). With `parts` = 2 they are complex and the stated
 noise gives E|z|² = 1; with `parts` = 1 they are real, z = r/(√2 sd), and E z² = 1/2. In both cases the stated Gaussian
-is ln p = constant − Σ|z|²; the constant, which no model contains, belongs to the residual (`residuals.py`).
+is ln p = constant − Σ|z|²; the constant, which no model contains, belongs to the residual (`likelihood_base.py`).
 Hyperparameters are positive physical values, one column for each name.
 """
 

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf.frf_set import read_only
+from jointbayes.inference.likelihood_base import PURE_NOISE
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, log_uniform, rows_of
 from jointbayes.inference.prior import Nuisance
-from jointbayes.inference.residuals import PURE_NOISE
 from jointbayes.measurement import FrfMeasurement, Measurement
 
 #: Sizes of the error, as fractions of |H|, between which every order of magnitude is equally probable.

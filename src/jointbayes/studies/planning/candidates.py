@@ -14,7 +14,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor, receptance_model
 from jointbayes.inference import NoiseModel, Nuisance, Problem
-from jointbayes.inference.residuals import ResidualKind
+from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.setup import columns_of_names
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import FrfMeasurement, RelativeNoise
