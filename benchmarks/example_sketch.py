@@ -14,8 +14,8 @@ from jointbayes.measurement import FrfMeasurement
 from jointbayes.report.canvas import svg
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.structure import Body, Member, Section
+from jointbayes.structure.beam_recipe import BeamRecipe
 from jointbayes.structure.frame_recipe import FrameRecipe
-from jointbayes.structure.uncertain_quantities import BeamRecipe
 
 Array = NDArray[np.float64]
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]

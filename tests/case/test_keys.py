@@ -40,7 +40,7 @@ from jointbayes.measurement.provenance import Provenance
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.simulated import Rig
 from jointbayes.structure import Section
-from jointbayes.structure.uncertain_family import UncertainFamily
+from jointbayes.structure.family import UncertainFamily
 from jointbayes.studies.planning import make_plan
 from jointbayes.studies.planning.candidates import Candidate, StatedVariance
 from tests.case.key_cases import CASES, KeyCase

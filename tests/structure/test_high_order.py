@@ -8,9 +8,9 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.joint import Joint
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, beam
+from jointbayes.structure.beam_recipe import BeamShape, mesh_through
 from jointbayes.structure.high_order import ACCURACY, element_error, node_positions, spans_between
 from jointbayes.structure.matrices import Reduction
-from jointbayes.structure.mesh import BeamShape, mesh_through
 from tests.conftest import pair_matrix
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)

@@ -97,4 +97,4 @@ def test_a_stubby_beam_is_interpolated_as_well():
     assert np.abs((interpolated.receptance(matrices, edge) - expected) / size).max() < 1e-7
     at = family.at((*CLAMP.labels, "11:y"), lines[-1])
     motions = np.eye(at.nominal.n_dofs)[:, at.nominal.index((*CLAMP.labels, "11:y"))]
-    assert isinstance(at.over_factors(motions, None)._modes, ModeTable)
+    assert isinstance(at.over_factors(motions, None)._bodies[0].modes, ModeTable)

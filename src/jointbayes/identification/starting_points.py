@@ -15,7 +15,7 @@ from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem
 from jointbayes.measurement import ModalMeasurement
 from jointbayes.structure import is_mode_frequency
-from jointbayes.structure.uncertain_quantities import is_damping_ratio
+from jointbayes.structure.recipe import is_damping_ratio
 
 Indices = NDArray[np.intp]
 

@@ -1,24 +1,16 @@
 """Structures as matrices: beams, their damping and their DOF labels."""
 
 from jointbayes.structure.beam import BeamMaterial, beam, bending_element
-from jointbayes.structure.beam_family import BeamFamily
+from jointbayes.structure.beam_recipe import STRUCTURE_QUANTITIES, BeamMesh, BeamRecipe
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping, Rayleigh, ViscousMatrix
-from jointbayes.structure.families import StructureRecipe, family_of_recipe
-from jointbayes.structure.family import Discretisation, FixedFamily, FreeModes, StructureFamily, as_family
+from jointbayes.structure.family import Discretisation, FreeModes, StructureFamily
 from jointbayes.structure.frame import Body, Member, PointMass
-from jointbayes.structure.frame_family import FrameFamily
 from jointbayes.structure.frame_recipe import FrameRecipe
-from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe, chain
+from jointbayes.structure.given_matrices import FixedFamily, MatrixFamily, MatrixRecipe, as_family, chain
 from jointbayes.structure.matrices import Modes, Structure, mode_shift
-from jointbayes.structure.mesh import BeamMesh
+from jointbayes.structure.recipe import ElementKind, is_additive, is_mode_frequency
 from jointbayes.structure.section import Section
-from jointbayes.structure.uncertain_quantities import (
-    STRUCTURE_QUANTITIES,
-    BeamRecipe,
-    ElementKind,
-    is_additive,
-    is_mode_frequency,
-)
+from jointbayes.structure.uncertain_bodies import BeamFamily, FrameFamily, StructureRecipe, family_of_recipe
 
 __all__ = [
     # structures

@@ -1,14 +1,17 @@
-"""Structures that differ by factors on some of their quantities, as the forward models see them."""
+"""Structures that differ by factors on some of their quantities, as the forward models see them; uncertain ones."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol, Self
+from collections.abc import Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.structure.matrices import Forced, Modes, Reduction, Structure
+from jointbayes.errors import ModelError
+from jointbayes.structure.damping import LossFactor, ModalDamping
+from jointbayes.structure.matrices import Forced, Structure
+from jointbayes.structure.recipe import Recipe, is_damping_ratio, is_mode_frequency
 
 #: DOFs that a joint may hold: each may lift every natural frequency to where the next one was.
 MOST_HELD = 6
@@ -89,96 +92,197 @@ class StructureFamily(Protocol):
         ...
 
 
-class _Constant:
-    """Free modes that no factor changes."""
-
-    def __init__(self, eigenvalues: Array, motions: Array) -> None:
-        self._found = eigenvalues[None], np.ascontiguousarray(motions)[None]
-
-    def __call__(self, factors: Array) -> tuple[Array, Array]:
-        return self._found
+#: Free modes of so many structures are kept, of no more motions each: search, draws, checks and report of one case, and
+#: cases that differ in their data alone, ask for the same ones again and again.
+_KEPT, _KEPT_MOTIONS = 12, 256
 
 
-class _Solved:
-    """A structure whose modes are computed once, for all forward models that are made of it."""
-
-    def __init__(self, structure: Structure) -> None:
-        self._structure = structure
-
-    @cached_property
-    def modes(self) -> Modes:
-        return self._structure.modes()
-
-
-class FixedFamily:
-    """The family of one: a structure that is exactly known, given by its matrices.
+@dataclass(frozen=True, eq=False, repr=False)
+class UncertainFamily:
+    """Structures whose quantities are uncertain.
 
     Parameters
     ----------
-    structure
-        The structure.
-    top_hz
-        Highest frequency that is wanted, Hz; None keeps every mode.
+    recipe
+        The structure at its nominal quantities.
+    ranges
+        Smallest and largest logarithm of the factor by quantity; outside these the modes are not defined.
+    dofs, top_hz
+        DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
+    exact
+        Whether it is assembled and solved anew for each row of factors, and every mode kept: a reference.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law.
     """
 
-    names: tuple[str, ...] = ()
-    discretisation: Discretisation | None = None
+    recipe: Recipe
+    ranges: Mapping[str, tuple[float, float]]
+    _: KW_ONLY
+    dofs: tuple[str, ...] | None = None
+    top_hz: float | None = None
+    exact: bool = False
 
-    def __init__(self, structure: Structure, top_hz: float | None = None) -> None:
-        self.nominal, self._top_hz = structure, top_hz
-        self._solved = _Solved(structure)
+    def __post_init__(self) -> None:
+        law = self.recipe.damping
+        for name in self.names:
+            of_other_law = is_damping_ratio(name) and not isinstance(law, ModalDamping)
+            if of_other_law or (name == "loss_factor" and not isinstance(law, LossFactor)):
+                raise ModelError(
+                    f"uncertain structure: found {name!r} with a damping law of another kind; expected damping_ratio "
+                    "for modal damping or loss_factor for structural damping; remove it or change the law"
+                )
+            self.recipe.require_quantity(name)
+        numbers = [name for name in self.names if is_mode_frequency(name)]
+        if numbers != [f"mode_frequency_{i + 1}" for i in range(len(numbers))]:
+            raise ModelError(
+                f"uncertain structure: found {', '.join(numbers)}; expected mode_frequency_1, mode_frequency_2 and so "
+                "on"
+            )
 
     def __repr__(self) -> str:
-        return repr(self.nominal)
+        uncertain = ", ".join(self.names) or "nothing"
+        return f"{type(self).__name__}({self.what}, {type(self.recipe.damping).__name__}, uncertain: {uncertain})"
+
+    @property
+    def what(self) -> str:
+        """The structure in a word or two."""
+        raise NotImplementedError
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The q quantities."""
+        return tuple(self.ranges)
+
+    @property
+    def of_factors(self) -> Mapping[str, tuple[float, float]]:
+        """Ranges of the logarithm of each factor, what is added to a quantity among them."""
+        return self.ranges
+
+    @cached_property
+    def reach_of_modes_hz(self) -> float | None:
+        """Frequency up to which modes are wanted: at the ends of the ranges they may be so much lower."""
+        return None if self.top_hz is None else self.top_hz * self._widest
+
+    @property
+    def _widest(self) -> float:
+        power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
+        sizes = {name: max(map(abs, ends)) for name, ends in self.of_factors.items()}
+        modes = max((size for name, size in sizes.items() if is_mode_frequency(name)), default=0.0)
+        return float(np.exp(modes + sum(p * self._size(sizes, name) for name, p in power.items())))
+
+    def _size(self, sizes: Mapping[str, float], name: str) -> float:
+        """The widest that a quantity may be off, for the structure or any of its bodies."""
+        return sizes.get(name, 0.0) + max((s for other, s in sizes.items() if other.endswith(f".{name}")), default=0.0)
+
+    @cached_property
+    def mesh(self) -> Any:  # noqa: ANN401 (of the recipe's own kind)
+        """How it is discretised."""
+        return self.recipe.mesh(self.dofs, self.reach_of_modes_hz)
+
+    @cached_property
+    def nominal(self) -> Structure:
+        """Structure at all factors 1."""
+        return self.recipe.structure(dict.fromkeys(self.names, 1.0), self.mesh)
 
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
-        """The same structure; its matrices are what they are."""
-        same = type(self)(self.nominal, top_hz)
-        same._solved = self._solved
-        return same
+        """The same structures, exact at these DOFs up to this frequency; elements end at their points."""
+        return replace(self, dofs=tuple(dofs), top_hz=top_hz)
 
-    def reference(self, *, solved: bool = True) -> "FixedFamily":
-        """The same structure, with all its modes if `solved`."""
-        return _Unreduced(self.nominal) if solved else self
-
-    def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, Hz."""
-        frequency = self._solved.modes.frequency_hz
-        return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
+    def reference(self, *, solved: bool = True) -> Self:
+        """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
+        return type(self)(self.recipe.reference, self.ranges, exact=solved)
 
     def structure(self, factors: Array) -> Structure:
-        """The structure, whatever the factors."""
-        return self.nominal
+        """Structure at factors (q,), assembled anew."""
+        given = np.asarray(factors, dtype=float)
+        named = dict(zip(self.names, given.tolist(), strict=True)) if given.size else {}
+        return self.recipe.structure(named, self.mesh)
 
     def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
-        """Its modes, whatever the factors."""
-        modes = self._solved.modes
-        if self._top_hz is None:
-            return _Constant(modes.eigenvalues, motions.T @ modes.shapes)
-        reduced = Reduction.below(self._top_hz, modes, motions, forced).of(modes)
-        return _Constant(reduced.eigenvalues, motions.T @ reduced.shapes)
+        """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
+        if self.exact:
+            return _ModesSolvedAnew(self, motions)
+        values = _Values(type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz)
+        if motions.shape[1] > _KEPT_MOTIONS or not values.hashable:
+            return self.over_factors(motions, forced)
+        return _kept(values, motions.shape, motions.tobytes(), None if forced is None else tuple(forced.tolist()))
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """See `StructureFamily.free_modes`."""
+        raise NotImplementedError
 
     def damping_ratios(self, factors: Array) -> Array:
-        """Damping ratio of every mode, shape (1, m)."""
-        return self.nominal.damping.per_mode(self.nominal.n_dofs)[None]
+        """Damping ratio of every mode, shape (n, m), or (1, m) where all are certain."""
+        law = self.recipe.damping
+        if not any(map(is_damping_ratio, self.names)):
+            return self._certain_ratios
+        listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
+        ratios = np.tile(law.per_mode(self.nominal.n_dofs), (len(factors), 1))
+        ratios *= self.factor(factors, "damping_ratio")[:, None]
+        for i in range(listed):
+            # the last one holds for all higher modes
+            ratios[:, i : None if i == listed - 1 else i + 1] *= self.factor(factors, f"damping_ratio_{i + 1}")[:, None]
+        return ratios
+
+    @cached_property
+    def _certain_ratios(self) -> Array:
+        return self.recipe.damping.per_mode(self.nominal.n_dofs)[None]
 
     def loss_factors(self, factors: Array) -> Array:
-        """Loss factor, shape (1,)."""
-        return np.array([self.nominal.damping.hysteretic])
+        """Loss factor, shape (n,)."""
+        return self.recipe.damping.hysteretic * self.factor(factors, "loss_factor")
 
     def frequency_factors(self, factors: Array) -> Array:
-        """No mode is off: shape (1, 0)."""
-        return np.empty((1, 0))
+        """True over predicted natural frequency of the first modes of the assembled structure, shape (n, c)."""
+        columns = [self.factor(factors, name) for name in self.names if is_mode_frequency(name)]
+        return np.stack(columns, axis=-1) if columns else np.empty((len(factors), 0))
+
+    def factor(self, factors: Array, name: str) -> Array:
+        """Factor on one quantity, shape (n,), or all mass at an accelerometer; ones where it is certain."""
+        if name not in self.names or not factors.shape[1]:
+            return np.ones(len(factors))
+        factor = factors[:, self.names.index(name)]
+        return self.recipe.lumped_factor(factor) if name == "accelerometer_mass" else factor
 
 
-class _Unreduced(FixedFamily):
-    """A structure of which every mode is kept, whatever frequency is wanted."""
+@dataclass(frozen=True, slots=True)
+class _Values:
+    """What a family is made from: equal where its structures are."""
 
-    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
-        """The same structure with all its modes."""
-        return self
+    kind: type[UncertainFamily]
+    recipe: Recipe
+    ranges: tuple[tuple[str, tuple[float, float]], ...]
+    dofs: tuple[str, ...] | None
+    top_hz: float | None
+
+    @property
+    def hashable(self) -> bool:
+        """Whether it can be looked up; not where a caller gave lists for tuples."""
+        try:
+            hash(self)
+        except TypeError:
+            return False
+        return True
 
 
-def as_family(structure: "Structure | StructureFamily") -> StructureFamily:
-    """A structure as the family of one; a family as it is."""
-    return FixedFamily(structure) if isinstance(structure, Structure) else structure
+@lru_cache(maxsize=_KEPT)
+def _kept(values: _Values, shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None) -> FreeModes:
+    family = values.kind(values.recipe, dict(values.ranges), dofs=values.dofs, top_hz=values.top_hz)
+    given = np.frombuffer(motions).reshape(shape)
+    return family.over_factors(given, None if forced is None else np.array(forced, dtype=bool))
+
+
+class _ModesSolvedAnew:
+    """Motions in all free modes, the structure assembled and solved anew for each row of factors."""
+
+    def __init__(self, family: UncertainFamily, motions: Array) -> None:
+        self._family, self._motions = family, motions
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
+        rows = factors if factors.shape[1] else np.empty((1, 0))
+        solved = [self._family.structure(row).modes() for row in rows]
+        return np.stack([s.eigenvalues for s in solved]), np.stack([self._motions.T @ s.shapes for s in solved])

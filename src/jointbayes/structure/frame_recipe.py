@@ -3,18 +3,17 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from scipy import sparse
 
-from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, printable
-from jointbayes.structure.beam import BeamMaterial
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.frame import SPATIAL, Body, Vector
 from jointbayes.structure.frame_mesh import BodyFactors, BodyMesh, Segment, assembled, mesh_of, segments_of
 from jointbayes.structure.matrices import Structure
-from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
+from jointbayes.structure.recipe import HALF_WAVES, ElementKind, Recipe
 
 FrameMesh = tuple[BodyMesh, ...]
 """Elements of each body."""
@@ -23,13 +22,11 @@ FrameMesh = tuple[BodyMesh, ...]
 BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient")
 _OF_ALL = ("accelerometer_mass", "damping_ratio", "loss_factor")
 _BODY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
-_HALF_WAVES = 10.0  # along the longest segment: what a mesh without a stated frequency is made for
 _RICHER = 4  # polynomial orders that a reference has more
-_MOST_MASS = 1e6  # kg
 
 
 @dataclass(frozen=True, slots=True)
-class FrameRecipe:
+class FrameRecipe(Recipe):
     """What a frame is made from: one body or several, which joints alone connect.
 
     A DOF is ``"point:direction"``, of several bodies ``"body.point:direction"``, in global axes.
@@ -43,14 +40,12 @@ class FrameRecipe:
     directions
         In which points move: the others of x, y, z, rx, ry, rz are held everywhere. ``("x", "y", "rz")`` is a plane
         frame.
-    supports
-        DOFs held fixed.
-    accelerometer_mass, added_mass, accelerometer_dofs
-        As of `BeamRecipe`: masses in kg that move in all translations of the points of these DOFs.
-    element
-        ``"converged"``, or ``"paper"`` for one of its two-node elements between each two points.
     richer
         Whether elements are four orders richer than it takes: a reference for others. No matter to the paper's element.
+    supports, accelerometer_mass, added_mass, accelerometer_dofs
+        See `Recipe`.
+    element
+        ``"converged"``, or ``"paper"`` for one of its two-node elements between each two points.
 
     Raises
     ------
@@ -76,6 +71,8 @@ class FrameRecipe:
     element: ElementKind = "converged"
     richer: bool = False
 
+    kind: ClassVar[str] = "frame"
+
     def __post_init__(self) -> None:
         given = self.bodies
         pairs = [("", given)] if isinstance(given, Body) else given.items() if isinstance(given, Mapping) else given
@@ -93,11 +90,7 @@ class FrameRecipe:
             raise ModelError(
                 f"frame: found the directions {', '.join(self.directions)}; expected some of {', '.join(SPATIAL)}"
             )
-        if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
-            raise ModelError(
-                f"frame: found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg; expected "
-                "masses of at least 0; correct them"
-            )
+        self._require_masses()
         for label in (*self.supports, *self.accelerometer_dofs):
             self.require_dof(label)
 
@@ -125,8 +118,8 @@ class FrameRecipe:
     @property
     def quantities(self) -> tuple[str, ...]:
         """Quantities that may be uncertain, beside ``damping_ratio_1``, ``mode_frequency_1`` and so on."""
-        own = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
-        return (*BODY_QUANTITIES, *own, *_OF_ALL)
+        of_bodies = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
+        return (*BODY_QUANTITIES, *of_bodies, *_OF_ALL)
 
     def _body_at(self, point: str) -> tuple[str, Body]:
         """Name and body of a point."""
@@ -172,10 +165,6 @@ class FrameRecipe:
         """Largest distance between two corners of the box that holds all points, m."""
         return _diagonal(list(self.positions.values()))
 
-    def has_quantity(self, name: str) -> bool:
-        """Whether a quantity is one of the frame's."""
-        return name in self.quantities or is_damping_ratio(name) or is_mode_frequency(name)
-
     def require_quantity(self, name: str) -> None:
         """Refuse a quantity that the frame does not have.
 
@@ -184,10 +173,7 @@ class FrameRecipe:
         ModelError
             If the name is unknown, or a body's length is not one number.
         """
-        if not self.has_quantity(name):
-            raise ModelError(
-                f"frame: found uncertain quantity {printable(name)!r}; expected one of {', '.join(self.quantities)}"
-            )
+        Recipe.require_quantity(self, name)
         owner, _, quantity = name.rpartition(".")
         bent = [n or "the frame" for n, body in self.bodies if (not owner or owner == n) and not body.straight]
         if quantity == "length" and bent:
@@ -203,10 +189,10 @@ class FrameRecipe:
         named = {q: factors.get(q, 1.0) * (factors.get(f"{name}.{q}", 1.0) if name else 1.0) for q in BODY_QUANTITIES}
         return BodyFactors(**named)
 
-    def lumped_factor(self, factor: Array) -> Array:
-        """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
-        own, added = self.accelerometer_mass, self.added_mass
-        return (own * factor + added) / (own + added) if added else factor
+    @property
+    def reference(self) -> Self:
+        """The same frame of much richer elements."""
+        return replace(self, element="converged", richer=True)
 
     def loaded_points(self, number: int) -> tuple[str, ...]:
         """Points of a body, without its name, at which accelerometers sit."""
@@ -230,16 +216,16 @@ class FrameRecipe:
             If the frequency is too high for the frame.
         """
         used = None if dofs is None else {d.split(":")[0] for d in (*dofs, *self.supports, *self.accelerometer_dofs)}
-        each = []
+        of_bodies = []
         for name, body in self.bodies:
             prefix = _prefix(name)
-            own = None if used is None else {p.removeprefix(prefix) for p in used if p.startswith(prefix)}
-            each.append(segments_of(body, None if self.element == "paper" else own))
+            used_here = None if used is None else {p.removeprefix(prefix) for p in used if p.startswith(prefix)}
+            of_bodies.append(segments_of(body, None if self.element == "paper" else used_here))
         extra = _RICHER if self.richer else 0
         if self.element == "paper":
-            return tuple(mesh_of(segments, self.directions, None) for segments in each)
-        top = min(map(_half_waves_hz, (s for segments in each for s in segments))) if top_hz is None else top_hz
-        return tuple(mesh_of(segments, self.directions, top, extra) for segments in each)
+            return tuple(mesh_of(segments, self.directions, None) for segments in of_bodies)
+        top = min(map(_half_waves_hz, (s for segments in of_bodies for s in segments))) if top_hz is None else top_hz
+        return tuple(mesh_of(segments, self.directions, top, extra) for segments in of_bodies)
 
     def structure(self, factors: Mapping[str, float] | None = None, mesh: FrameMesh | None = None) -> Structure:
         """Assemble the frame with its quantities multiplied by factors, 1 where none is given; bodies as blocks.
@@ -256,18 +242,17 @@ class FrameRecipe:
         ModelError
             If a name is unknown or a quantity becomes impossible.
         """
-        given = dict(factors or {})
-        for name in given:
-            self.require_quantity(name)
-        load = self.accelerometer_mass * given.get("accelerometer_mass", 1.0) + self.added_mass
-        meshes = mesh or self.mesh()
-        parts = [
-            self.matrices(number, self.body_factors(number, given), load, meshes[number])
-            for number in range(len(self.bodies))
-        ]
-        stiffness, mass = (sparse.block_diag([part[i] for part in parts], format="csr") for i in range(2))
-        labels = tuple(label for part in parts for label in part[2])
-        return Structure(stiffness.toarray(), mass.toarray(), self.damping.scaled(given), labels, self.positions)
+        given = self.checked_factors(factors)
+        stiffnesses, masses, labels = zip(
+            *(
+                self.matrices(number, self.body_factors(number, given), self.load(given), body_mesh)
+                for number, body_mesh in enumerate(mesh or self.mesh())
+            ),
+            strict=True,
+        )
+        stiffness, mass = (sparse.block_diag(list(blocks), format="csr").toarray() for blocks in (stiffnesses, masses))
+        dofs = tuple(label for of_body in labels for label in of_body)
+        return Structure(stiffness, mass, self.damping.scaled(given), dofs, self.positions)
 
     def matrices(
         self, number: int, factors: BodyFactors, load: float, mesh: BodyMesh
@@ -294,16 +279,6 @@ class FrameRecipe:
         free = [i for i, d in enumerate(labels) if d.rpartition(":")[2] in self.directions and d not in held]
         return stiffness[free][:, free], mass[free][:, free], tuple(labels[i] for i in free)
 
-    @property
-    def lumped(self) -> "FrameRecipe":
-        """The same frame, all mass at an accelerometer's place taken for the accelerometer's."""
-        return replace(self, accelerometer_mass=self.accelerometer_mass + self.added_mass, added_mass=0.0)
-
-    @property
-    def materials(self) -> tuple[BeamMaterial, ...]:
-        """Materials of all members."""
-        return tuple(member.material for _, body in self.bodies for member in body.members)
-
 
 def _diagonal(places: Sequence[Vector]) -> float:
     """Of the box that holds all places, m."""
@@ -318,7 +293,7 @@ def _prefix(name: str) -> str:
 def _half_waves_hz(segment: Segment) -> float:
     """Frequency at which so many half waves of bending fit a straight beam: of a slender one, or of pure shear."""
     at = segment.stretch.rigidities(np.array([0.0, 1.0]))
-    wave_number = _HALF_WAVES * np.pi / segment.stretch.length
+    wave_number = HALF_WAVES * np.pi / segment.stretch.length
     planes = ((at.bending_y, at.shear_z), (at.bending_z, at.shear_y))
     slow = [
         np.minimum(wave_number**2 * np.sqrt(b / at.mass), wave_number * np.sqrt(s / at.mass)).min() for b, s in planes

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,19 +12,22 @@ from numpy.typing import ArrayLike
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of, printable
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
-from jointbayes.structure.family import MOST_HELD, FixedFamily, FreeModes
-from jointbayes.structure.matrices import Forced, Structure
-from jointbayes.structure.uncertain_family import UncertainFamily
-from jointbayes.structure.uncertain_quantities import ElementKind, is_damping_ratio, is_mode_frequency
+from jointbayes.structure.family import (
+    MOST_HELD,
+    Discretisation,
+    FreeModes,
+    StructureFamily,
+    UncertainFamily,
+)
+from jointbayes.structure.matrices import Forced, Modes, Reduction, Structure
+from jointbayes.structure.recipe import ElementKind, Recipe
 
 #: The other side of a spring that holds a mass to what does not move.
 GROUND = "ground"
-_QUANTITIES = ("damping_ratio", "loss_factor")
-_MOST_MASS = 1e6  # kg
 
 
 @dataclass(frozen=True, eq=False)
-class MatrixRecipe:
+class MatrixRecipe(Recipe):
     """A structure by its matrices.
 
     Parameters
@@ -33,14 +38,10 @@ class MatrixRecipe:
         Labels of the DOFs, ``"point:direction"``, shape (n,).
     damping
         Damping law; `ViscousMatrix` holds a matrix C.
-    supports
-        DOFs held fixed.
     positions
         Place of points in m, by what stands before the colon of their labels, where it is known.
-    accelerometer_mass, added_mass, accelerometer_dofs
-        As of `BeamRecipe`: masses in kg that move in all translations of the points of these DOFs.
-    element
-        No matter: matrices are what they are.
+    supports, accelerometer_mass, added_mass, accelerometer_dofs
+        See `Recipe`.
 
     Raises
     ------
@@ -67,6 +68,10 @@ class MatrixRecipe:
     accelerometer_dofs: tuple[str, ...] = ()
     element: ElementKind = "converged"
 
+    kind: ClassVar[str] = "structure"
+    quantities: ClassVar[tuple[str, ...]] = ("damping_ratio", "loss_factor")
+    extent: ClassVar[float] = 1.0  # a metre: matrices have no size
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", tuple(self.dofs))
         object.__setattr__(self, "supports", tuple(self.supports))
@@ -74,11 +79,7 @@ class MatrixRecipe:
             object.__setattr__(self, name, array_of(getattr(self, name), float, f"structure: {name}", ModelError))
         whole = Structure(self.stiffness, self.mass, self.damping, self.dofs, self.positions)
         whole.index(self.supports)
-        if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
-            raise ModelError(
-                f"structure: found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg; expected "
-                f"masses from 0 to {_MOST_MASS:g} kg; correct them"
-            )
+        self._require_masses()
         whole.index(self.accelerometer_dofs)
         self._require_sign("mass", whole.mass, definite=True)
         self._require_sign("stiffness", whole.stiffness, definite=False)
@@ -98,8 +99,8 @@ class MatrixRecipe:
 
         0 of a mass that nothing holds.
         """
-        each = [float(self.stiffness[at, at]) for at in (self.dofs.index(row), self.dofs.index(column))]
-        return each[0] if row == column else math.sqrt(each[0]) * math.sqrt(each[1])
+        first, second = (float(self.stiffness[at, at]) for at in (self.dofs.index(row), self.dofs.index(column)))
+        return first if row == column else math.sqrt(first) * math.sqrt(second)
 
     def own_inertia(self, dof: str) -> float:
         """The mass, kg, or moment of inertia, kg·m², at a DOF."""
@@ -107,31 +108,9 @@ class MatrixRecipe:
         return float(self.mass[at, at])
 
     @property
-    def extent(self) -> float:
-        """A metre: matrices have no size."""
-        return 1.0
-
-    def has_quantity(self, name: str) -> bool:
-        """Whether a quantity is one of given matrices."""
-        return name in _QUANTITIES or is_damping_ratio(name) or is_mode_frequency(name)
-
-    def require_quantity(self, name: str) -> None:
-        """Refuse a quantity that given matrices do not have.
-
-        Raises
-        ------
-        ModelError
-            If the name is unknown.
-        """
-        if not self.has_quantity(name):
-            raise ModelError(
-                f"structure: found uncertain quantity {printable(name)!r} of given matrices; expected one of "
-                f"{', '.join(_QUANTITIES)}, mode_frequency_1 and so on; remove it"
-            )
-
-    def lumped_factor(self, factor: Array) -> Array:
-        """Given matrices carry no accelerometer: the factor itself."""
-        return factor
+    def reference(self) -> Self:
+        """The same: matrices are what they are."""
+        return self
 
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> None:
         """No elements."""
@@ -144,15 +123,104 @@ class MatrixRecipe:
         ModelError
             If a name is unknown.
         """
-        given = dict(factors or {})
-        for name in given:
-            self.require_quantity(name)
-        mass, load = self.mass.copy(), self.accelerometer_mass + self.added_mass
-        points = {label.rpartition(":")[0] for label in self.accelerometer_dofs if ":r" not in label}
-        at = [i for i, d in enumerate(self.dofs) if d.rpartition(":")[0] in points and ":r" not in d]
-        mass[at, at] += load
-        whole = Structure(self.stiffness, mass, self.damping.scaled(given), self.dofs, self.positions)
-        return whole.fixed(self.supports) if self.supports else whole
+        damping = self.damping.scaled(self.checked_factors(factors))
+        whole = Structure(self.stiffness, self.mass, damping, self.dofs, self.positions)
+        return whole.loaded(self.accelerometer_dofs, self.accelerometer_mass + self.added_mass).fixed(self.supports)
+
+
+class _Constant:
+    """Free modes that no factor changes."""
+
+    def __init__(self, eigenvalues: Array, motions: Array) -> None:
+        self._modes = eigenvalues[None], np.ascontiguousarray(motions)[None]
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        return self._modes
+
+
+class _Solved:
+    """A structure whose modes are computed once, for all forward models that are made of it."""
+
+    def __init__(self, structure: Structure) -> None:
+        self._structure = structure
+
+    @cached_property
+    def modes(self) -> Modes:
+        return self._structure.modes()
+
+
+class FixedFamily:
+    """The family of one: a structure that is exactly known, given by its matrices.
+
+    Parameters
+    ----------
+    structure
+        The structure.
+    top_hz
+        Highest frequency that is wanted, Hz; None keeps every mode.
+    """
+
+    names: tuple[str, ...] = ()
+    discretisation: Discretisation | None = None
+
+    def __init__(self, structure: Structure, top_hz: float | None = None) -> None:
+        self.nominal, self._top_hz = structure, top_hz
+        self._solved = _Solved(structure)
+
+    def __repr__(self) -> str:
+        return repr(self.nominal)
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same structure; its matrices are what they are."""
+        same = type(self)(self.nominal, top_hz)
+        same._solved = self._solved
+        return same
+
+    def reference(self, *, solved: bool = True) -> "FixedFamily":
+        """The same structure, with all its modes if `solved`."""
+        return _Unreduced(self.nominal) if solved else self
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz."""
+        frequency = self._solved.modes.frequency_hz
+        return float(frequency[min(count + MOST_HELD, frequency.size) - 1])
+
+    def structure(self, factors: Array) -> Structure:
+        """The structure, whatever the factors."""
+        return self.nominal
+
+    def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
+        """Its modes, whatever the factors."""
+        modes = self._solved.modes
+        if self._top_hz is None:
+            return _Constant(modes.eigenvalues, motions.T @ modes.shapes)
+        reduced = Reduction.below(self._top_hz, modes, motions, forced).of(modes)
+        return _Constant(reduced.eigenvalues, motions.T @ reduced.shapes)
+
+    def damping_ratios(self, factors: Array) -> Array:
+        """Damping ratio of every mode, shape (1, m)."""
+        return self.nominal.damping.per_mode(self.nominal.n_dofs)[None]
+
+    def loss_factors(self, factors: Array) -> Array:
+        """Loss factor, shape (1,)."""
+        return np.array([self.nominal.damping.hysteretic])
+
+    def frequency_factors(self, factors: Array) -> Array:
+        """No mode is off: shape (1, 0)."""
+        return np.empty((1, 0))
+
+
+class _Unreduced(FixedFamily):
+    """A structure of which every mode is kept, whatever frequency is wanted."""
+
+    def at(self, dofs: Iterable[str], top_hz: float) -> Self:
+        """The same structure with all its modes."""
+        return self
+
+
+def as_family(structure: "Structure | StructureFamily") -> StructureFamily:
+    """A structure as the family of one; a family as it is."""
+    return FixedFamily(structure) if isinstance(structure, Structure) else structure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,10 +254,6 @@ class MatrixFamily(UncertainFamily):
     def discretisation(self) -> None:
         """No elements: matrices are what they are."""
         return
-
-    def reference(self, *, solved: bool = True) -> "MatrixFamily":
-        """The same structure, with every mode kept if `solved`."""
-        return MatrixFamily(self.recipe, self.ranges, exact=solved)
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz."""

@@ -140,8 +140,20 @@ class Structure:
         """Where a DOF is, m; None where that is not known."""
         return self.positions.get(label.rpartition(":")[0])
 
-    def fixed(self, supports: Iterable[str]) -> "Structure":
+    def loaded(self, dofs: Iterable[str], mass: float) -> "Structure":
+        """The structure with a mass in kg at the point of each of these DOFs that is a translation."""
+        points = {label.rpartition(":")[0] for label in dofs if ":r" not in label}
+        moving = [i for i, d in enumerate(self.dofs) if d.rpartition(":")[0] in points and ":r" not in d]
+        if not (moving and mass):
+            return self
+        total = self.mass.copy()
+        total[moving, moving] += mass
+        return replace(self, mass=total)
+
+    def fixed(self, supports: Sequence[str]) -> "Structure":
         """Return the structure with the DOFs in `supports` held fixed (their rows and columns removed)."""
+        if not supports:
+            return self
         gone = self.index(tuple(supports))
         keep = np.setdiff1d(np.arange(self.n_dofs), gone)
         return replace(

@@ -1,0 +1,343 @@
+"""Free modes of beams and frames whose quantities are uncertain, for many values of them at once.
+
+E, ρ and size change the modes of a body by similarity, that is by factors. What is left are few numbers: slenderness,
+shear coefficient, and masses beside the body's own. Over these the modes are interpolated, see
+`jointbayes.structure.shape_modes`. Bodies that joints alone connect have modes of their own without these; all
+together, in rising order, are the frame's.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+
+import numpy as np
+
+from jointbayes.arrays import Array
+from jointbayes.errors import ModelError
+from jointbayes.structure.beam_recipe import BeamMesh, BeamRecipe
+from jointbayes.structure.family import MOST_HELD, Discretisation, FreeModes, UncertainFamily
+from jointbayes.structure.frame_mesh import BodyFactors
+from jointbayes.structure.frame_recipe import FrameMesh, FrameRecipe
+from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
+from jointbayes.structure.matrices import Forced, Structure
+from jointbayes.structure.shape_modes import (
+    ModesOverShape,
+    Parts,
+    Powers,
+    Similarity,
+    ends_of,
+    modes_over_shape,
+    parts_of,
+    rising,
+    shape_numbers,
+)
+
+_OFFSET, _SHORTEST = "length_offset", 0.1  # what is added to the length; of which so much must be left
+
+
+#: Powers in which quantities of a beam change each of its shape numbers.
+_BEAM_POWERS: dict[str, Powers] = {
+    "section_size": {"section_size": 1.0, "length": -1.0},
+    "shear_coefficient": {"shear_coefficient": 1.0},
+    # the mass beside that of the beam, ρ d² L
+    "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "section_size": -2.0, "length": -1.0},
+}
+
+
+def _changed(axes: Mapping[str, Powers], uncertain: Callable[[str], bool]) -> dict[str, Powers]:
+    """Those of some shape numbers that uncertain quantities change, each with the powers of these alone."""
+    of_uncertain = {axis: {q: p for q, p in powers.items() if uncertain(q)} for axis, powers in axes.items()}
+    return {axis: powers for axis, powers in of_uncertain.items() if powers}
+
+
+@dataclass(frozen=True, eq=False)
+class _ScaledModes:
+    """Modes of a body at all factors from those over its shape numbers, by similarity."""
+
+    modes: ModesOverShape
+    parts: Parts
+    axes: Mapping[str, Powers]
+    #: Factor on one of the body's quantities, shape (n,), from those on the family's, shape (n, q).
+    factor: Callable[[Array, str], Array]
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
+        of_quantity = cache(partial(self.factor, factors))
+        numbers = shape_numbers(self.axes.values(), of_quantity, len(factors))
+        # the body of the table, made longer and thicker alike
+        similarity = Similarity(numbers, *map(of_quantity, ("youngs_modulus", "density", "length")))
+        eigenvalues, motions = similarity.scaled(self.modes, self.parts.turned)
+        return eigenvalues, self.parts.joined(motions)
+
+
+class _BodiesModes:
+    """Modes of one body or of several together."""
+
+    def __init__(self, bodies: Sequence[_ScaledModes], uncertain: bool) -> None:
+        self._bodies, self._uncertain = bodies, uncertain
+
+    @cached_property
+    def _certain(self) -> tuple[Array, Array]:
+        return self._at(np.empty((1, 0)))
+
+    def __call__(self, factors: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q); one row for all where no factor changes them."""
+        return self._at(factors) if self._uncertain else self._certain
+
+    def _at(self, factors: Array) -> tuple[Array, Array]:
+        modes = [body(factors) for body in self._bodies]
+        if len(modes) == 1:
+            return modes[0]
+        return rising(np.concatenate([e for e, _ in modes], axis=1), np.concatenate([m for _, m in modes], axis=2))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeamFamily(UncertainFamily):
+    """Beams whose quantities are uncertain.
+
+    Parameters
+    ----------
+    recipe
+        The beam at its nominal quantities.
+    ranges
+        Smallest and largest logarithm of the factor by quantity, see `STRUCTURE_QUANTITIES`; outside these
+        the modes are not defined.
+    dofs, top_hz
+        DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
+    exact
+        Whether the beam is assembled and solved anew for each row of factors, and every mode kept: a reference.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law, or the frequency is too high for the beam.
+    """
+
+    recipe: BeamRecipe
+
+    @property
+    def what(self) -> str:
+        """The beam by its length."""
+        return f"{1e3 * self.recipe.length:g} mm"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, _ = self.ranges.get(_OFFSET, (0.0, 0.0))
+        if math.exp(self.ranges.get("length", (0.0, 0.0))[0]) + low / self.recipe.length < _SHORTEST:
+            raise ModelError(
+                f"uncertain structure: found a length_offset of {1e3 * low:.4g} mm within six standard deviations, for "
+                f"a length of {1e3 * self.recipe.length:.4g} mm; expected one that leaves a beam; lower it"
+            )
+
+    @cached_property
+    def of_factors(self) -> Mapping[str, tuple[float, float]]:
+        """Ranges of the logarithm of each factor; that of the length with its offset."""
+        if _OFFSET not in self.ranges:
+            return self.ranges
+        others = {name: ends for name, ends in self.ranges.items() if name != _OFFSET}
+        factors, added = np.exp(others.get("length", (0.0, 0.0))), np.array(self.ranges[_OFFSET]) / self.recipe.length
+        low, high = np.log(factors + added).tolist()
+        return {**others, "length": (low, high)}
+
+    def factor(self, factors: Array, name: str) -> Array:
+        """Factor on one quantity, shape (n,), on the length with what its offset makes of it."""
+        factor = super().factor(factors, name)
+        if name == "length" and _OFFSET in self.names and factors.shape[1]:
+            factor = factor + np.log(super().factor(factors, _OFFSET)) / self.recipe.length
+        return factor
+
+    @cached_property
+    def axes(self) -> dict[str, Powers]:
+        """Shape numbers that uncertain quantities change, each with the powers in which they do."""
+        loaded = self.recipe.lumped.accelerometer_mass > 0 and self.recipe.accelerometer_dofs
+        axes = {axis: powers for axis, powers in _BEAM_POWERS.items() if loaded or axis != "accelerometer_mass"}
+        return _changed(axes, self.of_factors.__contains__)
+
+    def _range(self, quantity: str) -> tuple[float, float]:
+        """Range of the logarithm of the factor on a quantity, or on all mass at an accelerometer."""
+        ends = self.of_factors[quantity]
+        if quantity == "accelerometer_mass":
+            low, high = np.log(self.recipe.lumped_factor(np.exp(ends))).tolist()
+            return low, high
+        return ends
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """Elements; the paper's are cubic in the deflection."""
+        mesh: BeamMesh | None = self.mesh
+        if mesh is None:
+            return Discretisation("paper", self.recipe.elements, 3)
+        return Discretisation("converged", mesh.elements, mesh.order)
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam."""
+        return self.recipe.shape.bending_frequency_hz(count + MOST_HELD + len(self.recipe.supports))
+
+    def structure_at(self, numbers: Sequence[float]) -> Structure:
+        """Beam of nominal length, E and ρ at shape numbers (axes,), assembled anew."""
+        factors = dict(zip(self.axes, np.exp(numbers).tolist(), strict=True))
+        if "accelerometer_mass" in factors:  # the section's size changes the beam's mass, and the ratio is wanted
+            factors["accelerometer_mass"] *= factors.get("section_size", 1.0) ** 2
+        return self.recipe.lumped.structure(factors, self.mesh)
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """Modes over the shape numbers, scaled."""
+        parts, nominal = parts_of(self.nominal.dofs, motions, forced), self.nominal.modes()
+        ends, reach = ends_of(self.axes.values(), self._range), self.reach_of_modes_hz
+        modes = modes_over_shape(self.structure_at, nominal, ends, parts.motions, parts.forced, reach)
+        return _BodiesModes([_ScaledModes(modes, parts, self.axes, self.factor)], bool(self.names))
+
+
+#: Powers in which quantities of a body change each of its shape numbers.
+_BODY_POWERS: dict[str, Powers] = {
+    "section_size": {"section_size": 1.0, "length": -1.0},
+    "shear_coefficient": {"shear_coefficient": 1.0},
+    # masses beside that of the body of nominal section, ρ L³
+    "masses": {"density": -1.0, "length": -3.0},
+    "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "length": -3.0},
+}
+_TRIES = 60
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrameFamily(UncertainFamily):
+    """Frames whose quantities are uncertain.
+
+    Parameters
+    ----------
+    recipe
+        The frame at its nominal quantities.
+    ranges
+        Smallest and largest logarithm of the factor by quantity, see `FrameRecipe.quantities`; outside these the modes
+        are not defined. ``"tool.density"`` is the density of one body, ``"density"`` that of all at once.
+    dofs, top_hz
+        DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
+    exact
+        Whether the frame is assembled and solved anew for each row of factors, and every mode kept: a reference.
+
+    Raises
+    ------
+    ModelError
+        If a quantity is unknown or does not belong to the damping law, a body that is not straight has an uncertain
+        length, or the frequency is too high.
+    """
+
+    recipe: FrameRecipe
+
+    @property
+    def what(self) -> str:
+        """The frame by its bodies."""
+        return ", ".join(name for name, _ in self.recipe.bodies) or "frame"
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """Elements; the paper's are cubic in the deflection."""
+        mesh: FrameMesh = self.mesh
+        elements = [of_segment for body in mesh for of_segment in body.elements]
+        orders = (order or 3 for _, order in elements)
+        return Discretisation(self.recipe.element, sum(count for count, _ in elements), max(orders))
+
+    def reach_hz(self, count: int) -> float:
+        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz."""
+        recipe, wanted = replace(self.recipe, element="converged"), count + MOST_HELD
+        top = 1.0
+        for _ in range(_TRIES):
+            frequency = recipe.structure({}, recipe.mesh((), top)).modes().frequency_hz
+            # a mesh that is too coarse for it has modes too high, so that this goes down to where it is fine
+            highest = float(frequency[min(wanted, frequency.size) - 1])
+            if wanted <= frequency.size and highest <= top:
+                return min(top, 1.01 * highest)
+            top = max(4 * top, 1.0) if wanted > frequency.size else 1.01 * max(highest, top)
+        raise ModelError(f"frame: found no frequency with {wanted} modes below; expected one; correct the units")
+
+    def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
+        """Modes of each body over its shape numbers, scaled, all of them in rising order."""
+        moving = [number for number, rows in enumerate(self.body_dofs) if rows.stop > rows.start]
+        return _BodiesModes([_Body(self, number).scaled(motions, forced) for number in moving], bool(self.names))
+
+    @cached_property
+    def body_dofs(self) -> tuple[slice, ...]:
+        """Rows of `nominal` that belong to each body."""
+        names = [name for name, _ in self.recipe.bodies]
+        owners = [label.partition(".")[0] if names != [""] else "" for label in self.nominal.dofs]
+        starts = [owners.index(name) if name in owners else len(owners) for name in names]
+        return tuple(slice(start, start + owners.count(name)) for name, start in zip(names, starts, strict=True))
+
+    def body_factor(self, number: int, factors: Array, quantity: str) -> Array:
+        """Factor on one quantity of a body, shape (n,)."""
+        name, _ = self.recipe.bodies[number]
+        common = self.factor(factors, quantity)
+        return common * self.factor(factors, f"{name}.{quantity}") if name else common
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """One body of a family, and what its modes are made over."""
+
+    family: FrameFamily
+    number: int
+
+    def _named(self, quantity: str) -> tuple[str, str]:
+        """Names of a quantity: that of all bodies, and the body's own."""
+        return quantity, f"{self.family.recipe.bodies[self.number][0]}.{quantity}"
+
+    def _uncertain(self, quantity: str) -> bool:
+        return any(name in self.family.names for name in self._named(quantity))
+
+    def _range(self, quantity: str) -> tuple[float, float]:
+        ends = [self.family.ranges.get(name, (0.0, 0.0)) for name in self._named(quantity)]
+        low, high = (sum(sides) for sides in zip(*ends, strict=True))
+        if quantity == "accelerometer_mass":
+            low, high = np.log(self.family.recipe.lumped_factor(np.exp([low, high]))).tolist()
+        return low, high
+
+    @cached_property
+    def _axes(self) -> dict[str, Powers]:
+        """Shape numbers that uncertain quantities change, each with the powers in which they do."""
+        recipe = self.family.recipe.lumped
+        _, body = recipe.bodies[self.number]
+        loaded = recipe.accelerometer_mass > 0 and bool(recipe.loaded_points(self.number))
+        sensors = loaded and self._uncertain("accelerometer_mass")
+        heavy = any(mass.mass > 0 or any(mass.inertia) for mass in body.masses) or (loaded and not sensors)
+        absent = {"masses": not heavy, "accelerometer_mass": not sensors}
+        axes = {axis: powers for axis, powers in _BODY_POWERS.items() if not absent.get(axis)}
+        return _changed(axes, self._uncertain)
+
+    def scaled(self, motions: Array, forced: Forced) -> _ScaledModes:
+        """Its modes at all factors with its part of motions (DOFs, k)."""
+        family, rows = self.family, self.family.body_dofs[self.number]
+        moved = motions[rows]
+        parts = Parts(moved, forced, np.zeros(moved.shape[1], dtype=bool), np.arange(moved.shape[1]))
+        if self._uncertain("length"):  # rotations are scaled by another factor than translations
+            parts = parts_of(family.nominal.dofs[rows], moved, forced)
+        nominal = self.structure_at([0.0] * len(self._axes)).modes()
+        ends, reach = ends_of(self._axes.values(), self._range), family.reach_of_modes_hz
+        modes = modes_over_shape(self.structure_at, nominal, ends, parts.motions, parts.forced, reach)
+        return _ScaledModes(modes, parts, self._axes, partial(family.body_factor, self.number))
+
+    def structure_at(self, numbers: Sequence[float]) -> Structure:
+        """The body at nominal E, ρ and length and at shape numbers (axes,), assembled anew."""
+        recipe, mesh = self.family.recipe.lumped, self.family.mesh
+        factors = dict(zip(self._axes, np.exp(numbers).tolist(), strict=True))
+        masses = factors.pop("masses", 1.0)
+        load = recipe.accelerometer_mass * factors.pop("accelerometer_mass", masses)
+        of_body = BodyFactors(**factors, masses=masses)
+        stiffness, mass, labels = recipe.matrices(self.number, of_body, load, mesh[self.number])
+        return Structure(stiffness.toarray(), mass.toarray(), recipe.damping, labels)
+
+
+StructureRecipe = BeamRecipe | FrameRecipe | MatrixRecipe
+
+
+def family_of_recipe(
+    recipe: StructureRecipe, ranges: Mapping[str, tuple[float, float]] | None = None
+) -> BeamFamily | FrameFamily | MatrixFamily:
+    """The structures of a recipe whose quantities lie within ranges of the logarithm of a factor, by name."""
+    match recipe:
+        case BeamRecipe():
+            return BeamFamily(recipe, ranges or {})
+        case FrameRecipe():
+            return FrameFamily(recipe, ranges or {})
+        case MatrixRecipe():
+            return MatrixFamily(recipe, ranges or {})
