@@ -186,8 +186,6 @@ def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
     assert [body.name for body in problem.measured_bodies] == ["spindle"]
     assert not problem.ignores_noise_of_bodies
     assert replace(problem, structure=whole(propagate=False)).ignores_noise_of_bodies
-    other = problem.with_structures(problem.structures)
-    assert other.log_posterior(np.log(KNOWN)) == problem.log_posterior(np.log(KNOWN))
 
 
 @pytest.mark.parametrize(

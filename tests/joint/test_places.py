@@ -85,7 +85,7 @@ def test_joints_side_by_side_are_their_selections_side_by_side():
     assert joints.size == 3
     assert joints.labels == ("1:y", "1:rz", "3:y", "8:y")
     whole = np.zeros_like(expected)
-    whole[structure.index(joints.labels)] = joints.on(joints.labels)
+    whole[structure.index(joints.labels)] = joints.deformations(joints.labels)
     np.testing.assert_array_equal(whole, expected)
     assert as_joints(joints) is joints
     assert as_joints([one, other]) == joints

@@ -95,7 +95,7 @@ def test_reduced_models_predict_what_much_richer_ones_do(law):
 def test_a_reduction_keeps_the_modes_in_the_band_and_the_answer_of_all_others():
     structure = recipe().structure()
     modes, motions = structure.modes(), np.eye(structure.n_dofs)[:, structure.index(["1:y", "11:y"])]
-    few = Reduction.below(2500.0, modes, motions).of(modes)
+    few = Reduction.below(2500.0, modes, motions).reduce(modes)
     assert few.eigenvalues.size < 15
     np.testing.assert_array_equal(few.eigenvalues[:5], modes.eigenvalues[:5])
     for omega in (0.0, 2 * np.pi * 1800.0):

@@ -80,15 +80,17 @@ def free_receptance(family: StructureFamily, modes: FreeModes, factors: Array, o
     alpha, beta = family.nominal.damping.viscous
     # one row for all where no factor changes them
     ratios, losses = family.damping_ratios(factors), family.loss_factors(factors)
-    ratios, losses = (np.broadcast_to(one, (len(factors), *one.shape[1:])) for one in (ratios, losses))
+    ratios, losses = (np.broadcast_to(rows, (len(factors), *rows.shape[1:])) for rows in (ratios, losses))
     free = np.empty((len(factors), omega.size, motions.shape[1], motions.shape[1]), dtype=complex)
-    for i, out in enumerate(free):
+    for i, receptance in enumerate(free):
         lam = eigenvalues[min(i, len(eigenvalues) - 1)]
         rate = alpha + beta * lam
         if family.nominal.damping.of_assembled_modes:
             elastic = np.flatnonzero(lam > 0)
             rate[elastic] = 2 * ratios[i, : elastic.size] * np.sqrt(lam[elastic])
-        _sum_modes(lam, rate, np.ascontiguousarray(motions[min(i, len(motions) - 1)]), float(losses[i]), omega, out)
+        _sum_modes(
+            lam, rate, np.ascontiguousarray(motions[min(i, len(motions) - 1)]), float(losses[i]), omega, receptance
+        )
     return free
 
 
@@ -145,7 +147,7 @@ class LowRankCoupling:
         self._free: ComplexArray | None = None
         small = family.nominal.n_dofs <= _SOLVED_LINE_BY_LINE and not modal
         if not family.names and (small or family.nominal.damping.matrix is not None):
-            self._free = self._with_bodies(solve_lines(family.nominal, ports.omega, driven, driven))
+            self._free = self._coupled_to_bodies(solve_lines(family.nominal, ports.omega, driven, driven))
         else:
             forced = np.arange(driven.shape[1]) - joined.shape[1] >= len(ports.outputs)
             forced[: joined.shape[1]] = True
@@ -163,9 +165,9 @@ class LowRankCoupling:
         if self._free is not None:
             return self._free[None]
         modelled = free_receptance(self._family, self._modes, factors, self.omega)
-        return self._with_bodies(modelled) if self.bodies else modelled  # symmetric as it is
+        return self._coupled_to_bodies(modelled) if self.bodies else modelled  # symmetric as it is
 
-    def _with_bodies(self, modelled: ComplexArray) -> ComplexArray:
+    def _coupled_to_bodies(self, modelled: ComplexArray) -> ComplexArray:
         for body, motions in self.bodies:
             modelled = modelled + motions.T @ body.receptance @ motions
         # reciprocity holds to the last bits if it holds here
@@ -178,34 +180,38 @@ class LowRankCoupling:
             return self._damped(batch, factors)
         if self._known is not None:
             return self._known.receptance(batch.stiffness)
-        known = as_factors(factors, len(batch))
-        return np.concatenate([self._at(row).receptance(k) for k, row in zip(batch.stiffness, known, strict=True)])
+        factor_rows = as_factors(factors, len(batch))
+        return np.concatenate(
+            [self._coupling_at(row).receptance(k) for k, row in zip(batch.stiffness, factor_rows, strict=True)]
+        )
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
-        joint, changes, known = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
+        joint, changes, factor_rows = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
         if joint.damped:
-            return self._damped_tangent(joint, changes, known)
-        return (self._known or self._at(known[0])).tangent(joint.stiffness, changes.stiffness)
+            return self._damped_tangent(joint, changes, factor_rows)
+        return (self._known or self._coupling_at(factor_rows[0])).tangent(joint.stiffness, changes.stiffness)
 
     def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
         """Weighted distance from measured receptances, see `ReceptanceModel`."""
-        known = self._known.misfit(measured, weight) if self._known else _UncertainMisfit(self, measured, weight)
-        return _MisfitOfAnyJoint(self, known, measured, weight)
+        undamped = self._known.misfit(measured, weight) if self._known else _UncertainMisfit(self, measured, weight)
+        return _MisfitOfAnyJoint(self, undamped, measured, weight)
 
-    def _at(self, factors: Array) -> _Coupling:
+    def _coupling_at(self, factors: Array) -> _Coupling:
         """Coupling of the structure at factors (q,)."""
         return self._coupling(self.free(factors[None])[0])
 
     def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> ComplexArray:
         """Receptances of a batch of joints with damping."""
-        known, out = as_factors(factors, len(matrices)), []
+        factor_rows, receptances = as_factors(factors, len(matrices)), []
         for start in range(0, len(matrices), _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
-            out.append(add_joint(matrices[part], self.omega, self.free(known[part]), self.along, self.n_out)[0])
-        return np.concatenate(out)
+            batch = slice(start, start + _AT_ONCE)
+            receptances.append(
+                add_joint(matrices[batch], self.omega, self.free(factor_rows[batch]), self.along, self.n_out)[0]
+            )
+        return np.concatenate(receptances)
 
     def _damped_tangent(
         self, matrix: JointMatrix, directions: JointMatrix, factors: Array
@@ -213,15 +219,15 @@ class LowRankCoupling:
         (value,), (motion,) = add_joint(matrix.batch, self.omega, self.free(factors), self.along, self.n_out)
         # dH = −δ_oᵀ dD δ_i of the joint's motions δ, (r, lines, ports)
         delta = np.moveaxis(motion, 1, 0)
-        out, into = delta[..., : self.n_out], delta[..., self.n_out :]
+        at_outputs, at_inputs = delta[..., : self.n_out], delta[..., self.n_out :]
         slopes = np.empty((len(directions), *value.shape), dtype=complex)
         for i, slope in enumerate(slopes):  # of several joints each changes few rows
             change = directions[i]
             rows = np.flatnonzero(change.linked.any(axis=1))
             k, c, h = change[np.ix_(rows, rows)].sides
             dynamic = (k + 1j * h)[..., None] + 1j * c[..., None] * self.omega
-            moved = np.einsum("pql,qli->pli", dynamic, into[rows])
-            slope[:] = -np.einsum("plo,pli->loi", out[rows], moved)
+            moved = np.einsum("pql,qli->pli", dynamic, at_inputs[rows])
+            slope[:] = -np.einsum("plo,pli->loi", at_outputs[rows], moved)
         return value, slopes
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
@@ -242,15 +248,15 @@ class _MisfitOfAnyJoint:
         joints = as_joint_matrix(matrices)
         if not joints.damped:
             return self._undamped.chi2(joints.stiffness, factors)
-        out, left = np.empty(len(joints)), np.arange(len(joints))
+        chi2, left = np.empty(len(joints)), np.arange(len(joints))
         if isinstance(self._undamped, MultiDofMisfit) and not self._model.along.any() and left.size:
-            compliance, places, known = compliance_by_line(joints, self._model.omega)
-            out[known] = self._undamped.yielding_chi2(compliance[known], places)
-            left = left[~known]
+            compliance, places, possible = compliance_by_line(joints, self._model.omega)
+            chi2[possible] = self._undamped.yielding_chi2(compliance[possible], places)
+            left = left[~possible]
         if left.size:
             row = as_factors(factors, len(joints))[left]
-            out[left] = chi2_of(self._model.receptance(joints[left], row), self._measured, self._weight)
-        return out
+            chi2[left] = chi2_of(self._model.receptance(joints[left], row), self._measured, self._weight)
+        return chi2
 
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the stiffness of joints without damping, see `Misfit`."""
@@ -265,17 +271,19 @@ class _UncertainMisfit:
 
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), see `Misfit`."""
-        known = as_factors(factors, len(stiffness))
-        return np.concatenate([self._at(row).chi2(k[None]) for k, row in zip(stiffness, known, strict=True)])
+        factor_rows = as_factors(factors, len(stiffness))
+        return np.concatenate(
+            [self._coupling_at(row).chi2(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
+        )
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
-        known = as_factors(factors, len(stiffness))
-        each = [self._at(row).chi2_gradient(k[None]) for k, row in zip(stiffness, known, strict=True)]
-        return np.concatenate([chi2 for chi2, _ in each]), np.concatenate([slope for _, slope in each])
+        factor_rows = as_factors(factors, len(stiffness))
+        terms = [self._coupling_at(row).chi2_gradient(k[None]) for k, row in zip(stiffness, factor_rows, strict=True)]
+        return np.concatenate([chi2 for chi2, _ in terms]), np.concatenate([slope for _, slope in terms])
 
-    def _at(self, factors: Array) -> PairMisfit | MultiDofMisfit:
-        return self._model._at(factors).misfit(self._measured, self._weight)
+    def _coupling_at(self, factors: Array) -> PairMisfit | MultiDofMisfit:
+        return self._model._coupling_at(factors).misfit(self._measured, self._weight)
 
 
 _StiffnessMisfit = PairMisfit | MultiDofMisfit | _UncertainMisfit
@@ -335,10 +343,10 @@ class NoisePropagation:
         dynamic, model = self._dynamic(matrices), self._model
         free = self._free(len(dynamic), factors)
         pairs = model.n_out * (model.along.shape[1] - model.n_out)
-        out = np.empty((len(dynamic), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
+        roots = np.empty((len(dynamic), free.shape[1], pairs, self._entries.shape[1]), dtype=complex)
         with np.errstate(all="ignore"):  # a joint at which nothing is finite: its residuals are not either
-            error_roots(dynamic, free, model.along, self._motions, self._entries, self._root, model.n_out, out)
-        return out
+            error_roots(dynamic, free, model.along, self._motions, self._entries, self._root, model.n_out, roots)
+        return roots
 
     def relative_sd(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Standard deviation of det(1 + A_jj K) relative to itself, shape (batch, lines).

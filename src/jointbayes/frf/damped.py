@@ -31,11 +31,11 @@ def compliance_by_line(
 
     Returns
     -------
-    compliance, places, known : ndarray, shapes (batch, entries, lines), (entries, 2) and (batch,)
+    compliance, places, possible_joints : ndarray, shapes (batch, entries, lines), (entries, 2) and (batch,)
         Entries in the upper triangle, their rows and columns, and for which of the batch they are numbers.
     """
     count, label = scipy.sparse.csgraph.connected_components(matrices.linked, directed=False)
-    known = np.ones(len(matrices), dtype=bool)
+    possible_joints = np.ones(len(matrices), dtype=bool)
     values, places = [], []
     for block in range(count):
         rows = np.flatnonzero(label == block)
@@ -47,13 +47,13 @@ def compliance_by_line(
             root = np.sqrt(np.maximum(np.diagonal(elastic, axis1=-2, axis2=-1), np.finfo(float).tiny))
             least = np.linalg.eigvalsh(elastic / root[:, :, None] / root[:, None, :])[:, 0]
             possible &= least > 1 / stiffest
-        known &= possible
+        possible_joints &= possible
         dynamic[~possible] = np.eye(rows.size)
         inverse = np.linalg.inv(dynamic) if rows.size > 1 else 1 / dynamic
         upper = np.triu_indices(rows.size)
         values.append(inverse[..., upper[0], upper[1]].swapaxes(1, 2))
         places.append(np.stack([rows[upper[0]], rows[upper[1]]], axis=1))
-    return np.concatenate(values, axis=1), np.concatenate(places).astype(np.int64), known
+    return np.concatenate(values, axis=1), np.concatenate(places).astype(np.int64), possible_joints
 
 
 def add_joint(

@@ -141,9 +141,9 @@ class FrfSet:
 
 def read_only(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
     """Copy of an array of numbers that cannot be written to."""
-    out = array_of(array, complex if dtype is np.complex128 else float, "data", MeasurementError)
-    out.setflags(write=False)
-    return out
+    copied = array_of(array, complex if dtype is np.complex128 else float, "data", MeasurementError)
+    copied.setflags(write=False)
+    return copied
 
 
 def _listed(labels: tuple[str, ...]) -> str:

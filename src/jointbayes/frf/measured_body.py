@@ -150,31 +150,38 @@ class MeasuredBody:
             it.
         """
         factor = quantity_factor(frf.frequency_hz, "receptance", frf.quantity)[:, None, None]
-        values, given = frf.values * factor, np.asarray(variance, dtype=float) * np.abs(factor) ** 2
-        if given.shape != values.shape or not (np.isfinite(given).all() and (given >= 0).all()):
+        values, variances = frf.values * factor, np.asarray(variance, dtype=float) * np.abs(factor) ** 2
+        if variances.shape != values.shape or not (np.isfinite(variances).all() and (variances >= 0).all()):
             raise MeasurementError(
-                f"measured body {name}: found variances of shape {given.shape}; expected {values.shape}, 0 or more"
+                f"measured body {name}: found variances of shape {variances.shape}; expected {values.shape}, 0 or more"
             )
         dofs = tuple(dict.fromkeys((*frf.outputs, *frf.inputs)))
         rows, columns = np.triu_indices(len(dofs))
         entries = np.empty((len(values), rows.size), dtype=complex)
         spread, off = np.empty((len(values), rows.size)), []
         for pair, (a, b) in enumerate(zip(rows, columns, strict=True)):
-            found = _measured_ways(frf, dofs[a], dofs[b])
-            if not found:
+            measured = _measured_ways(frf, dofs[a], dofs[b])
+            if not measured:
                 raise MeasurementError(
                     f"measured body {name}: found no FRF between {dofs[a]} and {dofs[b]}; expected one way round at "
                     f"least of every pair of {', '.join(dofs)}; measure it, or leave the DOF out"
                 )
-            ways = [(values[:, o, i], given[:, o, i]) for o, i in found]
+            ways = [(values[:, o, i], variances[:, o, i]) for o, i in measured]
             entries[:, pair], spread[:, pair] = _averaged(ways)
             if len(ways) == 2:
                 off.append(_discrepancy(ways, f"measured body {name}: {dofs[a]} and {dofs[b]}"))
         receptance = np.empty((len(values), len(dofs), len(dofs)), dtype=complex)
         receptance[:, rows, columns] = receptance[:, columns, rows] = entries
         covariance = spread[:, :, None] * np.eye(rows.size)
-        known = [one for one in off if one is not None]
-        return cls(name, frf.frequency_hz, dofs, receptance, covariance, float(np.mean(known)) if known else None)
+        discrepancies = [discrepancy for discrepancy in off if discrepancy is not None]
+        return cls(
+            name,
+            frf.frequency_hz,
+            dofs,
+            receptance,
+            covariance,
+            float(np.mean(discrepancies)) if discrepancies else None,
+        )
 
     def seen_at(self, motions: Mapping[str, Mapping[str, float]]) -> "MeasuredBody":
         """The body between other motions, each a sum of the measured ones: A′ = T A Tᵀ, with the covariance of it.
@@ -204,10 +211,10 @@ class MeasuredBody:
         a, b = np.triu_indices(len(self.dofs))
         p, q = np.triu_indices(len(motions))
         # A′_pq = Σ T_pa T_qb A_ab, and each A_ab off the diagonal stands there twice
-        each = turn[p][:, a] * turn[q][:, b] + np.where(a == b, 0.0, 1.0) * turn[p][:, b] * turn[q][:, a]
+        spread = turn[p][:, a] * turn[q][:, b] + np.where(a == b, 0.0, 1.0) * turn[p][:, b] * turn[q][:, a]
         receptance = turn @ self.receptance @ turn.T
         receptance = (receptance + receptance.swapaxes(1, 2)) / 2
-        covariance = each @ self.covariance @ each.T
+        covariance = spread @ self.covariance @ spread.T
         covariance = (covariance + covariance.swapaxes(1, 2)) / 2
         return replace(self, dofs=tuple(motions), receptance=receptance, covariance=covariance)
 
@@ -250,9 +257,9 @@ def _is_semidefinite(covariance: Array) -> bool:
     return bool((np.linalg.eigvalsh(scaled)[:, 0] >= _NEGATIVE).all())
 
 
-def _measured_ways(frf: FrfSet, one: str, other: str) -> list[tuple[int, int]]:
+def _measured_ways(frf: FrfSet, first: str, second: str) -> list[tuple[int, int]]:
     """Output and input number of the FRFs between two DOFs."""
-    ways = dict.fromkeys(((one, other), (other, one)))
+    ways = dict.fromkeys(((first, second), (second, first)))
     return [(frf.outputs.index(o), frf.inputs.index(i)) for o, i in ways if o in frf.outputs and i in frf.inputs]
 
 
@@ -260,17 +267,17 @@ def _averaged(ways: Sequence[tuple[ComplexArray, Array]]) -> tuple[ComplexArray,
     """Mean of one FRF or two, weighted by the inverse of their variances, and its variance."""
     if len(ways) == 1:
         return ways[0]
-    (one, v1), (other, v2) = ways
+    (first, v1), (second, v2) = ways
     total = np.where(v1 + v2 > 0, v1 + v2, 1.0)
     share = np.where(v1 + v2 > 0, v2 / total, 0.5)
-    return share * one + (1 - share) * other, np.where(v1 + v2 > 0, v1 * v2 / total, 0.0)
+    return share * first + (1 - share) * second, np.where(v1 + v2 > 0, v1 * v2 / total, 0.0)
 
 
 def _discrepancy(ways: Sequence[tuple[ComplexArray, Array]], where: str) -> float | None:
     """Mean square of the difference over its variance; None of exact FRFs."""
-    (one, v1), (other, v2) = ways
-    gap = np.abs(one - other)
-    if float(np.median(gap)) > NOT_RECIPROCAL * float(np.median((np.abs(one) + np.abs(other)) / 2)):
+    (first, v1), (second, v2) = ways
+    gap = np.abs(first - second)
+    if float(np.median(gap)) > NOT_RECIPROCAL * float(np.median((np.abs(first) + np.abs(second)) / 2)):
         raise MeasurementError(
             f"{where}: found FRFs that differ by more than half of their size when response and force change places; "
             "expected them equal by reciprocity; check directions, signs and labels of the channels"
@@ -308,15 +315,15 @@ class Substructures:
         names = [body.name for body in self.measured]
         if len(set(names)) != len(names):
             raise ModelError(f"substructures: found bodies {', '.join(names)}; expected each name once; rename one")
-        known = dict.fromkeys(self.family.nominal.dofs, "the modelled structure") if self.measured else {}
+        owner = dict.fromkeys(self.family.nominal.dofs, "the modelled structure") if self.measured else {}
         for body in self.measured:
             for label in body.dofs:
-                if label in known:
+                if label in owner:
                     raise ModelError(
-                        f"substructures: found DOF {label} in measured body {body.name} and in {known[label]}; "
+                        f"substructures: found DOF {label} in measured body {body.name} and in {owner[label]}; "
                         "expected each label in one body; rename it in one of them"
                     )
-                known[label] = f"measured body {body.name}"
+                owner[label] = f"measured body {body.name}"
 
     def __repr__(self) -> str:
         return f"Substructures({', '.join(map(repr, (self.modelled, *self.measured)))})"
@@ -340,10 +347,10 @@ class Substructures:
             If no body has the label.
         """
         rows = self._measured_rows
-        out = np.empty(len(labels), dtype=np.intp)
+        places = np.empty(len(labels), dtype=np.intp)
         for i, label in enumerate(labels):
-            out[i] = rows[label] if label in rows else self.family.nominal.index((label,))[0]
-        return out
+            places[i] = rows[label] if label in rows else self.family.nominal.index((label,))[0]
+        return places
 
     def position(self, label: str) -> tuple[float, float, float] | None:
         """Where a DOF of a modelled body is, if that is known; that of a measured body is not."""

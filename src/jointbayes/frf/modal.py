@@ -45,7 +45,7 @@ def rigid_motions(eigenvalues: Array, joined: Array) -> int:
     return rigid.shape[1] - int((held > _AT_REST * held.max(initial=0.0)).sum())
 
 
-def of_every_mode(values: Array, rigid: int, fill: float) -> Array:
+def padded_for_rigid(values: Array, rigid: int, fill: float) -> Array:
     """What is stated of elastic modes, (n, c), with `fill` for the rigid-body motions before them, (n, rigid + c)."""
     return np.hstack([np.full((len(values), rigid), fill), values]) if rigid else values
 
@@ -157,20 +157,20 @@ class NaturalFrequencies:
         For joint matrices of shape (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q).
         """
         stiffness = np.ascontiguousarray(as_joint_matrix(matrices).batch.stiffness)
-        known = as_factors(factors, len(stiffness))
-        eigenvalues, _, _ = self._modes.solve(stiffness, known)
+        factor_rows = as_factors(factors, len(stiffness))
+        eigenvalues, _, _ = self._modes.solve(stiffness, factor_rows)
         frequency: Array = np.sqrt(np.maximum(eigenvalues[:, self._counted], 0.0)) / (2 * np.pi)
-        return frequency * first_factors(self._family.frequency_factors(known), frequency.shape[1])
+        return frequency * first_factors(self._family.frequency_factors(factor_rows), frequency.shape[1])
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Frequencies (count,) in Hz and their derivative (p, count) along changes dK^J (p, r, r)."""
-        known = as_factors(factors, 1)
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_joint_matrix(matrix).batch.stiffness, known)
+        factor_rows = as_factors(factors, 1)
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(as_joint_matrix(matrix).batch.stiffness, factor_rows)
         shapes = np.linalg.solve(springs.T, rows)[:, self._counted]
         frequency = np.sqrt(np.maximum(eigenvalues[self._counted], 0.0)) / (2 * np.pi)
-        (off,) = first_factors(self._family.frequency_factors(known), frequency.size)
+        (off,) = first_factors(self._family.frequency_factors(factor_rows), frequency.size)
         slope = np.einsum("ir,pij,jr->pr", shapes, as_joint_matrix(directions).stiffness, shapes)
         return off * frequency, off * slope / (8 * np.pi**2 * np.maximum(frequency, np.finfo(float).tiny))
 
@@ -222,19 +222,19 @@ class AssembledModes:
 
     def _damped(self, matrices: JointMatrix, factors: ArrayLike | None) -> NDArray[np.complex128]:
         """Receptances of a batch of joints with damping."""
-        known, (r, q) = as_factors(factors, len(matrices)), self._along.shape
-        eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(matrices.stiffness), known)
-        ratios = self._stated(known, eigenvalues)
+        factor_rows, (r, q) = as_factors(factors, len(matrices)), self._along.shape
+        eigenvalues, rows, springs = self._modes.solve(np.ascontiguousarray(matrices.stiffness), factor_rows)
+        ratios = self._stated(factor_rows, eigenvalues)
         # between the joint's own motions and the ports' others, as outputs and as inputs
         rows[:, :r] = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r])
         ratios = np.broadcast_to(ratios, eigenvalues.shape)
-        out = np.empty((len(matrices), self._omega.size, self._n_out, q - self._n_out), dtype=np.complex128)
-        for i, values in enumerate(out):  # one joint after the other: all motions at all lines fill the memory
+        receptance = np.empty((len(matrices), self._omega.size, self._n_out, q - self._n_out), dtype=np.complex128)
+        for i, values in enumerate(receptance):  # one joint after the other: all motions at all lines fill the memory
             shapes = np.concatenate([rows[i], rows[i]])[None]
             row = np.ascontiguousarray(ratios[i : i + 1])
             every = self._sum_of_all.receptance(eigenvalues[i : i + 1], shapes, row)
             values[:] = add_joint(matrices[i : i + 1].dissipative, self._omega, every, self._along, self._n_out)[0][0]
-        return out
+        return receptance
 
     @cached_property
     def _sum_of_all(self) -> ModalSum:
@@ -254,20 +254,20 @@ class AssembledModes:
 
     def _assembled(self, matrices: Array, factors: ArrayLike | None) -> tuple[Array, Array, Array]:
         """Assembled eigenvalues (batch, m), shapes at outputs and inputs (batch, outputs + inputs, m), and ζ."""
-        known = as_factors(factors, len(matrices))
-        eigenvalues, rows, springs = self._modes.solve(matrices, known)
+        factor_rows = as_factors(factors, len(matrices))
+        eigenvalues, rows, springs = self._modes.solve(matrices, factor_rows)
         r = self._along.shape[0]
         shapes = rows[:, r:]
         if self._along.any():
             shapes = shapes + np.linalg.solve(springs, self._along[None]).swapaxes(1, 2) @ rows[:, :r]
-        ratios = self._stated(known, eigenvalues)
+        ratios = self._stated(factor_rows, eigenvalues)
         return eigenvalues, np.ascontiguousarray(shapes), ratios
 
-    def _stated(self, known: Array, eigenvalues: Array) -> Array:
+    def _stated(self, factor_rows: Array, eigenvalues: Array) -> Array:
         """Damping ratios, shape (n, m); errors of natural frequencies are put into the eigenvalues (batch, m)."""
-        off = of_every_mode(self._family.frequency_factors(known), self._modes.rigid, 1.0)
+        off = padded_for_rigid(self._family.frequency_factors(factor_rows), self._modes.rigid, 1.0)
         eigenvalues[:, : off.shape[1]] *= off**2
-        ratios = of_every_mode(self._family.damping_ratios(known), self._modes.rigid, 0.0)
+        ratios = padded_for_rigid(self._family.damping_ratios(factor_rows), self._modes.rigid, 0.0)
         return np.ascontiguousarray(ratios[:, : eigenvalues.shape[1]])
 
     def tangent(
@@ -293,37 +293,37 @@ class AssembledModes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        joint, changes, known = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
+        joint, changes, factor_rows = as_joint_matrix(matrix), as_joint_matrix(directions), as_factors(factors, 1)
         if joint.damped:
-            return self._damped_tangent(joint, changes, known)
-        (lam,), (rows,), (springs,) = self._modes.solve(joint.batch.stiffness, known)
+            return self._damped_tangent(joint, changes, factor_rows)
+        (lam,), (rows,), (springs,) = self._modes.solve(joint.batch.stiffness, factor_rows)
         r = self._along.shape[0]
         at_joint = np.linalg.solve(springs.T, rows[:r])
         shapes = rows[r:] + self._along.T @ at_joint
-        out, into = shapes[: self._n_out], shapes[self._n_out :]
+        at_outputs, at_inputs = shapes[: self._n_out], shapes[self._n_out :]
         change, same, turn = turned_modes(lam, at_joint, changes.stiffness)
-        d_out, d_in = out @ turn, into @ turn
-        constants = out[:, None, :] * into[None, :, :]
-        d_constants = d_out[:, :, None, :] * into + out[:, None, :] * d_in[:, None, :, :]
-        factor = of_every_mode(self._family.frequency_factors(known), self._modes.rigid, 1.0)
+        d_out, d_in = at_outputs @ turn, at_inputs @ turn
+        constants = at_outputs[:, None, :] * at_inputs[None, :, :]
+        d_constants = d_out[:, :, None, :] * at_inputs + at_outputs[:, None, :] * d_in[:, None, :, :]
+        factor = padded_for_rigid(self._family.frequency_factors(factor_rows), self._modes.rigid, 1.0)
         off = first_factors(factor, lam.size)[0] ** 2
         # modes in one plane: f[λ_r, λ_s] = f'(λ_r), the diagonal r = s among them
-        shared = np.einsum("or,prs,is->poir", out, np.where(same, change, 0.0) * off, into)
+        shared = np.einsum("or,prs,is->poir", at_outputs, np.where(same, change, 0.0) * off, at_inputs)
 
         pairs = constants.shape[0] * constants.shape[1]
         rows = np.concatenate([constants[None], d_constants]).reshape(-1, pairs, lam.size)
-        ratio = of_every_mode(self._family.damping_ratios(known), self._modes.rigid, 0.0)[0, : lam.size]
+        ratio = padded_for_rigid(self._family.damping_ratios(factor_rows), self._modes.rigid, 0.0)[0, : lam.size]
         summed = self._sum.spread(lam * off, ratio, rows, shared.reshape(-1, pairs, lam.size))
-        each = summed.reshape(-1, self._omega.size, *constants.shape[:2])
-        return each[0], each[1:]
+        spread = summed.reshape(-1, self._omega.size, *constants.shape[:2])
+        return spread[0], spread[1:]
 
 
 def first_factors(factors: Array, count: int) -> Array:
     """Factors of the first `count` modes, shape (n, count), 1 where none is given."""
-    out = np.ones((len(factors), count))
-    given = min(count, factors.shape[1])
-    out[:, :given] = factors[:, :given]
-    return out
+    first = np.ones((len(factors), count))
+    stated = min(count, factors.shape[1])
+    first[:, :stated] = factors[:, :stated]
+    return first
 
 
 def turned_modes(eigenvalues: Array, at_joint: Array, directions: Array) -> tuple[Array, NDArray[np.bool_], Array]:
@@ -368,11 +368,11 @@ class AssembledMisfit:
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient by the joint, see `Misfit`."""
         stiffness = as_joint_matrix(matrices).stiffness
-        known = as_factors(factors, len(stiffness))
+        factor_rows = as_factors(factors, len(stiffness))
         changes = symmetric_changes(stiffness.shape[-1])
         gradient = np.empty_like(stiffness)
-        for matrix, row, slope in zip(stiffness, known, gradient, strict=True):
+        for matrix, row, slope in zip(stiffness, factor_rows, gradient, strict=True):
             value, derivative = self._model.tangent(matrix, changes, row)
             residual = (value - self._measured) * self._weight**2
             slope[:] = 2 * np.einsum("loi,ploi->p", residual.conj(), derivative).real.reshape(matrix.shape)
-        return self.chi2(stiffness, known), gradient
+        return self.chi2(stiffness, factor_rows), gradient

@@ -89,29 +89,29 @@ class AssembledShapes:
     def modes(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Modal:
         """Modes for joint matrices (r, r) or (batch, r, r) and factors on a family's quantities, (q,) or (batch, q)."""
         sides = tuple(map(np.ascontiguousarray, as_joint_matrix(matrices).batch.sides))
-        known = as_factors(factors, len(sides[0]))
-        eigenvalues, rows, springs = self._modes.solve(sides[0], known)
+        factor_rows = as_factors(factors, len(sides[0]))
+        eigenvalues, rows, springs = self._modes.solve(sides[0], factor_rows)
         r, c, counted = self._along.shape[0], self._count, self._counted
         at_joint = np.linalg.solve(springs.swapaxes(1, 2), rows[:, :r, counted])
         motions = rows[:, r:, counted] + self._along.T @ at_joint
         lam = np.maximum(eigenvalues[:, counted], 0.0)
         held, viscous, hysteretic = (np.einsum("bim,bij,bjm->bm", at_joint, side, at_joint) for side in sides)
-        off = first_factors(self._family.frequency_factors(known), c)
+        off = first_factors(self._family.frequency_factors(factor_rows), c)
         safe = np.maximum(lam, np.finfo(float).tiny)
         viscous = viscous + np.einsum("d,bdm->bm", self._signs, motions[:, self._seen :] ** 2)
-        ratio = self._ratios(known, lam, lam - held) + viscous / (2 * np.sqrt(safe)) + hysteretic / (2 * safe)
+        ratio = self._ratios(factor_rows, lam, lam - held) + viscous / (2 * np.sqrt(safe)) + hysteretic / (2 * safe)
         return Modal(off * np.sqrt(lam) / (2 * np.pi), ratio, motions[:, : self._seen].swapaxes(1, 2))
 
-    def _ratios(self, known: Array, lam: Array, stored: Array) -> Array:
+    def _ratios(self, factor_rows: Array, lam: Array, stored: Array) -> Array:
         """Damping ratios, shape (n, c), of modes with eigenvalues λ and strain energies of the structure alone."""
         law = self._family.nominal.damping
         if law.of_assembled_modes:
-            given = self._family.damping_ratios(known)[:, : self._count]
-            return np.broadcast_to(given, lam.shape)
+            ratios = self._family.damping_ratios(factor_rows)[:, : self._count]
+            return np.broadcast_to(ratios, lam.shape)
         safe = np.maximum(lam, np.finfo(float).tiny)
         alpha, beta = law.viscous
         viscous = (alpha + beta * stored) / (2 * np.sqrt(safe))
-        return self._family.loss_factors(known)[:, None] * stored / (2 * safe) + viscous
+        return self._family.loss_factors(factor_rows)[:, None] * stored / (2 * safe) + viscous
 
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
@@ -123,9 +123,9 @@ class AssembledShapes:
         Fox, R. L., Kapoor, M. P. (1968). Rates of change of eigenvalues and eigenvectors. AIAA Journal
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
-        known, here = as_factors(factors, 1), self.modes(matrix, factors)
+        factor_rows, here = as_factors(factors, 1), self.modes(matrix, factors)
         sides, changes = as_joint_matrix(matrix).batch.sides, as_joint_matrix(directions).sides
-        (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], known)
+        (eigenvalues,), (rows,), (springs,) = self._modes.solve(sides[0], factor_rows)
         r, c, counted = self._along.shape[0], self._count, self._counted
         at_joint = np.linalg.solve(springs.T, rows[:r])
         change, _, turn = turned_modes(eigenvalues, at_joint, changes[0])
@@ -142,14 +142,14 @@ class AssembledShapes:
         viscous = viscous + self._signs @ strokes**2
         d_viscous = d_viscous + 2 * np.einsum("d,dm,pdm->pm", self._signs, strokes, d_strokes)
         lam = np.maximum(eigenvalues[counted], np.finfo(float).tiny)
-        off = first_factors(self._family.frequency_factors(known), c)
-        ratio = self._ratio_slopes(known, lam, lam - held, slope, slope - d_held)
+        off = first_factors(self._family.frequency_factors(factor_rows), c)
+        ratio = self._ratio_slopes(factor_rows, lam, lam - held, slope, slope - d_held)
         ratio = ratio + (d_viscous - viscous * slope / (2 * lam)) / (2 * np.sqrt(lam))
         ratio = ratio + (d_hysteretic - hysteretic * slope / lam) / (2 * lam)
         frequency = off * slope / (4 * np.pi * np.sqrt(lam))
         return here, Modal(frequency, ratio, d_motions[:, : self._seen].swapaxes(1, 2))
 
-    def _ratio_slopes(self, known: Array, lam: Array, stored: Array, d_lam: Array, d_stored: Array) -> Array:
+    def _ratio_slopes(self, factor_rows: Array, lam: Array, stored: Array, d_lam: Array, d_stored: Array) -> Array:
         """Derivatives of `_ratios`, shape (p, c)."""
         law = self._family.nominal.damping
         if law.of_assembled_modes:
@@ -157,7 +157,7 @@ class AssembledShapes:
         alpha, beta = law.viscous
         share = (d_stored - stored * d_lam / lam) / (2 * lam)
         viscous = (beta * d_stored - (alpha + beta * stored) * d_lam / (2 * lam)) / (2 * np.sqrt(lam))
-        return self._family.loss_factors(known)[0] * share + viscous
+        return self._family.loss_factors(factor_rows)[0] * share + viscous
 
 
 def _dampers(structure: Structure) -> tuple[Array, Array]:

@@ -62,8 +62,8 @@ def as_factors(factors: ArrayLike | None, batch: int) -> Array:
     """Factors on a structure's uncertain quantities for each of a batch, shape (batch, q); (batch, 0) without any."""
     if factors is None:
         return np.empty((batch, 0))
-    given = np.atleast_2d(np.asarray(factors, dtype=float))
-    return given if len(given) == batch else np.repeat(given, batch, axis=0)
+    rows = np.atleast_2d(np.asarray(factors, dtype=float))
+    return rows if len(rows) == batch else np.repeat(rows, batch, axis=0)
 
 
 class Misfit(Protocol):

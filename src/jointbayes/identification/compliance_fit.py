@@ -104,7 +104,7 @@ def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "Free
     at = np.arange(k + len(ports.inputs))
     modes = family.free_modes(np.hstack([driven, loads]), (at < n) | (at >= k))
     free = free_receptance(family, modes, np.empty((1, 0)), ports.omega)[0, :, :k, k:]
-    relative = joint.on(sides).T
+    relative = joint.deformations(sides).T
     rows = [ports.outputs.index(label) for label in given.outputs]
     columns = [ports.inputs.index(label) for label in given.inputs]
     return FreeReceptance(

@@ -146,7 +146,7 @@ class _System:
     ) -> None:
         self.measured, self._outputs, self._parametrisation = measured, outputs, parametrisation
         self._at_joint = at_joint = joint.labels
-        self._deformation = joint.on(at_joint)
+        self._deformation = joint.deformations(at_joint)
         self._ports = Ports(
             measured.frequency_hz,
             tuple(dict.fromkeys(outputs + at_joint)),

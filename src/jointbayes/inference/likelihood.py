@@ -65,17 +65,17 @@ class PropagatedNoise:
         Of joint matrices (batch, r, r), factors on the structure (batch, f) and on all measured FRFs (batch,).
         """
         added = self.propagation.roots(matrices, factors)
-        out = np.empty((*added.shape[:3], added.shape[2]), dtype=complex)
-        noise_roots(added, np.ascontiguousarray(gain), self._variance, out)
-        return out
+        roots = np.empty((*added.shape[:3], added.shape[2]), dtype=complex)
+        noise_roots(added, np.ascontiguousarray(gain), self._variance, roots)
+        return roots
 
     def white(self, roots: ComplexArray, residuals: ComplexArray) -> ComplexArray:
         """L⁻¹ r, shape (n, lines, pairs), E|z|² = 1, of residuals (n, lines, outputs, inputs); roots of one or n."""
         flat = residuals.reshape(*residuals.shape[:2], -1)
         white = np.empty(flat.shape, dtype=complex)
         for p in range(flat.shape[2]):
-            known = (roots[..., p, :p] * white[..., :p]).sum(axis=-1)
-            white[..., p] = (flat[..., p] - known) / roots[..., p, p]
+            explained = (roots[..., p, :p] * white[..., :p]).sum(axis=-1)
+            white[..., p] = (flat[..., p] - explained) / roots[..., p, p]
         return white
 
     def excess(self, roots: ComplexArray) -> Array:
@@ -167,17 +167,17 @@ class FrfLikelihood(Likelihood):
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         joints = as_joint_matrix(matrices)
-        known = as_factors(factors, len(joints))
+        factor_rows = as_factors(factors, len(joints))
         if self._squares:
-            chi2 = self._misfit.chi2(joints, self._structural(known))
-            value = self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
+            chi2 = self._misfit.chi2(joints, self._structural(factor_rows))
+            value = self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(factor_rows))
         else:
             value = np.empty(len(joints))
             at_once = max(1, min(_AT_ONCE, _VALUES_AT_ONCE // self.n_data))
             for start in range(0, len(joints), at_once):
-                part = slice(start, start + at_once)
-                z, excess = self._compared(joints[part], known[part])
-                value[part] = self.constant + self.noise.log_likelihood(z, self.hyper(known[part])) - excess
+                batch = slice(start, start + at_once)
+                z, excess = self._compared(joints[batch], factor_rows[batch])
+                value[batch] = self.constant + self.noise.log_likelihood(z, self.hyper(factor_rows[batch])) - excess
         value[~np.isfinite(value)] = -np.inf
         return value
 
@@ -186,28 +186,28 @@ class FrfLikelihood(Likelihood):
         joints = as_joint_matrix(matrices)
         return self._compared(joints, as_factors(factors, len(joints)))[0]
 
-    def _compared(self, matrices: JointMatrix, known: Array) -> tuple[Residuals, Array]:
+    def _compared(self, matrices: JointMatrix, factor_rows: Array) -> tuple[Residuals, Array]:
         """Residuals over σ, and what a noise that depends on the joint takes from ln L, shape (batch,)."""
-        predicted = self._predicted(matrices, known)
+        predicted = self._predicted(matrices, factor_rows)
         if self.propagated is None:
             return self._residual.z(predicted), np.zeros(len(matrices))
-        roots = self._roots(matrices, known)
+        roots = self._roots(matrices, factor_rows)
         return self.propagated.white(roots, predicted - self._measured), self.propagated.excess(roots).sum(axis=(1, 2))
 
-    def _roots(self, matrices: JointMatrix, known: Array) -> ComplexArray:
+    def _roots(self, matrices: JointMatrix, factor_rows: Array) -> ComplexArray:
         """Roots of the noise's covariance at each line, see `PropagatedNoise`."""
         assert self.propagated is not None
-        gain = known[:, self._n_structure] if self._gain else np.ones(len(known))
-        return self.propagated.roots(matrices, self._structural(known), gain)
+        gain = factor_rows[:, self._n_structure] if self._gain else np.ones(len(factor_rows))
+        return self.propagated.roots(matrices, self._structural(factor_rows), gain)
 
     def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """σ² of the measured FRFs with what measured bodies add, in their quantity, (batch, lines, outputs, inputs)."""
         joints = as_joint_matrix(matrices)
-        own = self._stated
+        stated = self._stated
         if self.propagated is None:
-            return np.broadcast_to(own, (len(joints), *own.shape))
+            return np.broadcast_to(stated, (len(joints), *stated.shape))
         roots = self._roots(joints, as_factors(factors, len(joints)))
-        whole = self.propagated.variance(roots).reshape(len(joints), *own.shape)
+        whole = self.propagated.variance(roots).reshape(len(joints), *stated.shape)
         return whole * np.abs(self._factor) ** 2
 
     def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
@@ -235,16 +235,16 @@ class FrfLikelihood(Likelihood):
             If the noise model correlates them.
         """
         joints = as_joint_matrix(matrices)
-        known = as_factors(factors, len(joints))
-        z = self.standardised(joints, known)
-        values: Array = self.noise.pointwise(z, self.hyper(known))
+        factor_rows = as_factors(factors, len(joints))
+        z = self.standardised(joints, factor_rows)
+        values: Array = self.noise.pointwise(z, self.hyper(factor_rows))
         if self.propagated is not None:
             if z.shape[2] > 1:
                 raise ModelError(
                     "pointwise: found FRFs that share the noise of a measured body; expected independent values; "
                     "compare models by their evidence instead"
                 )
-            values = values - self.propagated.excess(self._roots(joints, known))
+            values = values - self.propagated.excess(self._roots(joints, factor_rows))
         return values + self.constant / self.n_data
 
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -259,25 +259,25 @@ class FrfLikelihood(Likelihood):
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        joint, known = as_joint_matrix(matrix), as_factors(factors, 1)
-        structural = known[:, : self._n_structure]
+        joint, factor_rows = as_joint_matrix(matrix), as_factors(factors, 1)
+        structural = factor_rows[:, : self._n_structure]
         value, derivative = self._model.tangent(joint, directions, structural[0])
         if self._gain:
-            gain = float(known[0, self._n_structure])
+            gain = float(factor_rows[0, self._n_structure])
             value, derivative = gain * value, gain * derivative
-        moved = moved_factors(known[:, : known.shape[1] - self.hyper_count])
+        moved = moved_factors(factor_rows[:, : factor_rows.shape[1] - self.hyper_count])
         along = [derivative]
         if len(moved):
             up, down = np.split(self._predicted(joint.repeated(len(moved)), moved), 2)
             up -= down
             up /= 2 * STEP
             along.append(up)
-        hyper = self.hyper(known)[0]
+        hyper = self.hyper(factor_rows)[0]
         here = value[None]
         if self.propagated is None:
             z, slopes = self._residual.z(here), [self._residual.tangent(here, some) for some in along]
         else:
-            roots, whiten = self._roots(joint.batch, known), self.propagated.white
+            roots, whiten = self._roots(joint.batch, factor_rows), self.propagated.white
             z, slopes = whiten(roots, here - self._measured), [whiten(roots, some) for some in along]
         parts = 2 if self.kind == "complex" else 1
         rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))

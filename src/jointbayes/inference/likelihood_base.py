@@ -166,8 +166,8 @@ class Likelihood(ABC):
 
     def hyper(self, factors: ArrayLike) -> Array:
         """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""
-        known = np.atleast_2d(np.asarray(factors, dtype=float))
-        return known[:, known.shape[1] - self.hyper_count :]
+        factor_rows = np.atleast_2d(np.asarray(factors, dtype=float))
+        return factor_rows[:, factor_rows.shape[1] - self.hyper_count :]
 
     @abstractmethod
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:

@@ -51,22 +51,22 @@ class LogPosterior:
         ModelError
             If θ has another shape, or is no array of numbers.
         """
-        given = (
+        array = (
             theta if isinstance(theta, np.ndarray) and theta.dtype == float else array_of(theta, float, "θ", ModelError)
         )
-        t = np.atleast_2d(given)
+        t = np.atleast_2d(array)
         if t.ndim != 2 or t.shape[1] != len(self.prior.names):
             raise ModelError(
-                f"θ: found shape {given.shape}; expected (n, {len(self.prior.names)}), a row for each joint"
+                f"θ: found shape {array.shape}; expected (n, {len(self.prior.names)}), a row for each joint"
             )
         with np.errstate(over="ignore", invalid="ignore"):  # far outside the support
-            out = self.prior.log_density(t)
-        inside = np.isfinite(out)
+            density = self.prior.log_density(t)
+        inside = np.isfinite(density)
         if inside.any():
             value = self.log_likelihood(t[inside])
-            out[inside] += value
+            density[inside] += value
             self.singular += int(np.isneginf(value).sum())
-        return out
+        return density
 
     def log_likelihood(self, theta: ArrayLike) -> Array:
         """ln L, shape (n,), of θ, shape (n, d), inside the prior's support; the further term is part of it.
@@ -155,10 +155,10 @@ class LogPosterior:
         t = np.asarray(theta, dtype=float)
         many = np.atleast_2d(t)
         if self._parametrisation.damped and self.gaussian and not self.prior.nuisances:
-            each = (self.residuals(one) for one in many)
-            return np.array([-jacobian.T @ residual for residual, jacobian in each]).reshape(t.shape)
+            linearised = (self.residuals(point) for point in many)
+            return np.array([-jacobian.T @ residual for residual, jacobian in linearised]).reshape(t.shape)
         if self.prior.nuisances or not self.gaussian:
-            return np.array([self._differences(one) for one in many]).reshape(t.shape)
+            return np.array([self._differences(point) for point in many]).reshape(t.shape)
         _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.stiffness(many)))
         by_theta = np.einsum(
             "nk,nkt->nt", self._parametrisation.by_quantity(slope), self._parametrisation.derivative(many)

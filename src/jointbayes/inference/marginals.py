@@ -167,7 +167,7 @@ class OwnMarginal:
     given: Any
 
     def __post_init__(self) -> None:
-        if not (self._of_scipy or (hasattr(self.given, "log_density") and hasattr(self.given, "sample"))):
+        if not (self._is_scipy or (hasattr(self.given, "log_density") and hasattr(self.given, "sample"))):
             raise ModelError(
                 f"prior: found {type(self.given).__name__}; expected Normal, Uniform, a frozen distribution of "
                 "scipy.stats, or an object with log_density(x) and sample(rng, n); give one of these"
@@ -179,13 +179,13 @@ class OwnMarginal:
             )
 
     def __repr__(self) -> str:
-        if not self._of_scipy:
+        if not self._is_scipy:
             return f"own {type(self.given).__name__}"
         arguments = [*map(str, self.given.args), *(f"{name}={value}" for name, value in self.given.kwds.items())]
         return f"scipy.stats.{self.given.dist.name}({', '.join(arguments)})"
 
     @cached_property
-    def _of_scipy(self) -> bool:
+    def _is_scipy(self) -> bool:
         return all(hasattr(self.given, name) for name in ("dist", "args", "kwds", "logpdf", "ppf"))
 
     @cached_property
@@ -207,7 +207,7 @@ class OwnMarginal:
     @cached_property
     def support(self) -> tuple[float, float]:
         """Where the density is above zero, as far as the distribution says."""
-        ends = self.given.support() if self._of_scipy else getattr(self.given, "support", (-math.inf, math.inf))
+        ends = self.given.support() if self._is_scipy else getattr(self.given, "support", (-math.inf, math.inf))
         low, high = ends() if callable(ends) else ends
         return float(low), float(high)
 
@@ -219,24 +219,24 @@ class OwnMarginal:
     def log_density(self, theta: Array) -> Array:
         """Log density; θ of any shape."""
         flat = np.ravel(theta)
-        value = self.given.logpdf(flat) if self._of_scipy else self.given.log_density(flat)
+        value = self.given.logpdf(flat) if self._is_scipy else self.given.log_density(flat)
         return np.asarray(value, dtype=float).reshape(np.shape(theta))
 
     def cdf(self, theta: Array) -> Array:
         """Probability below θ; of any shape."""
-        if self._of_scipy:
+        if self._is_scipy:
             return np.asarray(self.given.cdf(theta))
         return np.interp(theta, self._drawn, _OWN_QUANTILES)
 
     def ppf(self, probability: Array) -> Array:
         """θ below which there is so much probability; of any shape."""
-        if self._of_scipy:
+        if self._is_scipy:
             return np.asarray(self.given.ppf(probability))
         return np.interp(probability, _OWN_QUANTILES, self._drawn)
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,)."""
-        if self._of_scipy:
+        if self._is_scipy:
             return np.asarray(self.given.rvs(size=size, random_state=rng))
         return np.asarray(self.given.sample(rng, size))
 
@@ -269,14 +269,14 @@ class OfStiffness:
     given: "Normal | Uniform | OwnMarginal"
 
     def __post_init__(self) -> None:
-        given = as_marginal(self.given)
-        object.__setattr__(self, "given", given)
-        if isinstance(given, OfStiffness):
+        marginal = as_marginal(self.given)
+        object.__setattr__(self, "given", marginal)
+        if isinstance(marginal, OfStiffness):
             raise ModelError("prior: found OfStiffness of OfStiffness; expected a distribution of k; give it once")
-        if not (self._above > _FEWEST and given.support[1] > 0 and math.isfinite(self.sd) and self.sd > 0):
+        if not (self._above > _FEWEST and marginal.support[1] > 0 and math.isfinite(self.sd) and self.sd > 0):
             raise ModelError(
-                f"prior of a stiffness: found {given!r}, which leaves none above zero; expected a distribution of k, "
-                "in its unit, with values above 0; correct it, or state a prior on ln k"
+                f"prior of a stiffness: found {marginal!r}, which leaves none above zero; expected a distribution of "
+                "k, in its unit, with values above 0; correct it, or state a prior on ln k"
             )
 
     @cached_property

@@ -61,9 +61,9 @@ def mac(measured: Array, predicted: Array) -> Array:
     Allemang, R. J. (2003). The modal assurance criterion: twenty years of use and abuse. Sound and Vibration 37(8),
     14-23.
     """
-    known, turned = ~np.isnan(measured), np.swapaxes(predicted, -1, -2)
-    seen = np.where(known, measured, 0.0)
-    size = (seen**2).sum(axis=-1)[:, None] * (known.astype(float) @ turned**2)
+    measured_here, turned = ~np.isnan(measured), np.swapaxes(predicted, -1, -2)
+    seen = np.where(measured_here, measured, 0.0)
+    size = (seen**2).sum(axis=-1)[:, None] * (measured_here.astype(float) @ turned**2)
     return (seen @ turned) ** 2 / np.maximum(size, np.finfo(float).tiny)
 
 
@@ -144,9 +144,9 @@ class ModePrediction:
         parts = [frequency, moved.damping_ratio]
         if self._shown.size:
             value, change = here.shapes, moved.shapes
-            reference, d_reference = self._at_reference(value), self._at_reference(change)
+            reference, d_reference = self._reference_components(value), self._reference_components(change)
             ratio = value[:, :, self._shown] / reference
-            parts.append(_in_rows((change[:, :, self._shown] - ratio * d_reference) / reference))
+            parts.append(_flattened((change[:, :, self._shown] - ratio * d_reference) / reference))
         return self._table(here)[0, self._place], np.hstack(parts)[:, self._place]
 
     def _partners(self, modal: Modal) -> NDArray[np.intp]:
@@ -155,8 +155,8 @@ class ModePrediction:
             return np.tile(self._numbers, (len(modal.frequency_hz), 1))
         likeness = mac(self.measured_shapes, modal.shapes)
         places = np.empty((len(likeness), len(self._numbers)), dtype=np.intp)
-        for row, one in zip(places, likeness, strict=True):
-            row[:] = linear_sum_assignment(one, maximize=True)[1]
+        for row, mac_of_joint in zip(places, likeness, strict=True):
+            row[:] = linear_sum_assignment(mac_of_joint, maximize=True)[1]
         return places
 
     def _table(self, modal: Modal) -> Array:
@@ -164,20 +164,20 @@ class ModePrediction:
         frequency = (2 * np.pi * modal.frequency_hz) ** 2 if self._eigenvalues else modal.frequency_hz
         parts = [frequency, modal.damping_ratio]
         if self._shown.size:
-            parts.append(_in_rows(self.components(modal)))
+            parts.append(_flattened(self.components(modal)))
         return np.hstack(parts)
 
     def components(self, modal: Modal) -> Array:
         """Components of matched modes relative to that at their reference DOF, shape (batch, n, p)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(modal.shapes[:, :, self._shown] / self._at_reference(modal.shapes))
+            return np.asarray(modal.shapes[:, :, self._shown] / self._reference_components(modal.shapes))
 
-    def _at_reference(self, shapes: Array) -> Array:
+    def _reference_components(self, shapes: Array) -> Array:
         """Components at the reference DOF of each mode, shape (batch, n, 1)."""
         return np.take_along_axis(shapes, self._reference[None, :, None], axis=2)
 
 
-def _in_rows(components: Array) -> Array:
+def _flattened(components: Array) -> Array:
     """Components of all modes in one row, shape (batch, n·p), of shape (batch, n, p); the batch may be empty."""
     return components.reshape(len(components), components.shape[1] * components.shape[2])
 
@@ -242,10 +242,10 @@ class ModalLikelihood(Likelihood):
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         joints = as_joint_matrix(matrices)
-        known = as_factors(factors, len(joints))
-        chi2 = 0.5 * (self.standardised(joints, known) ** 2).sum(axis=-1)
+        factor_rows = as_factors(factors, len(joints))
+        chi2 = 0.5 * (self.standardised(joints, factor_rows) ** 2).sum(axis=-1)
         chi2[np.isnan(chi2)] = np.inf  # a shape relative to a DOF at rest
-        return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(known))
+        return self.constant + self.noise.from_chi2(chi2, self.n_data, self.hyper(factor_rows))
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Residuals over their standard deviation, shape (batch, n)."""
@@ -268,9 +268,9 @@ class ModalLikelihood(Likelihood):
 
     def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L value by value, shape (batch, n)."""
-        known = as_factors(factors, len(as_joint_matrix(matrices)))
-        values = -0.5 * self.white(matrices, known) ** 2 + self.constant / self.n_data
-        return values - np.log(self.hyper(known)) if self.hyper_count else values
+        factor_rows = as_factors(factors, len(as_joint_matrix(matrices)))
+        values = -0.5 * self.white(matrices, factor_rows) ** 2 + self.constant / self.n_data
+        return values - np.log(self.hyper(factor_rows)) if self.hyper_count else values
 
     def _structural(self, factors: Array) -> Array:
         return factors[:, : factors.shape[1] - self.hyper_count]
@@ -278,22 +278,22 @@ class ModalLikelihood(Likelihood):
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
         stiffness = as_joint_matrix(matrices).stiffness
-        known = as_factors(factors, len(stiffness))
+        factor_rows = as_factors(factors, len(stiffness))
         slope = np.empty_like(stiffness)
         changes = symmetric_changes(stiffness.shape[-1])
-        for joint, row, gradient in zip(stiffness, known, slope, strict=True):
+        for joint, row, gradient in zip(stiffness, factor_rows, slope, strict=True):
             residual, jacobian = self.residuals(joint, changes, row)
             gradient[:] = -(residual @ jacobian[:, : len(changes)]).reshape(joint.shape)
-        return self.log_likelihood(stiffness, known), slope
+        return self.log_likelihood(stiffness, factor_rows), slope
 
     def residuals(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint."""
-        joint, known = as_joint_matrix(matrix), as_factors(factors, 1)
-        structural, scale = self._structural(known), 1.0
+        joint, factor_rows = as_joint_matrix(matrix), as_factors(factors, 1)
+        structural, scale = self._structural(factor_rows), 1.0
         if self.hyper_count:
-            (scale,) = self.hyper(known)[0]
+            (scale,) = self.hyper(factor_rows)[0]
         value, derivative = self._model.modal_tangent(joint, directions, structural)
         moved = moved_factors(structural)
         up, down = np.split(self._model.modal_values(joint.repeated(len(moved)), moved), 2)

@@ -68,24 +68,24 @@ def cut_quantiles(parametrisation: Parametrisation, marginals: tuple[Marginal, .
     Rosenblatt, M. (1952). Remarks on a multivariate transformation. Annals of Mathematical Statistics 23(3), 470-472.
     DOI 10.1214/aoms/1177729394
     """
-    out = np.empty(u.shape)
+    theta = np.empty(u.shape)
     for i, (axis, marginal) in enumerate(zip(parametrisation.axes, marginals, strict=True)):
         low, high = marginal.cdf(np.array(axis.bounds)) if axis.bounded else (0.0, 1.0)
-        out[:, i] = marginal.ppf(low + u[:, i] * (high - low))
+        theta[:, i] = marginal.ppf(low + u[:, i] * (high - low))
     for cone in parametrisation.cones:
         columns = [cone.first, cone.coupling, cone.last]
         first, coupling, last = (marginals[column] for column in columns)
         edges = np.arange(_CELLS + 1) / _CELLS
         middle = _middles(last)
-        one = first.ppf(np.interp(u[:, cone.first], _first_steps(first, coupling, last), edges))
-        room = coupling.cdf((one[:, None] + middle) / 2)
+        first_values = first.ppf(np.interp(u[:, cone.first], _first_steps(first, coupling, last), edges))
+        room = coupling.cdf((first_values[:, None] + middle) / 2)
         steps = np.concatenate([np.zeros((len(u), 1)), np.cumsum(room, axis=1)], axis=1)
         asked = u[:, cone.last] * steps[:, -1]
         share = np.array([np.interp(a, s, edges) for a, s in zip(asked, steps, strict=True)])
-        other = last.ppf(share)
-        between = coupling.ppf(u[:, cone.coupling] * coupling.cdf((one + other) / 2))
-        out[:, columns] = np.stack([one, between, other], axis=-1)
-    return out
+        last_values = last.ppf(share)
+        coupling_values = coupling.ppf(u[:, cone.coupling] * coupling.cdf((first_values + last_values) / 2))
+        theta[:, columns] = np.stack([first_values, coupling_values, last_values], axis=-1)
+    return theta
 
 
 @lru_cache(maxsize=64)

@@ -96,13 +96,13 @@ class Problem:
         if self.setups:
             self._take_first_setup()
             require_own_bodies(self.setups)
-        missing = [one for one in ("structure", "joint", "measurement", "prior") if getattr(self, one) is None]
+        missing = [name for name in ("structure", "joint", "measurement", "prior") if getattr(self, name) is None]
         if missing:
             raise ModelError(
                 f"problem: found no {', '.join(missing)}; expected all four, or set-ups and a prior; pass them"
             )
         object.__setattr__(self, "joint", as_joints(self.joint))
-        places = [(one.name, as_joints(one.joint)) for one in self.setups] or [(self.setup, self.joints)]
+        places = [(test.name, as_joints(test.joint)) for test in self.setups] or [(self.setup, self.joints)]
         parametrisation = arranged(self.prior.parametrisation, places)
         if parametrisation != self.prior.parametrisation:
             object.__setattr__(self, "prior", replace(self.prior, parametrisation=parametrisation))
@@ -110,20 +110,20 @@ class Problem:
             parametrisation.check(self.initial)
 
     def _take_first_setup(self) -> None:
-        names = [one.name for one in self.setups]
+        names = [setup.name for setup in self.setups]
         if len(set(names)) != len(names) or "" in names:
             raise ModelError(
                 f"problem: found set-ups named {', '.join(map(repr, names))}; expected a name for each; rename them"
             )
-        for part in ("structure", "joint", "measurement", "noise", "residual_kind"):
-            object.__setattr__(self, part, getattr(self.setups[0], part))
+        for name in ("structure", "joint", "measurement", "noise", "residual_kind"):
+            object.__setattr__(self, name, getattr(self.setups[0], name))
 
     def __repr__(self) -> str:
-        each = [
+        tests = [
             f"{'' if part is self else f'{part.setup}: '}{part.structure!r}; {part.measurement!r}"
             for part in self.parts
         ]
-        return f"Problem(joint {self.joint}; unknown: {', '.join(self.names)}; {'; '.join(each)})"
+        return f"Problem(joint {self.joint}; unknown: {', '.join(self.names)}; {'; '.join(tests)})"
 
     def __str__(self) -> str:
         priors = zip(self.prior.labels, self.prior.all_marginals, strict=True)
@@ -152,16 +152,16 @@ class Problem:
         return tuple(
             replace(
                 self,
-                structure=one.structure,
-                joint=one.joint,
-                measurement=one.measurement,
-                noise=one.noise,
-                residual_kind=one.residual_kind,
+                structure=setup.structure,
+                joint=setup.joint,
+                measurement=setup.measurement,
+                noise=setup.noise,
+                residual_kind=setup.residual_kind,
                 extra_log_likelihood=None,
                 setups=(),
-                setup=one.name,
+                setup=setup.name,
             )
-            for one in self.setups
+            for setup in self.setups
         )
 
     def part(self, setup: str | None) -> "Problem":
@@ -172,10 +172,10 @@ class Problem:
         ModelError
             If there is no such set-up.
         """
-        for one in self.parts:
-            if setup in (None, one.setup):
-                return one
-        names = ", ".join(one.setup for one in self.parts) or "one without a name"
+        for test in self.parts:
+            if setup in (None, test.setup):
+                return test
+        names = ", ".join(test.setup for test in self.parts) or "one without a name"
         raise ModelError(f"{self.name}: found set-up {setup!r}; expected one of {names}; correct the name")
 
     @cached_property
@@ -234,16 +234,12 @@ class Problem:
         """FRFs at the joint for the paper's iteration, which needs a structure that is modelled throughout, or None."""
         return None if self.measured_bodies else self.measurement.joint_frf
 
-    def with_structures(self, family: StructureFamily) -> "Problem":
-        """The same problem, of one set-up, with other modelled structures."""
-        return replace(self, structure=self._among_bodies(family))
-
     def with_reference(self, *, solved: bool) -> "Problem":
         """The same problem with much richer elements in every set-up, see `StructureFamily.reference`."""
         richer = [part._among_bodies(part.structures.reference(solved=solved)) for part in self.parts]
         if not self.setups:
             return replace(self, structure=richer[0])
-        setups = (replace(one, structure=structure) for one, structure in zip(self.setups, richer, strict=True))
+        setups = (replace(setup, structure=structure) for setup, structure in zip(self.setups, richer, strict=True))
         return replace(self, setups=tuple(setups))
 
     def _among_bodies(self, family: StructureFamily) -> AnyStructure:
@@ -259,7 +255,7 @@ class Problem:
     def ignores_noise_of_bodies(self) -> bool:
         """Whether measured bodies are taken for exact in any set-up, so that intervals are too narrow."""
         structures = (substructures(part.structure) for part in self.parts)
-        return any(one.measured and not one.propagate for one in structures)
+        return any(whole.measured and not whole.propagate for whole in structures)
 
     @cached_property
     def structures_of_data(self) -> StructureFamily:
@@ -321,8 +317,8 @@ class Problem:
 
     def gain(self, factors: ArrayLike) -> Array:
         """Factor on measured FRFs, shape (...), at factors of the nuisances, shape (..., q); 1 where it is certain."""
-        known, name = np.asarray(factors, dtype=float), own_name(self.setup, "gain", self._nuisances)
-        return np.ones(known.shape[:-1]) if name is None else known[..., self._nuisances.index(name)]
+        rows, name = np.asarray(factors, dtype=float), own_name(self.setup, "gain", self._nuisances)
+        return np.ones(rows.shape[:-1]) if name is None else rows[..., self._nuisances.index(name)]
 
     def natural_frequencies_hz(
         self, stiffness: ArrayLike, count: int, factors: ArrayLike | None = None, *, of_model: bool = False
@@ -343,7 +339,7 @@ class Problem:
         if np.shape(stiffness)[-1:] != (len(self.quantities),):
             raise ModelError(
                 f"natural frequencies: found an array of shape {np.shape(stiffness)}; expected the joint's quantities "
-                f"along its last axis: {', '.join(one.name for one in self.quantities)}"
+                f"along its last axis: {', '.join(quantity.name for quantity in self.quantities)}"
             )
         if self.measured_bodies:
             return np.empty((len(np.atleast_2d(np.asarray(stiffness, dtype=float))), 0))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -102,31 +102,32 @@ def require_own_bodies(setups: Sequence[Setup]) -> None:
     ModelError
         If two set-ups have it.
     """
-    known: list[tuple[str, MeasuredBody]] = []
+    owners: list[tuple[str, MeasuredBody]] = []
     for setup in setups:
         whole = substructures(setup.structure)
         bodies = whole.measured if whole.propagate else ()
         for body in bodies:
-            other = next((name for name, one in known if _is_one_measurement(one, body)), None)
+            other = next((name for name, earlier in owners if _is_one_measurement(earlier, body)), None)
             if other is not None:
                 raise ModelError(
                     f"problem: found one measurement of the body {body.name} in set-ups {other} and {setup.name}, with "
                     "one error that would count as one of each; expected a measurement for each set-up, or one set-up; "
                     "measure the body again"
                 )
-        known += ((setup.name, body) for body in bodies)
+        owners += ((setup.name, body) for body in bodies)
 
 
-def _is_one_measurement(one: MeasuredBody, other: MeasuredBody) -> bool:
-    return one is other or (
-        np.array_equal(one.frequency_hz, other.frequency_hz) and np.array_equal(one.receptance, other.receptance)
+def _is_one_measurement(first: MeasuredBody, second: MeasuredBody) -> bool:
+    return first is second or (
+        np.array_equal(first.frequency_hz, second.frequency_hz) and np.array_equal(first.receptance, second.receptance)
     )
 
 
 def own_name(setup: str, name: str, names: Iterable[str]) -> str | None:
     """Name of a quantity of a set-up among `names`: its own where there is one, or else the one for all; or None."""
-    known = set(names)
-    return next((one for one in (prefixed(setup, name) if setup else name, name) if one in known), None)
+    among = set(names)
+    first = prefixed(setup, name) if setup else name
+    return first if first in among else name if name in among else None
 
 
 def columns_of_names(setup: str, wanted: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
@@ -137,15 +138,15 @@ def columns_of_names(setup: str, wanted: Sequence[str], names: Sequence[str]) ->
     ModelError
         If one is not among them.
     """
-    found = [own_name(setup, name, names) for name in wanted]
-    missing = [name for name, one in zip(wanted, found, strict=True) if one is None]
+    own_names = [own_name(setup, name, names) for name in wanted]
+    missing = [name for name, among_names in zip(wanted, own_names, strict=True) if among_names is None]
     if missing:
         of = f" of set-up {setup}" if setup else ""
         raise ModelError(
             f"posterior: found no prior for {', '.join(missing)}{of}; expected one for each of {', '.join(wanted)}; "
             "add it"
         )
-    return np.array([names.index(one) for one in found if one is not None], dtype=np.intp)
+    return np.array([names.index(name) for name in own_names if name is not None], dtype=np.intp)
 
 
 def arranged(parametrisation: Parametrisation, setups: Sequence[tuple[str, AnyJoint]]) -> Parametrisation:
@@ -163,20 +164,22 @@ def arranged(parametrisation: Parametrisation, setups: Sequence[tuple[str, AnyJo
     ModelError
         If a joint has no quantities, or those of a joint of another size.
     """
-    given = parametrisation.blocks if isinstance(parametrisation, Blocks) else (Block("", parametrisation, (0,)),)
-    rows: dict[str, list[int]] = {block.name: [] for block in given}
-    by_joint = {joint: block for block in given for joint in block.joints}
+    blocks = parametrisation.blocks if isinstance(parametrisation, Blocks) else (Block("", parametrisation, (0,)),)
+    rows: dict[str, list[int]] = {block.name: [] for block in blocks}
+    by_joint = {joint: block for block in blocks for joint in block.joints}
     row = 0
     for setup, joints in setups:
         for joint in joints.joints if isinstance(joints, Joints) else (joints,):
-            own = prefixed(setup, joint.name) if joint.name else setup
+            own_joint = prefixed(setup, joint.name) if joint.name else setup
             block = (
-                by_joint.get(own) or by_joint.get(joint.name) or (given[0] if _of_a_lone_joint(given, joints) else None)
+                by_joint.get(own_joint)
+                or by_joint.get(joint.name)
+                or (blocks[0] if _is_lone_joint(blocks, joints) else None)
             )
             if block is None or block.parametrisation.size != joint.size:
-                found = "none" if block is None else f"those of {block.parametrisation.size} DOFs"
+                those = "none" if block is None else f"those of {block.parametrisation.size} DOFs"
                 raise ModelError(
-                    f"problem: found a prior of quantities for {', '.join(map(repr, by_joint))}, and {found} for joint "
+                    f"problem: found a prior of quantities for {', '.join(map(repr, by_joint))}, and {those} for joint "
                     f"{joint.name or str(joint)!r} with {joint.size} DOFs; expected a parametrisation of each joint; "
                     "make it with `blocks_of` by the joints' names"
                 )
@@ -184,10 +187,10 @@ def arranged(parametrisation: Parametrisation, setups: Sequence[tuple[str, AnyJo
             row += joint.size
     if not isinstance(parametrisation, Blocks) and rows[""] == [0]:
         return parametrisation
-    return Blocks(tuple(Block(one.name, one.parametrisation, tuple(rows[one.name]), one.joints) for one in given))
+    return Blocks(tuple(replace(block, rows=tuple(rows[block.name])) for block in blocks))
 
 
-def _of_a_lone_joint(blocks: Sequence[Block], joints: AnyJoint) -> bool:
+def _is_lone_joint(blocks: Sequence[Block], joints: AnyJoint) -> bool:
     """Whether one set of quantities without a name meets one joint, whatever its name."""
     return len(blocks) == 1 and not blocks[0].name and not (isinstance(joints, Joints) and len(joints.joints) > 1)
 
@@ -258,8 +261,8 @@ class SetupsLikelihood(Likelihood):
     def hyper(self, factors: ArrayLike) -> Array:
         """Parameters of the noise model of a lone set-up, shape (batch, its number)."""
         (term,) = self.terms
-        known = np.atleast_2d(np.asarray(factors, dtype=float))
-        return term.likelihood.hyper(known[:, term.columns])
+        factor_rows = np.atleast_2d(np.asarray(factors, dtype=float))
+        return term.likelihood.hyper(factor_rows[:, term.columns])
 
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,): the sum of all set-ups."""
@@ -282,10 +285,10 @@ class SetupsLikelihood(Likelihood):
         return self._joined([term.likelihood.pointwise(*term.of(matrices, factors)) for term in self.terms])
 
     @staticmethod
-    def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        if len(parts) == 1:
-            return parts[0]
-        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+    def _joined(of_tests: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        if len(of_tests) == 1:
+            return of_tests[0]
+        return np.concatenate([values.reshape(len(values), -1) for values in of_tests], axis=1)
 
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Real residuals, shape (batch, m), of all set-ups."""
@@ -293,16 +296,16 @@ class SetupsLikelihood(Likelihood):
 
     def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals of one joint."""
-        each = [term.likelihood.typical_squares(*term.of(matrices, factors)) for term in self.terms]
-        return sum(total for total, _ in each), sum(count for _, count in each)
+        squares = [term.likelihood.typical_squares(*term.of(matrices, factors)) for term in self.terms]
+        return sum(total for total, _ in squares), sum(count for _, count in squares)
 
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, R, R) by the joint matrices."""
         joints = as_joint_matrix(matrices)
-        known = np.empty((len(joints), 0)) if factors is None else np.asarray(factors, dtype=float)
+        factor_rows = np.empty((len(joints), 0)) if factors is None else np.asarray(factors, dtype=float)
         total, slope = np.zeros(len(joints)), np.zeros_like(joints.stiffness)
         for term in self.terms:
-            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(joints, known))
+            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(joints, factor_rows))
             total += value
         return total, slope
 
@@ -311,10 +314,10 @@ class SetupsLikelihood(Likelihood):
     ) -> tuple[Array, Array]:
         """Standardised residuals e (m,) and their derivative (m, p + q), for one joint, of all set-ups."""
         changes = as_joint_matrix(directions)
-        known = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
+        factor_rows = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
         residuals, slopes = [], []
         for term in self.terms:
-            joint, of_test = term.of(matrix, known)
+            joint, of_test = term.of(matrix, factor_rows)
             residual, slope = term.likelihood.residuals(joint, changes.block(term.rows), of_test)
             whole = np.zeros((len(residual), len(changes) + len(self.names)))
             whole[:, : len(changes)] = slope[:, : len(changes)]

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from jointbayes.joint.blocks import Block as Block
     from jointbayes.joint.blocks import Blocks as Blocks
     from jointbayes.joint.blocks import blocks_of as blocks_of
-    from jointbayes.joint.condensed import CondensedCoordinates as CondensedCoordinates
-    from jointbayes.joint.condensed import Cone as Cone
     from jointbayes.joint.damped import Damped as Damped
     from jointbayes.joint.elastic_centre import ElasticCentre as ElasticCentre
     from jointbayes.joint.full import FullStiffness as FullStiffness
@@ -38,10 +36,12 @@ if TYPE_CHECKING:
     from jointbayes.joint.matrix import AnyJointMatrix as AnyJointMatrix
     from jointbayes.joint.matrix import JointMatrix as JointMatrix
     from jointbayes.joint.matrix import as_joint_matrix as as_joint_matrix
+    from jointbayes.joint.matrix import symmetric_changes as symmetric_changes
     from jointbayes.joint.parametrisation import RIGID as RIGID
     from jointbayes.joint.parametrisation import ComplianceCoordinates as ComplianceCoordinates
+    from jointbayes.joint.parametrisation import CondensedCoordinates as CondensedCoordinates
+    from jointbayes.joint.parametrisation import Cone as Cone
     from jointbayes.joint.parametrisation import Parametrisation as Parametrisation
-    from jointbayes.joint.parametrisation import symmetric_changes as symmetric_changes
     from jointbayes.joint.plain_springs import PlainSprings as PlainSprings
     from jointbayes.joint.plain_springs import Rigid as Rigid
     from jointbayes.joint.signed import SignedCoupling as SignedCoupling
@@ -50,7 +50,6 @@ _COMPUTING = (
     "matrix",
     "joint",
     "parametrisation",
-    "condensed",
     "plain_springs",
     "full",
     "damped",

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.joint.condensed import CondensedCoordinates, Cone
-from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
 
 _ALL_ORDERS = 4  # joints of a kind, of which all orders are exchanges
@@ -89,20 +88,20 @@ class Blocks(Parametrisation):
         """Each block with its columns of θ and of the quantities."""
         parts, t, k = [], 0, 0
         for block in self.blocks:
-            one = block.parametrisation
-            parts.append((one, slice(t, t + len(one.axes)), slice(k, k + len(one.quantities))))
-            t, k = t + len(one.axes), k + len(one.quantities)
+            joint = block.parametrisation
+            parts.append((joint, slice(t, t + len(joint.axes)), slice(k, k + len(joint.quantities))))
+            t, k = t + len(joint.axes), k + len(joint.quantities)
         return tuple(parts)
 
     @cached_property
     def cones(self) -> tuple[Cone, ...]:
         """Those of all."""
-        return tuple(cone.moved(t.start) for one, t, _ in self._parts for cone in one.cones)
+        return tuple(cone.moved(t.start) for joint, t, _ in self._parts for cone in joint.cones)
 
     @cached_property
     def ridges(self) -> tuple[CondensedCoordinates, ...]:
         """Those of all."""
-        return tuple(CondensedCoordinates(r.cone.moved(t.start)) for one, t, _ in self._parts for r in one.ridges)
+        return tuple(CondensedCoordinates(r.cone.moved(t.start)) for joint, t, _ in self._parts for r in joint.ridges)
 
     @property
     def exchanges(self) -> NDArray[np.intp]:
@@ -112,78 +111,78 @@ class Blocks(Parametrisation):
         """
         kinds: dict[str, list[tuple[str, Parametrisation]]] = {}
         columns: dict[str, list[NDArray[np.intp]]] = {}
-        for block, (one, t, _) in zip(self.blocks, self._parts, strict=True):
+        for block, (parametrisation, t, _) in zip(self.blocks, self._parts, strict=True):
             setup, _, joint = block.name.rpartition(".")
-            kinds.setdefault(joint, []).append((setup, one))
+            kinds.setdefault(joint, []).append((setup, parametrisation))
             columns.setdefault(joint, []).append(np.arange(t.start, t.stop))
         orders: list[dict[str, str]] = [{}]
         for kind in [kind for i, kind in enumerate(kinds.values()) if kind not in list(kinds.values())[:i]]:
             like = [joint for joint, other in kinds.items() if other == kind]
-            orders = [known | dict(zip(like, new, strict=True)) for known in orders for new in _orders(like)]
-        out = np.tile(np.arange(len(self.axes)), (len(orders), 1))
-        for row, order in zip(out, orders, strict=True):
+            orders = [order | dict(zip(like, new, strict=True)) for order in orders for new in _orders(like)]
+        columns_after = np.tile(np.arange(len(self.axes)), (len(orders), 1))
+        for row, order in zip(columns_after, orders, strict=True):
             for here, taken in order.items():
                 row[np.concatenate(columns[here])] = np.concatenate(columns[taken])
-        return out
+        return columns_after
 
     def _each(
         self, of: Callable[[Parametrisation, Array], ArrayLike], values: ArrayLike, stiffness: bool
     ) -> list[Array]:
         """What a function gives of each block and its part of θ or of the quantities, shape (..., d) or (..., q)."""
-        given = np.asarray(values, dtype=float)
-        return [np.asarray(of(one, given[..., k if stiffness else t])) for one, t, k in self._parts]
+        array = np.asarray(values, dtype=float)
+        return [np.asarray(of(joint, array[..., k if stiffness else t])) for joint, t, k in self._parts]
 
     def _side_by_side(self, parts: Sequence[Array]) -> Array:
         return np.concatenate(parts, axis=-1)
 
     def stiffness(self, theta: ArrayLike) -> Array:
         """Quantities, shape (..., q), from θ, shape (..., d)."""
-        return self._side_by_side(self._each(lambda one, t: one.stiffness(t), theta, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.stiffness(t), theta, False))
 
     def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
         """Whether all have coordinates."""
-        return np.logical_and.reduce(self._each(lambda one, k: one.describes(k), stiffness, True))
+        return np.logical_and.reduce(self._each(lambda joint, k: joint.describes(k), stiffness, True))
 
     def _coordinates(self, stiffness: Array) -> Array:
-        return self._side_by_side(self._each(lambda one, k: one._coordinates(k), stiffness, True))
+        return self._side_by_side(self._each(lambda joint, k: joint._coordinates(k), stiffness, True))
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d), block by block."""
         t = np.asarray(theta, dtype=float)
-        out = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
-        for one, columns, rows in self._parts:
-            out[..., rows, columns] = one.derivative(t[..., columns])
-        return out
+        slope = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
+        for joint, columns, rows in self._parts:
+            slope[..., rows, columns] = joint.derivative(t[..., columns])
+        return slope
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂k/∂θ|, shape (...): the sum of all."""
-        return np.sum(self._each(lambda one, t: one.log_slope(t), theta, False), axis=0)
+        return np.sum(self._each(lambda joint, t: joint.log_slope(t), theta, False), axis=0)
 
     def log_determinant(self, theta: Array) -> Array:
         """ln det of the blocks, shape (...): the sum of all."""
-        return np.sum(self._each(lambda one, t: one.log_determinant(t), theta, False), axis=0)
+        return np.sum(self._each(lambda joint, t: joint.log_determinant(t), theta, False), axis=0)
 
     def nearest(self, stiffness: ArrayLike) -> Array:
         """The nearest joint of each, shape (q,)."""
-        return self._side_by_side(self._each(lambda one, k: one.nearest(k), stiffness, True))
+        return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), stiffness, True))
 
     def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
         """Whether every joint is, shape (...)."""
-        return np.logical_and.reduce(self._each(lambda one, k: one.is_positive_semidefinite(k), stiffness, True))
+        return np.logical_and.reduce(self._each(lambda joint, k: joint.is_positive_semidefinite(k), stiffness, True))
 
     def uncoupled(self, stiffness: ArrayLike) -> Array:
         """The same joints, shape (..., q), each without coupling."""
-        return self._side_by_side(self._each(lambda one, k: one.uncoupled(k), stiffness, True))
+        return self._side_by_side(self._each(lambda joint, k: joint.uncoupled(k), stiffness, True))
 
     def middle(self, mean: Array) -> Array:
         """The joints, shape (q,), at the means of the priors of their coordinates, shape (d,)."""
-        return self._side_by_side(self._each(lambda one, t: one.middle(t), mean, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.middle(t), mean, False))
 
-    def _semidefinite(self, given: Array) -> str:
+    def _semidefinite(self, values: Array) -> str:
         at_fault = [
             block.name
-            for block, (one, _, k) in zip(self.blocks, self._parts, strict=True)
-            if not one.is_positive_semidefinite(given[k])
+            for block, (joint, _, k) in zip(self.blocks, self._parts, strict=True)
+            if not joint.is_positive_semidefinite(values[k])
         ]
         return (
             f"a positive semidefinite matrix of {', '.join(at_fault)}; lower its couplings, or raise the stiffnesses "
@@ -192,25 +191,25 @@ class Blocks(Parametrisation):
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
         """Those of each joint, with the others in the middle."""
-        middle, found = self.middle(mean), {}
-        for block, (one, t, k) in zip(self.blocks, self._parts, strict=True):
-            for name, joint in one.limiting_joints(mean[t], sd[t]).items():
-                found[f"{block.name}: {name}" if block.name else name] = whole = middle.copy()
+        middle, limits = self.middle(mean), {}
+        for block, (parametrisation, t, k) in zip(self.blocks, self._parts, strict=True):
+            for name, joint in parametrisation.limiting_joints(mean[t], sd[t]).items():
+                limits[f"{block.name}: {name}" if block.name else name] = whole = middle.copy()
                 whole[k] = joint
-        return found
+        return limits
 
     def compliance(self, theta: Array) -> Array:
         """φ of each joint, shape (n, d), of θ, shape (n, d)."""
-        return self._side_by_side(self._each(lambda one, t: one.compliance(t), theta, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False))
 
     def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint each, shape (n,)."""
-        parts = [one.from_compliance(phi[:, t]) for one, t, _ in self._parts]
+        parts = [joint.from_compliance(phi[:, t]) for joint, t, _ in self._parts]
         return self._side_by_side([theta for theta, _ in parts]), np.logical_and.reduce([inside for _, inside in parts])
 
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): the sum of all."""
-        return np.sum(self._each(lambda one, t: one.log_compliance_volume(t), theta, False), axis=0)
+        return np.sum(self._each(lambda joint, t: joint.log_compliance_volume(t), theta, False), axis=0)
 
 
 def _orders(names: list[str]) -> list[tuple[str, ...]]:
@@ -218,8 +217,8 @@ def _orders(names: list[str]) -> list[tuple[str, ...]]:
     if len(names) <= _ALL_ORDERS:
         return list(permutations(names))
     swapped = []
-    for one, other in combinations(names, 2):
-        change = {one: other, other: one}
+    for first, second in combinations(names, 2):
+        change = {first: second, second: first}
         swapped.append(tuple(change.get(name, name) for name in names))
     return [tuple(names), *swapped]
 
@@ -241,8 +240,8 @@ def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
     rows: dict[str, list[int]] = {name: [] for name in joints}
     sharing: dict[str, list[str]] = {name: [] for name in joints}
     row = 0
-    for name, one in joints.items():
-        owner = one if isinstance(one, str) else name
+    for name, joint in joints.items():
+        owner = joint if isinstance(joint, str) else name
         shared = joints.get(owner)
         if not isinstance(shared, Parametrisation):
             raise ModelError(
@@ -252,7 +251,7 @@ def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:
         rows[owner].append(row)
         sharing[owner].append(name)
         row += shared.size
-    alone = [(name, one) for name, one in joints.items() if not isinstance(one, str)]
+    alone = [(name, joint) for name, joint in joints.items() if not isinstance(joint, str)]
     if len(joints) == 1 and alone[0][0] == "":
         return alone[0][1]
-    return Blocks(tuple(Block(name, one, tuple(rows[name]), tuple(sharing[name])) for name, one in alone))
+    return Blocks(tuple(Block(name, joint, tuple(rows[name]), tuple(sharing[name])) for name, joint in alone))

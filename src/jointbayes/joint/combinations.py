@@ -45,12 +45,12 @@ def parametrisation_of_draws(parametrisation: Parametrisation, stiffness: Array)
     Of a coupled pair ρ takes the place of ln k12 where the coupling has both signs.
     """
     if isinstance(parametrisation, Blocks):
-        fitting = [parametrisation_of_draws(one, stiffness[:, k]) for one, k in _blocks(parametrisation)]
+        fitting = [parametrisation_of_draws(joint, stiffness[:, k]) for joint, k in _blocks(parametrisation)]
         named = zip(parametrisation.blocks, fitting, strict=True)
-        return Blocks(tuple(replace(block, parametrisation=one) for block, one in named))
+        return Blocks(tuple(replace(block, parametrisation=joint) for block, joint in named))
     if isinstance(parametrisation, Damped):
-        own = len(parametrisation.of.quantities)
-        return replace(parametrisation, of=parametrisation_of_draws(parametrisation.of, stiffness[:, :own]))
+        count = len(parametrisation.of.quantities)
+        return replace(parametrisation, of=parametrisation_of_draws(parametrisation.of, stiffness[:, :count]))
     if not isinstance(parametrisation, CoupledPair):
         return parametrisation
     if not stiffness[:, 1].any():
@@ -77,10 +77,10 @@ def single_values(parametrisation: Parametrisation) -> list[Combination]:
 def _value(parametrisation: Parametrisation, column: int) -> Callable[[Array], Array]:
     axis = parametrisation.axes[column]
     if isinstance(parametrisation, Blocks):
-        blocks = [(one, k, i) for one, k in _blocks(parametrisation) for i in range(len(one.axes))]
-        one, k, i = blocks[column]
-        own = _value(one, i)
-        return lambda stiffness: own(stiffness[:, k])
+        blocks = [(joint, k, i) for joint, k in _blocks(parametrisation) for i in range(len(joint.axes))]
+        joint, k, i = blocks[column]
+        of_joint = _value(joint, i)
+        return lambda stiffness: of_joint(stiffness[:, k])
     if axis.name in parametrisation.stiffness_names:
         index = parametrisation.stiffness_names.index(axis.name)
         return lambda k: k[:, index]
@@ -101,8 +101,8 @@ def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[C
     if isinstance(parametrisation, Blocks):
         return [
             combination.within(k)
-            for block, (one, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
-            for combination in combinations_of(one, block.name)
+            for block, (of_joint, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
+            for combination in combinations_of(of_joint, block.name)
         ]
     return _products_of_powers(parametrisation, joint) + _condensed_stiffnesses(parametrisation, joint)
 
@@ -116,8 +116,8 @@ def flexibilities_at_arms(parametrisation: Parametrisation, stiffness: Array, jo
     if isinstance(parametrisation, Blocks):
         return [
             combination.within(k)
-            for block, (one, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
-            for combination in flexibilities_at_arms(one, stiffness[:, k], block.name)
+            for block, (of_joint, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
+            for combination in flexibilities_at_arms(of_joint, stiffness[:, k], block.name)
         ]
     quantities = parametrisation.quantities
     coupled = [quantity.may_be_negative for quantity in quantities] == [False, True, False]
@@ -133,9 +133,9 @@ def flexibilities_at_arms(parametrisation: Parametrisation, stiffness: Array, jo
     arms = np.concatenate([-_ARMS[::-1], _ARMS] if coupled else [_ARMS])
     few = stiffness[:: max(1, len(stiffness) // 1000)]
     values = [flexibility(few, arm) for arm in arms]
-    if not all((one > 0).all() for one in values):
+    if not all((value > 0).all() for value in values):
         return []  # no joint of positive energy
-    widths = [np.ptp(np.quantile(np.log(one), [0.025, 0.975])) for one in values]
+    widths = [np.ptp(np.quantile(np.log(value), [0.025, 0.975])) for value in values]
     best = float(f"{arms[int(np.argmin(widths))]:.2g}")
     name = prefixed(joint, f"flexibility at a lever arm of {1000 * best:g} mm (m/N)".replace("-", "−"))
     return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM)]
@@ -147,8 +147,9 @@ def _products_of_powers(parametrisation: Parametrisation, joint: str) -> list[Co
     logs = [name for name in parametrisation.names if name in stiffnesses]
     columns = [stiffnesses.index(name) for name in logs]
     names = [prefixed(joint, name) for name in logs]
-    out = []
-    for powers in itertools.product(range(-2, 3), repeat=len(logs)) if len(logs) <= _FEW else _of_two(len(logs)):
+    products = []
+    few = len(logs) <= _FEW
+    for powers in itertools.product(range(-2, 3), repeat=len(logs)) if few else _powers_of_pairs(len(logs)):
         used = [p for p in powers if p]
         if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1 or (sum(used) == 0 and used[0] < 0):
             continue  # no simple quantity, or the reciprocal or a power of another one
@@ -157,11 +158,11 @@ def _products_of_powers(parametrisation: Parametrisation, joint: str) -> list[Co
         def product(k: Array, exponents: Array = exponents) -> Array:
             return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
 
-        out.append(Combination(powers_text(names, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
-    return out
+        products.append(Combination(powers_text(names, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
+    return products
 
 
-def _of_two(count: int) -> list[tuple[int, ...]]:
+def _powers_of_pairs(count: int) -> list[tuple[int, ...]]:
     """Small powers of two out of so many."""
     chosen = []
     for i, j in itertools.combinations(range(count), 2):
@@ -179,14 +180,14 @@ def _condensed_stiffnesses(parametrisation: Parametrisation, joint: str) -> list
     if not isinstance(parametrisation, CoupledPair):
         return []
     k11, k12, k22 = (prefixed(joint, name) for name in parametrisation.stiffness_names)
-    out = [
+    condensed = [
         Combination(f"{k22} − {k12}²/{k11}", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1),
         Combination(f"{k11} − {k12}²/{k22}", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1),
         Combination(f"{k11}·{k22} − {k12}²", _determinant, False, 1.6),
     ]
     if not isinstance(parametrisation, SignedCoupling):
-        out.append(Combination(f"{k12}/({k11}·{k22} − {k12}²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
-    return out
+        condensed.append(Combination(f"{k12}/({k11}·{k22} − {k12}²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
+    return condensed
 
 
 def _determinant(k: Array) -> Array:

@@ -50,8 +50,8 @@ class CoupledPair(Parametrisation):
         bound = np.sqrt(np.maximum(k11, 0.0)) * np.sqrt(np.maximum(k22, 0.0)) * _ROUNDING
         return np.asarray((k11 >= 0) & (k22 >= 0) & (np.abs(k12) <= bound))
 
-    def _semidefinite(self, given: Array) -> str:
-        k11, _, k22 = given.tolist()
+    def _semidefinite(self, values: Array) -> str:
+        k11, _, k22 = values.tolist()
         return (
             f"a positive semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g}); "
             "lower |k12| or raise k11, k22"

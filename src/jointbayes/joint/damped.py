@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.joint.condensed import CondensedCoordinates, Cone
-from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity, damping_quantities
 
 
@@ -47,15 +46,15 @@ class Damped(Parametrisation):
         object.__setattr__(self, "viscous", tuple(self.viscous))
         object.__setattr__(self, "loss_factors", tuple(self.loss_factors))
         springs = [quantity.name for quantity in self.of.quantities if not quantity.may_be_negative]
-        for what, names, known in (
+        for what, names, allowed in (
             ("viscous", self.viscous, springs),
             ("loss_factors", self.loss_factors, [*springs, "all"]),
         ):
             alone = "all" not in names or len(names) == 1
-            if len(set(names)) != len(names) or not set(names) <= set(known) or not alone:
+            if len(set(names)) != len(names) or not set(names) <= set(allowed) or not alone:
                 raise ModelError(
-                    f"damped joint: found {what} {', '.join(names)}; expected each once and among {', '.join(known)}, "
-                    "all by itself; correct the names"
+                    f"damped joint: found {what} {', '.join(names)}; expected each once and among "
+                    f"{', '.join(allowed)}, all by itself; correct the names"
                 )
         if not (self.viscous or self.loss_factors):
             raise ModelError("damped joint: found no damping; expected a dashpot or a loss factor; name a spring")
@@ -119,11 +118,11 @@ class Damped(Parametrisation):
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d): quantity down, coordinate across."""
         t = np.asarray(theta, dtype=float)
-        out = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
-        out[..., : self._q, : self._d] = self.of.derivative(t[..., : self._d])
+        slope = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
+        slope[..., : self._q, : self._d] = self.of.derivative(t[..., : self._d])
         damping = np.arange(len(self._damping))
-        out[..., self._q + damping, self._d + damping] = np.exp(t[..., self._d :])
-        return out
+        slope[..., self._q + damping, self._d + damping] = np.exp(t[..., self._d :])
+        return slope
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂k/∂θ|, shape (...)."""
@@ -143,10 +142,10 @@ class Damped(Parametrisation):
         k = np.asarray(stiffness, dtype=float)
         return np.asarray(self.of.is_positive_semidefinite(k[..., : self._q]) & (k[..., self._q :] >= 0).all(axis=-1))
 
-    def _semidefinite(self, given: Array) -> str:
-        if self.of.is_positive_semidefinite(given[: self._q]):
+    def _semidefinite(self, values: Array) -> str:
+        if self.of.is_positive_semidefinite(values[: self._q]):
             return "damping of 0 or more; correct what is below 0"
-        return self.of._semidefinite(given[: self._q])
+        return self.of._semidefinite(values[: self._q])
 
     def uncoupled(self, stiffness: ArrayLike) -> Array:
         """The same joints, shape (..., q), without what couples their motions."""
@@ -156,8 +155,8 @@ class Damped(Parametrisation):
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
         """Those of the stiffnesses, with damping in the middle."""
         damping = np.exp(mean[self._d :])
-        found = self.of.limiting_joints(mean[: self._d], sd[: self._d])
-        return {name: np.concatenate([joint, damping]) for name, joint in found.items()}
+        limits = self.of.limiting_joints(mean[: self._d], sd[: self._d])
+        return {name: np.concatenate([joint, damping]) for name, joint in limits.items()}
 
     def compliance(self, theta: Array) -> Array:
         """Compliance of the stiffnesses, then the damping itself, shape (n, d).

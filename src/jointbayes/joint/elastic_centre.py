@@ -43,11 +43,11 @@ class ElasticCentre(CoupledPair):
         """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
         t = np.asarray(theta, dtype=float)
         k11, arm = np.exp(t[..., 0]), t[..., 1]
-        out = np.zeros((*t.shape[:-1], 3, 3))
-        out[..., 0, 0], out[..., 1, 0], out[..., 2, 0] = k11, arm * k11, arm**2 * k11
-        out[..., 1, 1], out[..., 2, 1] = k11, 2 * arm * k11
-        out[..., 2, 2] = np.exp(t[..., 2])
-        return out
+        slope = np.zeros((*t.shape[:-1], 3, 3))
+        slope[..., 0, 0], slope[..., 1, 0], slope[..., 2, 0] = k11, arm * k11, arm**2 * k11
+        slope[..., 1, 1], slope[..., 2, 1] = k11, 2 * arm * k11
+        slope[..., 2, 2] = np.exp(t[..., 2])
+        return slope
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3): k11 · k11 · k22c."""

@@ -136,20 +136,20 @@ class FullStiffness(Parametrisation):
         size = np.exp(t[..., :r] / 2)
         scale = size[..., :, None] * size[..., None, :]
         stiffness = (factor @ factor.swapaxes(-1, -2)) * scale
-        out = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
+        slope = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
         for i in range(r):
             change = np.zeros_like(stiffness)
             change[..., i, :] += stiffness[..., i, :] / 2
             change[..., :, i] += stiffness[..., :, i] / 2
-            out[..., i] = self.from_matrix(change)
+            slope[..., i] = self.from_matrix(change)
         for column, (i, j) in enumerate(zip(*self._couplings, strict=True), r):
             rho = partial[..., j, i]
             turned = np.zeros_like(factor)  # ∂L/∂ρ_ij: row j alone
             turned[..., j, i] = np.prod(np.sqrt(1 - partial[..., j, :i] ** 2), axis=-1)
             turned[..., j, i + 1 : j + 1] = factor[..., j, i + 1 : j + 1] * (-rho / (1 - rho**2))[..., None]
             half = turned @ factor.swapaxes(-1, -2)
-            out[..., column] = self.from_matrix((half + half.swapaxes(-1, -2)) * scale)
-        return out
+            slope[..., column] = self.from_matrix((half + half.swapaxes(-1, -2)) * scale)
+        return slope
 
     def _log_left(self, theta: Array) -> Array:
         """ln(1 − ρ²) of each partial coefficient, shape (..., p)."""

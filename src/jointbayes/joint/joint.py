@@ -144,7 +144,7 @@ class Joint:
         sides = (self._motions(self.dofs, self.offset_m), self._motions(self.against, self.offset_against_m))
         return tuple(dict.fromkeys(label for side in sides for motion in side for label in motion))
 
-    def on(self, labels: Sequence[str]) -> Array:
+    def deformations(self, labels: Sequence[str]) -> Array:
         """Matrix B, shape (len(labels), r), of the joint's deformation Bᵀx by the motion x of `labels`."""
         selection = np.zeros((len(labels), self.size))
         row = {label: i for i, label in enumerate(labels)}
@@ -164,7 +164,7 @@ class Joint:
         """
         self.require_one_place(getattr(structure, "position", lambda _: None))
         selection = np.zeros((structure.n_dofs, self.size))
-        selection[structure.index(self.labels)] = self.on(self.labels)
+        selection[structure.index(self.labels)] = self.deformations(self.labels)
         return selection
 
     def _motions(self, dofs: tuple[str, ...], offset: _Vector | None) -> list[Mapping[str, float]]:
@@ -208,7 +208,7 @@ class Joint:
                 continue
             gap = np.subtract(there, here) + np.subtract(self.offset_against_m or _NOWHERE, self.offset_m or _NOWHERE)
             if np.abs(gap).max() > _SAME_PLACE:
-                apart = ", ".join(f"{1e3 * part:g}" for part in gap)
+                apart = ", ".join(f"{1e3 * component:g}" for component in gap)
                 raise ModelError(
                     f"{self._where}: found {near} and {far} at different places, ({apart}) mm apart; expected both "
                     "sides of a joint at one place; state the way between them as its offset"
@@ -254,13 +254,13 @@ class Joints:
         """Labels of all DOFs of the structure that they move with."""
         return tuple(dict.fromkeys(label for joint in self.joints for label in joint.labels))
 
-    def on(self, labels: Sequence[str]) -> Array:
+    def deformations(self, labels: Sequence[str]) -> Array:
         """Matrix B, shape (len(labels), R), of all deformations Bᵀx by the motion x of `labels`."""
         whole = np.zeros((len(labels), self.size))
         row, column = {label: i for i, label in enumerate(labels)}, 0
         for joint in self.joints:
             rows = [row[label] for label in joint.labels]
-            whole[rows, column : column + joint.size] = joint.on(joint.labels)
+            whole[rows, column : column + joint.size] = joint.deformations(joint.labels)
             column += joint.size
         return whole
 

@@ -59,8 +59,10 @@ def under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
         If a joint is to be coupled that is no translation and rotation.
     """
     if isinstance(joint, Blocks):
-        each = (replace(block, parametrisation=under_hypothesis(block.parametrisation, name)) for block in joint.blocks)
-        return Blocks(tuple(each))
+        blocks = (
+            replace(block, parametrisation=under_hypothesis(block.parametrisation, name)) for block in joint.blocks
+        )
+        return Blocks(tuple(blocks))
     undamped, hypothesis = without_damping(name)
     if isinstance(joint, Damped):
         other = under_hypothesis(joint.of, name)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.coupled import CoupledPair
+from jointbayes.joint.parametrisation import CondensedCoordinates, Cone
 
 _CONE = Cone(0, 1, 2)
 

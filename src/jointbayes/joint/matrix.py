@@ -116,3 +116,9 @@ AnyJointMatrix = JointMatrix | ArrayLike
 def as_joint_matrix(matrices: AnyJointMatrix) -> JointMatrix:
     """Matrices of joints as an object, of one joint or of a batch."""
     return matrices if isinstance(matrices, JointMatrix) else JointMatrix(np.asarray(matrices, dtype=float))
+
+
+def symmetric_changes(r: int) -> Array:
+    """Symmetric change dK^J for each entry in turn, shape (r², r, r): one on the diagonal, two halves off it."""
+    unit = np.eye(r * r).reshape(-1, r, r)
+    return (unit + unit.swapaxes(1, 2)) / 2

@@ -16,9 +16,74 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError, array_of
-from jointbayes.joint.condensed import CondensedCoordinates, Cone
 from jointbayes.joint.matrix import AnyJointMatrix, JointMatrix, as_joint_matrix
 from jointbayes.joint.quantities import Coordinate, Quantity
+
+
+@dataclass(frozen=True, slots=True)
+class Cone:
+    """Where three logarithms describe a positive definite joint: 2 θ[coupling] < θ[first] + θ[last].
+
+    Parameters
+    ----------
+    first, coupling, last
+        Columns of θ.
+    """
+
+    first: int
+    coupling: int
+    last: int
+
+    def normal(self, size: int) -> Array:
+        """Vector n, shape (size,), of n · θ < 0."""
+        normal = np.zeros(size)
+        normal[[self.first, self.coupling, self.last]] = -1.0, 2.0, -1.0
+        return normal
+
+    def moved(self, columns: int) -> "Cone":
+        """The same cone so many columns further."""
+        return Cone(self.first + columns, self.coupling + columns, self.last + columns)
+
+
+@dataclass(frozen=True, slots=True)
+class CondensedCoordinates:
+    """ln(k22 − k12²/k11) in place of ln k22, for θ with ln k11, ln k12 and ln k22 in it; the rest stays as it is.
+
+    That is the rotational stiffness with the translation free to follow, 1/c22, which vibration tells best. Where k11
+    and k12 are hardly known, k22 must follow them along a curved sheet that is flat in these coordinates.
+
+    Parameters
+    ----------
+    cone
+        Columns of ln k11, ln k12 and ln k22, of which the last is replaced.
+    """
+
+    cone: Cone
+
+    @property
+    def column(self) -> int:
+        """Where the coordinate stands that is replaced."""
+        return self.cone.last
+
+    def forward(self, theta: Array) -> Array:
+        """φ, shape (n, d), of θ, shape (n, d)."""
+        phi = np.array(theta, dtype=np.float64)
+        first, coupling, last = (phi[:, column] for column in (self.cone.first, self.cone.coupling, self.cone.last))
+        share = np.minimum(np.exp(2 * coupling - first - last), 1 - np.finfo(float).eps)
+        phi[:, self.column] += np.log1p(-share)
+        return phi
+
+    def inverse(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """θ, shape (n, d), and True for each, shape (n,): any φ is a joint."""
+        theta = np.array(phi, dtype=np.float64)
+        first, coupling, last = (phi[:, column] for column in (self.cone.first, self.cone.coupling, self.cone.last))
+        theta[:, self.column] = np.logaddexp(last, 2 * coupling - first)
+        return theta, np.ones(len(phi), dtype=bool)
+
+    def log_volume(self, theta: Array) -> Array:
+        """ln |∂θ/∂φ|, shape (n,)."""
+        return self.forward(theta)[:, self.column] - theta[:, self.column]
+
 
 #: Stiffness (N/m, N·m/rad) of a motion that is held: every forward model takes it for rigid to rounding, and its square
 #: is still a number.
@@ -102,9 +167,9 @@ class Parametrisation(ABC):
     def pattern(self) -> Array:
         """∂K^J/∂k of each quantity, the paper's K_i, shape (q, R, R)."""
         pattern = np.zeros((len(self.quantities), self.size, self.size))
-        for one, quantity in zip(pattern, self.quantities, strict=True):
+        for matrix, quantity in zip(pattern, self.quantities, strict=True):
             for i, j in quantity.places:
-                one[i, j] = one[j, i] = 1.0
+                matrix[i, j] = matrix[j, i] = 1.0
         pattern.setflags(write=False)
         return pattern
 
@@ -116,9 +181,9 @@ class Parametrisation(ABC):
     def _entries_of(self, role: str) -> NDArray[np.intp]:
         """Number of the quantity with a role that each entry of a joint matrix is, shape (R, R)."""
         entries = np.full((self.size, self.size), _ABSENT)
-        for number, (quantity, one) in enumerate(zip(self.quantities, self.pattern, strict=True)):
+        for number, (quantity, places) in enumerate(zip(self.quantities, self.pattern, strict=True)):
             if quantity.role == role:
-                entries[one != 0] = number
+                entries[places != 0] = number
         if role == "stiffness":
             entries[self.held, self.held] = _HELD
         return entries
@@ -161,8 +226,8 @@ class Parametrisation(ABC):
             return JointMatrix(np.einsum("kt,kij->tij", derivative, self.pattern))
         parts = []
         for role in ("stiffness", "viscous", "loss factor"):
-            own = np.array([quantity.role == role for quantity in self.quantities])
-            parts.append(np.einsum("kt,kij->tij", derivative[own], self.pattern[own]))
+            of_role = np.array([quantity.role == role for quantity in self.quantities])
+            parts.append(np.einsum("kt,kij->tij", derivative[of_role], self.pattern[of_role]))
         k, loss = self.stiffness(theta), self._entries[2]
         factor = np.where(loss < 0, 0.0, k[np.maximum(loss, 0)])
         parts[2] = parts[2] * self.matrix(k).stiffness + factor * parts[0]
@@ -170,8 +235,8 @@ class Parametrisation(ABC):
 
     def from_matrix(self, matrix: AnyJointMatrix) -> Array:
         """Quantities, shape (..., q), of joint matrices, see `matrix`: at their first places."""
-        given = as_joint_matrix(matrix)
-        whole = np.concatenate(given.sides, axis=-1) if self.damped else given.stiffness
+        joints = as_joint_matrix(matrix)
+        whole = np.concatenate(joints.sides, axis=-1) if self.damped else joints.stiffness
         rows, columns = np.array([q.places[0] for q in self.quantities], dtype=int).reshape(-1, 2).T
         side = {"stiffness": 0, "viscous": self.size, "loss factor": 2 * self.size}
         entries = whole[..., rows, columns + np.array([side[q.role] for q in self.quantities], dtype=int)]
@@ -292,28 +357,21 @@ class Parametrisation(ABC):
         ModelError
             If there are not as many, a number is not finite, or K^J is not positive semidefinite.
         """
-        given = array_of(stiffness, float, "joint", ModelError)
+        values = array_of(stiffness, float, "joint", ModelError)
         names, count = ", ".join(self.stiffness_names) or "no stiffness", len(self.quantities)
-        if given.shape != (count,):
-            raise ModelError(f"joint: found stiffnesses of shape {given.shape}; expected {names}: shape ({count},)")
-        if not (np.abs(given) < _MOST).all():
-            pairs = zip(self.quantities, given.tolist(), strict=True)
-            found = ", ".join(f"{quantity.name} = {k:g}" for quantity, k in pairs)
-            raise ModelError(f"joint: found {found}; expected finite numbers")
-        if not self.is_positive_semidefinite(given):
-            pairs = zip(self.quantities, given.tolist(), strict=True)
-            found = ", ".join(f"{quantity.name} = {k:g} {quantity.unit}" for quantity, k in pairs)
-            raise ModelError(f"joint: found {found}; expected {self._semidefinite(given)}")
+        if values.shape != (count,):
+            raise ModelError(f"joint: found stiffnesses of shape {values.shape}; expected {names}: shape ({count},)")
+        if not (np.abs(values) < _MOST).all():
+            listed = ", ".join(f"{name} = {k:g}" for name, k in zip(self.stiffness_names, values.tolist(), strict=True))
+            raise ModelError(f"joint: found {listed}; expected finite numbers")
+        if not self.is_positive_semidefinite(values):
+            pairs = zip(self.quantities, values.tolist(), strict=True)
+            listed = ", ".join(f"{quantity.name} = {k:g} {quantity.unit}" for quantity, k in pairs)
+            raise ModelError(f"joint: found {listed}; expected {self._semidefinite(values)}")
 
-    def _semidefinite(self, given: Array) -> str:
+    def _semidefinite(self, values: Array) -> str:
         """What is expected of a joint, shape (q,), that is not positive semidefinite."""
         return "a positive semidefinite matrix; lower its couplings, or raise the stiffnesses beside them"
-
-
-def symmetric_changes(r: int) -> Array:
-    """Symmetric change dK^J for each entry in turn, shape (r², r, r): one on the diagonal, two halves off it."""
-    unit = np.eye(r * r).reshape(-1, r, r)
-    return (unit + unit.swapaxes(1, 2)) / 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,10 +74,10 @@ class PlainSprings(Parametrisation):
     def stiffness(self, theta: ArrayLike) -> Array:
         """Stiffnesses, shape (..., q), from θ, shape (..., d)."""
         t = np.asarray(theta, dtype=float)
-        out = np.empty((*t.shape[:-1], len(self.of)))
-        out[...] = self.rigid
-        out[..., self._places] = np.exp(t)
-        return out
+        values = np.empty((*t.shape[:-1], len(self.of)))
+        values[...] = self.rigid
+        values[..., self._places] = np.exp(t)
+        return values
 
     def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
         """Whether the springs that yield are above zero; the rest does not count."""
@@ -89,10 +89,10 @@ class PlainSprings(Parametrisation):
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d): stiffness down, coordinate across."""
         t = np.asarray(theta, dtype=float)
-        out = np.zeros((*t.shape[:-1], len(self.of), len(self.names)))
+        slope = np.zeros((*t.shape[:-1], len(self.of), len(self.names)))
         for coordinate, place in enumerate(self._places):
-            out[..., place, coordinate] = np.exp(t[..., coordinate])
-        return out
+            slope[..., place, coordinate] = np.exp(t[..., coordinate])
+        return slope
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂k/∂θ| of the named springs k, shape (...), at θ, shape (..., d)."""
@@ -114,7 +114,7 @@ class PlainSprings(Parametrisation):
         coupling = np.array([quantity.may_be_negative for quantity in self.of], dtype=bool)
         return np.asarray((k[..., ~coupling] >= 0).all(axis=-1) & (k[..., coupling] == 0).all(axis=-1))
 
-    def _semidefinite(self, given: Array) -> str:
+    def _semidefinite(self, values: Array) -> str:
         return "springs of 0 or more without coupling; correct the stiffness below 0, or choose coupled springs"
 
     def uncoupled(self, stiffness: ArrayLike) -> Array:

@@ -115,12 +115,12 @@ def spring_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
     >>> [(spring.name, spring.unit) for spring in spring_stiffnesses(("y", "rz"))]
     [('ky', 'N/m'), ('krz', 'N·m/rad')]
     """
-    each = []
+    springs = []
     for i, direction in enumerate(directions):
         turning = is_rotation(direction)
         words = f"the {'rotational' if turning else 'translational'} stiffness {'about' if turning else 'along'} "
-        each.append(Quantity(f"k{direction}", _unit(2 * turning), words + direction.removeprefix("r"), ((i, i),)))
-    return tuple(each)
+        springs.append(Quantity(f"k{direction}", _unit(2 * turning), words + direction.removeprefix("r"), ((i, i),)))
+    return tuple(springs)
 
 
 def _pairs(count: int) -> Iterator[tuple[int, int]]:
@@ -130,13 +130,13 @@ def _pairs(count: int) -> Iterator[tuple[int, int]]:
 def full_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
     """Every entry of a symmetric K^J, row by row from the diagonal: k11, k12, … k1r, k22, … krr."""
     turning = [is_rotation(direction) for direction in directions]
-    each = []
+    entries = []
     for i, j in _pairs(len(directions)):
         words = f"the stiffness of motion {i + 1} ({directions[i]})"
         if i != j:
             words = f"the coupling stiffness of motions {i + 1} ({directions[i]}) and {j + 1} ({directions[j]})"
-        each.append(Quantity(f"k{i + 1}{j + 1}", _unit(turning[i] + turning[j]), words, ((i, j),)))
-    return tuple(each)
+        entries.append(Quantity(f"k{i + 1}{j + 1}", _unit(turning[i] + turning[j]), words, ((i, j),)))
+    return tuple(entries)
 
 
 def damping_quantities(

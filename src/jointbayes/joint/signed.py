@@ -36,11 +36,11 @@ class SignedCoupling(CoupledPair):
         """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
         t = np.asarray(theta, dtype=float)
         k11, k12, k22 = np.moveaxis(self.stiffness(t), -1, 0)
-        out = np.zeros((*t.shape[:-1], 3, 3))
-        out[..., 0, 0], out[..., 2, 1] = k11, k22
-        out[..., 1, 0] = out[..., 1, 1] = k12 / 2
-        out[..., 1, 2] = np.sqrt(k11 * k22)
-        return out
+        slope = np.zeros((*t.shape[:-1], 3, 3))
+        slope[..., 0, 0], slope[..., 2, 1] = k11, k22
+        slope[..., 1, 0] = slope[..., 1, 1] = k12 / 2
+        slope[..., 1, 2] = np.sqrt(k11 * k22)
+        return slope
 
     def log_slope(self, theta: Array) -> Array:
         """ln |∂(k11, k12, k22)/∂θ|, shape (...), at θ, shape (..., 3)."""

@@ -226,12 +226,12 @@ def spatial_element(
     )
     # ry = -∂w/∂x turns the sign of the slope
     sign = np.diag([1.0, -1.0, 1.0, -1.0])
-    out = []
+    matrices = []
     for along, about, xy, xz in zip(axial, twist, in_plane, out_of_plane, strict=True):
         full = np.zeros((12, 12))
         full[np.ix_([0, 6], [0, 6])] = along
         full[np.ix_([3, 9], [3, 9])] = about
         full[np.ix_([1, 5, 7, 11], [1, 5, 7, 11])] = xy
         full[np.ix_([2, 4, 8, 10], [2, 4, 8, 10])] = sign @ xz @ sign
-        out.append(full)
-    return out[0], out[1]
+        matrices.append(full)
+    return matrices[0], matrices[1]

@@ -335,17 +335,17 @@ class BeamRecipe(Recipe):
         ModelError
             If a name is unknown or a quantity becomes impossible.
         """
-        given = self.checked_factors(factors)
+        named = self.checked_factors(factors)
         material = replace(
             self.material,
-            youngs_modulus=self.material.youngs_modulus * given.get("youngs_modulus", 1.0),
-            density=self.material.density * given.get("density", 1.0),
+            youngs_modulus=self.material.youngs_modulus * named.get("youngs_modulus", 1.0),
+            density=self.material.density * named.get("density", 1.0),
         )
-        shear = given.get("shear_coefficient", 1.0)
-        section = self.section.scaled(given.get("section_size", 1.0), shear)
+        shear = named.get("shear_coefficient", 1.0)
+        section = self.section.scaled(named.get("section_size", 1.0), shear)
         kappa = None if self.shear_coefficient is None else self.shear_coefficient * shear
-        length = self.length * given.get("length", 1.0) + math.log(given.get("length_offset", 1.0))
-        damping = self.damping.scaled(given)
+        length = self.length * named.get("length", 1.0) + math.log(named.get("length_offset", 1.0))
+        damping = self.damping.scaled(named)
         mesh = mesh or self.mesh()
         if mesh is None:
             free = beam(
@@ -359,5 +359,5 @@ class BeamRecipe(Recipe):
             )
         else:
             free = meshed_beam(BeamShape(length, section, material, kappa), damping, mesh, self.dofs_per_node)
-        held = free.loaded(self.accelerometer_dofs, self.load(given)).fixed(self.supports)
+        held = free.loaded(self.accelerometer_dofs, self.load(named)).fixed(self.supports)
         return replace(held, positions=self.positions)

@@ -87,15 +87,15 @@ class ModalDamping(DampingLaw):
 
     def per_mode(self, count: int) -> Array:
         """Damping ratio of each of the first `count` modes, shape (count,)."""
-        given = np.asarray(self.ratios[:count], dtype=float)
-        return np.concatenate([given, np.full(count - given.size, self.ratios[-1])])
+        stated = np.asarray(self.ratios[:count], dtype=float)
+        return np.concatenate([stated, np.full(count - stated.size, self.ratios[-1])])
 
     def scaled(self, factors: Mapping[str, float]) -> DampingLaw:
         """The law with all ratios times ``damping_ratio`` and that of the second mode times ``damping_ratio_2``."""
-        each = np.array(self.ratios) * factors.get("damping_ratio", 1.0)
-        for i in range(each.size):
-            each[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)
-        return ModalDamping(tuple(each.tolist()))
+        ratios = np.array(self.ratios) * factors.get("damping_ratio", 1.0)
+        for i in range(ratios.size):
+            ratios[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)
+        return ModalDamping(tuple(ratios.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,17 +151,17 @@ class ViscousMatrix(DampingLaw):
     viscous_matrix: Array
 
     def __post_init__(self) -> None:
-        given = array_of(self.viscous_matrix, float, "damping matrix", ModelError)
-        object.__setattr__(self, "viscous_matrix", given)
-        if given.ndim != 2 or given.shape[0] != given.shape[1] or not np.isfinite(given).all():
+        matrix = array_of(self.viscous_matrix, float, "damping matrix", ModelError)
+        object.__setattr__(self, "viscous_matrix", matrix)
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
             raise ModelError(
-                f"damping matrix: found an array of shape {given.shape}; expected a square one of finite numbers"
+                f"damping matrix: found an array of shape {matrix.shape}; expected a square one of finite numbers"
             )
         with np.errstate(over="ignore"):
-            gap = np.abs(given - given.T).max(initial=0.0)
-        if gap > 1e-10 * np.abs(given).max(initial=0.0):
+            gap = np.abs(matrix - matrix.T).max(initial=0.0)
+        if gap > 1e-10 * np.abs(matrix).max(initial=0.0):
             raise ModelError("damping matrix: found an unsymmetric one; expected a symmetric one; correct it")
-        lowest = lowest_eigenvalue(given, "damping matrix: found one")
+        lowest = lowest_eigenvalue(matrix, "damping matrix: found one")
         if lowest < -NOT_NEGATIVE:
             raise ModelError(
                 f"damping matrix: found one with {lowest:.3g} as lowest eigenvalue, diagonal scaled to 1; expected a "

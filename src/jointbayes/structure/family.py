@@ -157,7 +157,7 @@ class UncertainFamily:
         return tuple(self.ranges)
 
     @property
-    def of_factors(self) -> Mapping[str, tuple[float, float]]:
+    def factor_ranges(self) -> Mapping[str, tuple[float, float]]:
         """Ranges of the logarithm of each factor, what is added to a quantity among them."""
         return self.ranges
 
@@ -169,7 +169,7 @@ class UncertainFamily:
     @property
     def _widest(self) -> float:
         power = {"youngs_modulus": 0.5, "density": 0.5, "length": 1.0, "section_size": 1.0}
-        sizes = {name: max(map(abs, ends)) for name, ends in self.of_factors.items()}
+        sizes = {name: max(map(abs, ends)) for name, ends in self.factor_ranges.items()}
         modes = max((size for name, size in sizes.items() if is_mode_frequency(name)), default=0.0)
         return float(np.exp(modes + sum(p * self._size(sizes, name) for name, p in power.items())))
 
@@ -197,8 +197,8 @@ class UncertainFamily:
 
     def structure(self, factors: Array) -> Structure:
         """Structure at factors (q,), assembled anew."""
-        given = np.asarray(factors, dtype=float)
-        named = dict(zip(self.names, given.tolist(), strict=True)) if given.size else {}
+        values = np.asarray(factors, dtype=float)
+        named = dict(zip(self.names, values.tolist(), strict=True)) if values.size else {}
         return self.recipe.structure(named, self.mesh)
 
     def free_modes(self, motions: Array, forced: Forced = None) -> FreeModes:
@@ -271,8 +271,8 @@ class _Values:
 @lru_cache(maxsize=_KEPT)
 def _kept(values: _Values, shape: tuple[int, ...], motions: bytes, forced: tuple[bool, ...] | None) -> FreeModes:
     family = values.kind(values.recipe, dict(values.ranges), dofs=values.dofs, top_hz=values.top_hz)
-    given = np.frombuffer(motions).reshape(shape)
-    return family.over_factors(given, None if forced is None else np.array(forced, dtype=bool))
+    forms = np.frombuffer(motions).reshape(shape)
+    return family.over_factors(forms, None if forced is None else np.array(forced, dtype=bool))
 
 
 class _ModesSolvedAnew:

@@ -212,11 +212,11 @@ class Body:
         object.__setattr__(self, "masses", tuple(self.masses))
         self._require_names()
         for member in self.members:
-            for one, other in itertools.pairwise(self.stations(member)):
-                gap = np.subtract(other.place, one.place)
-                if not math.hypot(*gap) > _SHORTEST * max(1.0, math.hypot(*one.place)):
+            for start, end in itertools.pairwise(self.stations(member)):
+                gap = np.subtract(end.place, start.place)
+                if not math.hypot(*gap) > _SHORTEST * max(1.0, math.hypot(*start.place)):
                     raise ModelError(
-                        f"frame: found no length between the points {one.point} and {other.point} of a member; "
+                        f"frame: found no length between the points {start.point} and {end.point} of a member; "
                         "expected two places; correct a point or an offset"
                     )
                 member.axes(gap)
@@ -262,22 +262,22 @@ class Body:
         """The points along one of its members, those with a number between among them."""
         places = {name: np.array(place) for name, place in self.points}
         names: list[str] = [member.points[0]]
-        for one, other in itertools.pairwise(member.points):
-            for name, share in _between(one, other, frozenset(places)):
-                places[name] = (1 - share) * places[one] + share * places[other]
+        for first_name, second_name in itertools.pairwise(member.points):
+            for name, share in _counted_between(first_name, second_name, frozenset(places)):
+                places[name] = (1 - share) * places[first_name] + share * places[second_name]
                 names.append(name)
-            names.append(other)
+            names.append(second_name)
         along = np.array([np.linalg.norm(places[b] - places[a]) for a, b in itertools.pairwise(names)])
         whole = along.sum()
         shares = np.concatenate([[0.0], np.cumsum(along) / (whole if whole > 0 else 1.0)])
         shares[-1] = 1.0
         first, last = (np.array(offset) for offset in member.offsets)
-        found = []
+        stations = []
         for name, share in zip(names, shares.tolist(), strict=True):
             offset = (1 - share) * first + share * last
             place = places[name] + offset
-            found.append(Station(name, _tuple(place), _tuple(offset), share, name not in member.points))
-        return tuple(found)
+            stations.append(Station(name, _tuple(place), _tuple(offset), share, name not in member.points))
+        return tuple(stations)
 
     @property
     def all_points(self) -> tuple[tuple[str, Vector], ...]:
@@ -305,7 +305,7 @@ def line_length(points: Iterable[Vector]) -> float | None:
     return float(np.linalg.norm(np.ptp(places, axis=0)))
 
 
-def _between(one: str, other: str, known: frozenset[str]) -> list[tuple[str, float]]:
+def _counted_between(first: str, second: str, placed: frozenset[str]) -> list[tuple[str, float]]:
     """Names and shares of the points that are counted between two, if these are numbers and none of them has a place.
 
     Raises
@@ -313,17 +313,17 @@ def _between(one: str, other: str, known: frozenset[str]) -> list[tuple[str, flo
     ModelError
         If they are too many.
     """
-    if not (one.isdecimal() and other.isdecimal()):
+    if not (first.isdecimal() and second.isdecimal()):
         return []
-    start, end = int(one), int(other)
+    start, end = int(first), int(second)
     count, step = abs(end - start), 1 if end > start else -1
     if count > _MOST_FILLED:
         raise ModelError(
-            f"frame: found a member from point {one} to {other}; expected at most {_MOST_FILLED} numbers between; "
+            f"frame: found a member from point {first} to {second}; expected at most {_MOST_FILLED} numbers between; "
             "name them otherwise"
         )
     names = [str(start + step * i) for i in range(1, count)]
-    return [] if known.intersection(names) else [(name, i / count) for i, name in enumerate(names, 1)]
+    return [] if placed.intersection(names) else [(name, i / count) for i, name in enumerate(names, 1)]
 
 
 def _vector(value: object, what: str) -> Vector:

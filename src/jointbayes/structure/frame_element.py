@@ -76,8 +76,8 @@ class Stretch:
     def rigidities(self, shares: Array) -> "Rigidities":
         """Rigidities and inertias at shares (q,) of the length."""
         sections = [self.start.between(self.end, x) for x in shares.tolist()] if self.tapered else [self.start]
-        each = np.array([self._constants(section) for section in sections])
-        return Rigidities(*np.broadcast_to(each, (shares.size, each.shape[1])).T)
+        constants = np.array([self._constants(section) for section in sections])
+        return Rigidities(*np.broadcast_to(constants, (shares.size, constants.shape[1])).T)
 
     def _constants(self, section: Section) -> tuple[float, ...]:
         e, g, rho = self.material.youngs_modulus, self.material.shear_modulus, self.material.density
@@ -188,17 +188,17 @@ def end_transformation(axes: Array, offset: Array) -> Array:
     offset
         From the point to the end, which a rigid link joins, m, shape (3,).
     """
-    out = np.zeros((6, 6))
-    out[:3, :3], out[3:, 3:] = axes, axes
-    out[:3, 3:] = -axes @ skew(offset)  # u_end = u + θ × offset
-    return out
+    transformation = np.zeros((6, 6))
+    transformation[:3, :3], transformation[3:, 3:] = axes, axes
+    transformation[:3, 3:] = -axes @ skew(offset)  # u_end = u + θ × offset
+    return transformation
 
 
 def mass_matrix(mass: float, inertia: Array, offset: Array) -> Array:
     """Mass matrix (6, 6) at a point of a rigid body with given inertia (3, 3) about its centre, `offset` from there."""
     arm = skew(offset)
-    out = np.zeros((6, 6))
-    out[:3, :3] = mass * np.eye(3)
-    out[:3, 3:], out[3:, :3] = -mass * arm, mass * arm  # velocity of the centre: v − offset × ω
-    out[3:, 3:] = inertia - mass * arm @ arm
-    return out
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = mass * np.eye(3)
+    matrix[:3, 3:], matrix[3:, :3] = -mass * arm, mass * arm  # velocity of the centre: v − offset × ω
+    matrix[3:, 3:] = inertia - mass * arm @ arm
+    return matrix

@@ -83,17 +83,17 @@ def segments_of(body: Body, used: Collection[str] | None = None) -> tuple[Segmen
     used
         Of the points that only have their place by their number those where something acts or is observed; None: all.
     """
-    found = []
+    segments = []
     for member in body.members:
         kept = [s for s in body.stations(member) if not s.numbered or used is None or s.point in used]
-        for one, other in itertools.pairwise(kept):
-            gap = np.subtract(other.place, one.place)
+        for first, second in itertools.pairwise(kept):
+            gap = np.subtract(second.place, first.place)
             end = member.end_section or member.section
-            start, end = (member.section.between(end, share) for share in (one.share, other.share))
+            start, end = (member.section.between(end, share) for share in (first.share, second.share))
             stretch = Stretch(float(np.linalg.norm(gap)), member.material, start, end, member.kappas)
             x, y, z = ((float(a), float(b), float(c)) for a, b, c in member.axes(gap))
-            found.append(Segment((one.point, other.point), (x, y, z), (one.offset, other.offset), stretch))
-    return tuple(found)
+            segments.append(Segment((first.point, second.point), (x, y, z), (first.offset, second.offset), stretch))
+    return tuple(segments)
 
 
 def mesh_of(
@@ -155,7 +155,7 @@ def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float) -> tuple[
         # of a taper the first and the last element are the thinnest and the steepest
         ends = {0, elements - 1} if stretch.tapered else {0}
         parts = [stretch.part(i / elements, (i + 1) / elements) for i in ends]
-        return all(_error(part, order, field, omega) <= enough for part in parts for field in fields)
+        return all(_error(piece, order, field, omega) <= enough for piece in parts for field in fields)
 
     best = cheapest_elements(accurate)
     if best is None:
@@ -215,8 +215,8 @@ def assembled(
         row = np.array([nodes[segment.points[0]], *range(first, first + len(inner)), nodes[segment.points[1]]])
         turns = _turns(segment, len(row))
         for i in range(count):
-            part = stretch.part(i / count, (i + 1) / count)
-            stiffness, mass = local_matrices(part, order) if order else paper_matrices(part)
+            element = stretch.part(i / count, (i + 1) / count)
+            stiffness, mass = local_matrices(element, order) if order else paper_matrices(element)
             inside = slice(i * per, (i + 1) * per + 1)
             turn = linalg.block_diag(*turns[inside])
             triplets.add(row[inside], turn.T @ stiffness @ turn, turn.T @ mass @ turn)

@@ -74,8 +74,10 @@ class FrameRecipe(Recipe):
     kind: ClassVar[str] = "frame"
 
     def __post_init__(self) -> None:
-        given = self.bodies
-        pairs = [("", given)] if isinstance(given, Body) else given.items() if isinstance(given, Mapping) else given
+        bodies = self.bodies
+        pairs = (
+            [("", bodies)] if isinstance(bodies, Body) else bodies.items() if isinstance(bodies, Mapping) else bodies
+        )
         object.__setattr__(self, "bodies", tuple((name, body) for name, body in pairs))
         for name in ("directions", "supports", "accelerometer_dofs"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -242,17 +244,17 @@ class FrameRecipe(Recipe):
         ModelError
             If a name is unknown or a quantity becomes impossible.
         """
-        given = self.checked_factors(factors)
+        named = self.checked_factors(factors)
         stiffnesses, masses, labels = zip(
             *(
-                self.matrices(number, self.body_factors(number, given), self.load(given), body_mesh)
+                self.matrices(number, self.body_factors(number, named), self.load(named), body_mesh)
                 for number, body_mesh in enumerate(mesh or self.mesh())
             ),
             strict=True,
         )
         stiffness, mass = (sparse.block_diag(list(blocks), format="csr").toarray() for blocks in (stiffnesses, masses))
         dofs = tuple(label for of_body in labels for label in of_body)
-        return Structure(stiffness, mass, self.damping.scaled(given), dofs, self.positions)
+        return Structure(stiffness, mass, self.damping.scaled(named), dofs, self.positions)
 
     def matrices(
         self, number: int, factors: BodyFactors, load: float, mesh: BodyMesh
@@ -282,8 +284,8 @@ class FrameRecipe(Recipe):
 
 def _diagonal(places: Sequence[Vector]) -> float:
     """Of the box that holds all places, m."""
-    given = np.array(places)
-    return float(np.linalg.norm(given.max(axis=0) - given.min(axis=0)))
+    corners = np.array(places)
+    return float(np.linalg.norm(corners.max(axis=0) - corners.min(axis=0)))
 
 
 def _prefix(name: str) -> str:

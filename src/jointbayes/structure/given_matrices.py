@@ -194,7 +194,7 @@ class FixedFamily:
         modes = self._solved.modes
         if self._top_hz is None:
             return _Constant(modes.eigenvalues, motions.T @ modes.shapes)
-        reduced = Reduction.below(self._top_hz, modes, motions, forced).of(modes)
+        reduced = Reduction.below(self._top_hz, modes, motions, forced).reduce(modes)
         return _Constant(reduced.eigenvalues, motions.T @ reduced.shapes)
 
     def damping_ratios(self, factors: Array) -> Array:
@@ -307,23 +307,25 @@ def chain(
             raise ModelError(
                 f"chain: found a mass {printable(name)!r} of {mass:g} kg; expected one above 0; correct it"
             )
-    given = list(dampers)
-    if (damping is None) == (not given):
+    between = list(dampers)
+    if (damping is None) == (not between):
         raise ModelError(
-            f"chain: found {len(given)} dampers and {'no' if damping is None else 'a'} damping law; expected either "
+            f"chain: found {len(between)} dampers and {'no' if damping is None else 'a'} damping law; expected either "
             "dampers or a law; remove one of the two, or state one"
         )
-    stiffness = _between(weights, springs, "a spring", "N/m")
-    law = damping if damping is not None else ViscousMatrix(_between(weights, given, "a damper", "N s/m"))
+    stiffness = _connection_matrix(weights, springs, "a spring", "N/m")
+    law = damping if damping is not None else ViscousMatrix(_connection_matrix(weights, between, "a damper", "N s/m"))
     return MatrixRecipe(stiffness, np.diag(list(weights.values())), tuple(f"{n}:{direction}" for n in weights), law)
 
 
-def _between(masses: Mapping[str, float], given: Iterable[tuple[str, str, float]], what: str, unit: str) -> Array:
+def _connection_matrix(
+    masses: Mapping[str, float], connections: Iterable[tuple[str, str, float]], what: str, unit: str
+) -> Array:
     """Matrix of springs or dampers between masses."""
     at = {name: i for i, name in enumerate(masses)}
     matrix = np.zeros((len(at), len(at)))
-    for one, other, value in given:
-        ends = [str(one), str(other)]
+    for first, second, value in connections:
+        ends = [str(first), str(second)]
         wrong = [end for end in ends if end != GROUND and end not in at]
         if wrong or ends[0] == ends[1] or not 0 <= value < np.inf:
             raise ModelError(
@@ -347,10 +349,10 @@ def matrix_of(values: ArrayLike, where: str) -> Array:
     ModelError
         If it is neither, or not of finite numbers; `where` begins the message.
     """
-    given = array_of(values, float, where, ModelError)
-    matrix = np.diag(given) if given.ndim == 1 else given
+    array = array_of(values, float, where, ModelError)
+    matrix = np.diag(array) if array.ndim == 1 else array
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
-        raise ModelError(f"{where}: found an array of shape {given.shape}; expected a square matrix, or its diagonal")
+        raise ModelError(f"{where}: found an array of shape {array.shape}; expected a square matrix, or its diagonal")
     if not np.isfinite(matrix).all():
         raise ModelError(f"{where}: found NaN or infinity; expected finite numbers; correct them")
     return matrix

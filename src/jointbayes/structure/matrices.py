@@ -85,9 +85,9 @@ class Structure:
         if len(set(self.dofs)) != n:
             raise ModelError("structure: found a DOF label twice; expected each label once; rename it")
         for name in ("stiffness", "mass"):
-            given = getattr(self, name)
+            matrix_given = getattr(self, name)
             # a copy, so that the caller's arrays stay writable; sparse ones are made dense
-            dense = given.toarray() if hasattr(given, "toarray") else given
+            dense = matrix_given.toarray() if hasattr(matrix_given, "toarray") else matrix_given
             matrix = array_of(dense, float, f"structure: {name}", ModelError)
             object.__setattr__(self, name, matrix)
             if matrix.shape != (n, n):
@@ -106,9 +106,9 @@ class Structure:
                 f"structure: found {self.damping!r} as damping; expected a damping law, such as LossFactor(0.01) or "
                 "ModalDamping((0.01,))"
             )
-        own = self.damping.matrix
-        if own is not None and len(own) != n:
-            raise ModelError(f"structure: found a damping matrix of {len(own)} rows for {n} DOFs; expected {n}")
+        viscous = self.damping.matrix
+        if viscous is not None and len(viscous) != n:
+            raise ModelError(f"structure: found a damping matrix of {len(viscous)} rows for {n} DOFs; expected {n}")
 
     def __repr__(self) -> str:
         law = type(self.damping).__name__
@@ -127,14 +127,14 @@ class Structure:
         ModelError
             If a label does not exist.
         """
-        known = {label: i for i, label in enumerate(self.dofs)}
+        rows = {label: i for i, label in enumerate(self.dofs)}
         for label in labels:
-            if label not in known:
+            if label not in rows:
                 raise ModelError(
                     f"structure: found DOF {label!r}; expected one of {self.dofs[0]!r} to {self.dofs[-1]!r} that is "
                     "not fixed by a support; correct the label"
                 )
-        return np.array([known[label] for label in labels], dtype=np.intp)
+        return np.array([rows[label] for label in labels], dtype=np.intp)
 
     def position(self, label: str) -> tuple[float, float, float] | None:
         """Where a DOF is, m; None where that is not known."""
@@ -247,7 +247,7 @@ class Reduction:
         kept = int(np.searchsorted(modes.eigenvalues, highest**2))
         return cls(kept, motions) if all_forced else cls(kept, motions, _TERMS_OF_FORCES, motions[:, forced])
 
-    def of(self, modes: Modes, size: int | None = None) -> Modes:
+    def reduce(self, modes: Modes, size: int | None = None) -> Modes:
         """The kept modes, and Ritz vectors that stand for all others: unit modal mass, rising, shapes (DOFs, m).
 
         Parameters

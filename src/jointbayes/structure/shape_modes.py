@@ -104,20 +104,20 @@ class ModeTable:
         for share in (0.03, 0.41, 0.97):
             point = np.array([low + share * (high - low) for low, high in self._ends])
             lam, rows = self._turned(modes_at, point.tolist())
-            found_lam, found_rows = (each[0] for each in self(point[None]))
+            table_lam, table_rows = (rows_of_one[0] for rows_of_one in self(point[None]))
             lower = slice(0, -(-lam.size // 2))
             elastic = lam[lam > 0]
             scale = np.maximum(lam, elastic.min(initial=np.inf))
             size = np.abs(rows).max(axis=1, keepdims=True)
             size[size == 0] = 1.0  # a motion that is none: a port at the joint, with the joint's own motion taken out
             errors = [
-                (np.abs(found_lam - lam) / scale)[lower],
-                (np.abs(found_rows - rows) / size)[:, lower],
+                (np.abs(table_lam - lam) / scale)[lower],
+                (np.abs(table_rows - rows) / size)[:, lower],
             ]
             lowest = elastic.min(initial=np.inf)
             for square in (lowest, max(lam[lower].max(), lowest)):
                 # at ω² = −square, where it has no poles
-                right, guess = (r / (e + square) @ r.T for e, r in ((lam, rows), (found_lam, found_rows)))
+                right, guess = (r / (e + square) @ r.T for e, r in ((lam, rows), (table_lam, table_rows)))
                 root = np.sqrt(np.diag(right))
                 root[root == 0] = 1.0
                 errors.append((guess - right) / np.outer(root, root))
@@ -131,9 +131,9 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
     counts: list[int] = []
     for i in range(len(ends)):
         alone = [end if j == i else (0.0, 0.0) for j, end in enumerate(ends)]
-        each = [[n if j == i else 1 for j in range(len(ends))] for n in _NODES]
+        tried = [[n if j == i else 1 for j in range(len(ends))] for n in _NODES]
         errors: list[float] = []
-        for n in each:
+        for n in tried:
             errors.append(ModeTable(modes_at, motions, alone, n).error(modes_at))
             if errors[-1] < _ACCURATE:
                 counts.append(n[i])
@@ -152,13 +152,13 @@ def tabulated(modes_at: ModesAt, motions: Array, ends: Ends) -> ModeTable | None
 
 def _remembering(modes_at: ModesAt) -> ModesAt:
     """The same function, each point solved once: tables of different size share those at which they are checked."""
-    known: dict[tuple[float, ...], tuple[Modes, Array]] = {}
+    solved: dict[tuple[float, ...], tuple[Modes, Array]] = {}
 
     def remembered(numbers: Sequence[float]) -> tuple[Modes, Array]:
         point = tuple(numbers)
-        if point not in known:
-            known[point] = modes_at(numbers)
-        return known[point]
+        if point not in solved:
+            solved[point] = modes_at(numbers)
+        return solved[point]
 
     return remembered
 
@@ -217,16 +217,16 @@ class SolvedModes:
         self._structure_at, self._reduction = structure_at, reduction
         self._size: int | None = None
 
-    def at(self, numbers: Sequence[float]) -> tuple[Modes, Array]:
+    def solve(self, numbers: Sequence[float]) -> tuple[Modes, Array]:
         """Modes and mass matrix at shape numbers (axes,)."""
         structure = self._structure_at(numbers)
-        found = self._reduction.of(structure.modes(), self._size)
-        self._size = found.eigenvalues.size  # as many at every other point
-        return found, structure.mass
+        reduced = self._reduction.reduce(structure.modes(), self._size)
+        self._size = reduced.eigenvalues.size  # as many at every other point
+        return reduced, structure.mass
 
     def __call__(self, numbers: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes), one solution for each row."""
-        solved = [self.at(row.tolist())[0] for row in numbers]
+        solved = [self.solve(row.tolist())[0] for row in numbers]
         motions = self._reduction.motions.T
         return np.stack([s.eigenvalues for s in solved]), np.stack([motions @ s.shapes for s in solved])
 
@@ -259,12 +259,12 @@ def modes_over_shape(
         reductions = [Reduction.below(hz, nominal, motions, forced) for hz in (reach_hz, _FURTHER * reach_hz)]
         if ends and reductions[0].kept > _MOST_TABULATED:
             return SolvedModes(structure_at, reductions[0])
-        reductions = [one for one in reductions if one is reductions[0] or one.kept <= _MOST_TABULATED]
+        reductions = [wider for wider in reductions if wider is reductions[0] or wider.kept <= _MOST_TABULATED]
     for reduction in reductions:
         # the last terms are the least smooth over the ranges, and the least needed
         for terms in (reduction.terms, reduction.terms - 1):
             solved = SolvedModes(structure_at, replace(reduction, terms=terms))
-            table = tabulated(solved.at, motions, ends)
+            table = tabulated(solved.solve, motions, ends)
             if table is not None:
                 return table
     return SolvedModes(structure_at, reductions[0])

@@ -79,13 +79,13 @@ class _BodiesModes:
 
     @cached_property
     def _certain(self) -> tuple[Array, Array]:
-        return self._at(np.empty((1, 0)))
+        return self._solved(np.empty((1, 0)))
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q); one row for all where no factor changes them."""
-        return self._at(factors) if self._uncertain else self._certain
+        return self._solved(factors) if self._uncertain else self._certain
 
-    def _at(self, factors: Array) -> tuple[Array, Array]:
+    def _solved(self, factors: Array) -> tuple[Array, Array]:
         modes = [body(factors) for body in self._bodies]
         if len(modes) == 1:
             return modes[0]
@@ -131,7 +131,7 @@ class BeamFamily(UncertainFamily):
             )
 
     @cached_property
-    def of_factors(self) -> Mapping[str, tuple[float, float]]:
+    def factor_ranges(self) -> Mapping[str, tuple[float, float]]:
         """Ranges of the logarithm of each factor; that of the length with its offset."""
         if _OFFSET not in self.ranges:
             return self.ranges
@@ -152,11 +152,11 @@ class BeamFamily(UncertainFamily):
         """Shape numbers that uncertain quantities change, each with the powers in which they do."""
         loaded = self.recipe.lumped.accelerometer_mass > 0 and self.recipe.accelerometer_dofs
         axes = {axis: powers for axis, powers in _BEAM_POWERS.items() if loaded or axis != "accelerometer_mass"}
-        return _changed(axes, self.of_factors.__contains__)
+        return _changed(axes, self.factor_ranges.__contains__)
 
     def _range(self, quantity: str) -> tuple[float, float]:
         """Range of the logarithm of the factor on a quantity, or on all mass at an accelerometer."""
-        ends = self.of_factors[quantity]
+        ends = self.factor_ranges[quantity]
         if quantity == "accelerometer_mass":
             low, high = np.log(self.recipe.lumped_factor(np.exp(ends))).tolist()
             return low, high

@@ -130,9 +130,9 @@ def _temporary_directory() -> Path:
     names = [f"jointbayes-{user}", *(f"jointbayes-{user}-{number}" for number in range(2, 10))]
     for path in (Path(tempfile.gettempdir()) / name for name in names):
         with suppress(OSError, WriteError):  # what is there is not ours
-            own = OwnDirectory(path, "compiled loops", private=True)
-            own.take()  # or another process is making it just now
-            own.leave()
+            directory = OwnDirectory(path, "compiled loops", private=True)
+            directory.take()  # or another process is making it just now
+            directory.leave()
             status = path.lstat()
             if status.st_uid == user and (os.name == "nt" or not status.st_mode & 0o077):
                 return path
@@ -161,8 +161,8 @@ def lane_blocks(rows: Array, width: int = LANES) -> Array:
     """
     *lead, k, lines = rows.shape
     blocks = -(-lines // width)
-    out = aligned_zeros((*lead, blocks * k * width))
+    aligned = aligned_zeros((*lead, blocks * k * width))
     padded = np.zeros((*lead, k, blocks * width))
     padded[..., :lines] = rows
-    out[:] = padded.reshape(*lead, k, blocks, width).swapaxes(-3, -2).reshape(*lead, -1)
-    return out
+    aligned[:] = padded.reshape(*lead, k, blocks, width).swapaxes(-3, -2).reshape(*lead, -1)
+    return aligned

@@ -301,9 +301,9 @@ class ModalSum:
 
     def chi2(self, eigenvalues: Array, shapes: Array, ratio: Array, lines: Array) -> Array:
         """χ² = Σ |H − H^x|² w², shape (batch,), without any array over its lines; not finite where one is singular."""
-        out = np.empty(len(eigenvalues))
-        self.run(eigenvalues, shapes, ratio, lines, out, np.empty((0, 2, 0, 0)[: 4 - (len(lines) > _FEW_PAIRS)]))
-        return out
+        chi2 = np.empty(len(eigenvalues))
+        self.run(eigenvalues, shapes, ratio, lines, chi2, np.empty((0, 2, 0, 0)[: 4 - (len(lines) > _FEW_PAIRS)]))
+        return chi2
 
 
 def _lagrange(nodes: Array, x: Array) -> Array:

@@ -148,12 +148,12 @@ def _response(d: Array, along: Array, free: Array, rest: Array, a: Array, o: int
     r, row = len(d), 2 * _WIDTH
     _copy(free[r + o, (r + s) * row : (r + s + 1) * row], h)
     for p in range(r):
-        delta, own = a[p, (r + s) * row : (r + s + 1) * row], rest[p, o * row : (o + 1) * row]
+        delta, column = a[p, (r + s) * row : (r + s + 1) * row], rest[p, o * row : (o + 1) * row]
         if along[p, o] != 0.0:
             _add(along[p, o], delta, h)
         if along[p, s] != 0.0:
-            _add(along[p, s], own, h)
-        _product(d[p], own, delta, f)
+            _add(along[p, s], column, h)
+        _product(d[p], column, delta, f)
         _add(-1.0, f, h)
 
 
@@ -288,12 +288,14 @@ class MultiDofCoupling:
         delta = self._as_lines(stretches.reshape(1, len(self.free), r, q, -1))[0]
         back = np.linalg.inv(turn[0])
         change = back @ np.asarray(directions, dtype=float) @ back.T
-        out, into = delta[:, self.ports[:, 0]], delta[:, self.ports[:, 1]]
+        at_outputs, at_inputs = delta[:, self.ports[:, 0]], delta[:, self.ports[:, 1]]
         slopes = np.empty((len(change), self._lines, len(self.ports)), dtype=complex)
-        for one, slope in zip(change, slopes, strict=True):  # of several joints each changes few rows
-            rows = np.flatnonzero(one.any(axis=1))
-            moved = (one[np.ix_(rows, rows)] @ into[rows].reshape(len(rows), -1)).reshape(-1, *into.shape[1:])
-            slope[:] = -(out[rows] * moved).sum(axis=0).T
+        for by_joint, slope in zip(change, slopes, strict=True):  # of several joints each changes few rows
+            rows = np.flatnonzero(by_joint.any(axis=1))
+            moved = (by_joint[np.ix_(rows, rows)] @ at_inputs[rows].reshape(len(rows), -1)).reshape(
+                -1, *at_inputs.shape[1:]
+            )
+            slope[:] = -(at_outputs[rows] * moved).sum(axis=0).T
         h = self._as_lines(value)[0].T
         return h.reshape(self._lines, self._n_out, self._n_in), slopes.reshape(
             -1, *h.shape[:1], self._n_out, self._n_in
@@ -319,7 +321,7 @@ class MultiDofCoupling:
     ) -> tuple[Array, Array, Array]:
         """Fill what has any row, see `_over_lines`; the springs' directions, χ² (batch,), and the slope."""
         turn, d, along = self.springs(matrices)
-        unit, out = np.ones(len(turn)), np.empty(len(turn))
+        unit, chi2 = np.ones(len(turn)), np.empty(len(turn))
         if not (len(slope) or len(delta) or along.any()):
             back = np.linalg.inv(turn)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -327,8 +329,8 @@ class MultiDofCoupling:
                 product = np.einsum("bii,bii->bi", compliance, matrices)
             plain = (d > 0).all(axis=1) & (product <= _WELL_CONDITIONED).all(axis=1)
             unit[plain], turn[plain], d[plain] = 0.0, compliance[plain], 1.0
-        _over_lines(unit, turn, d, along, self.free, self.ports, data, out, slope, value, delta)
-        return turn, out, slope
+        _over_lines(unit, turn, d, along, self.free, self.ports, data, chi2, slope, value, delta)
+        return turn, chi2, slope
 
     def _as_lines(self, rows: Array) -> ComplexArray:
         """Rows (batch, blocks, ..., row) as complex numbers (batch, ..., lines)."""
@@ -360,10 +362,10 @@ class MultiDofMisfit:
         short = -compliance.shape[-1] % _WIDTH
         filled = np.concatenate([compliance, np.repeat(compliance[..., -1:], short, axis=-1)], axis=-1)
         rows = np.moveaxis(_blocks(np.stack([filled.real, filled.imag], axis=2)), 0, 1)
-        each, out = np.ascontiguousarray(rows).reshape(*rows.shape[:2], -1), np.empty(len(rows))
+        compliances, chi2 = np.ascontiguousarray(rows).reshape(*rows.shape[:2], -1), np.empty(len(rows))
         of = self._coupling
-        _yielding_over_lines(each, places, of.along.shape[0], of.free, of.ports, self._data, out)
-        return out
+        _yielding_over_lines(compliances, places, of.along.shape[0], of.free, of.ports, self._data, chi2)
+        return chi2
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""

@@ -105,13 +105,13 @@ class PairCoupling:
 
     def receptance(self, stiffness: ArrayLike) -> ComplexArray:
         """Receptances for joint matrices of shape (r, r) or (batch, r, r): shape (batch, lines, outputs, inputs)."""
-        u = self._with_one(as_batch(stiffness))
+        u = self._padded_coordinates(as_batch(stiffness))
         return _weighted(u, self._n) / _weighted(u, self._d)[:, :, None, None]
 
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
         k, dk = self._padded(as_batch(stiffness)), self._padded(as_batch(directions))
-        u = self._with_one(as_batch(stiffness))
+        u = self._padded_coordinates(as_batch(stiffness))
         d_det = dk[:, 0, 0] * k[0, 1, 1] + dk[:, 1, 1] * k[0, 0, 0] - 2 * k[0, 0, 1] * dk[:, 0, 1]
         du = np.stack([np.zeros(len(dk)), dk[:, 0, 0], dk[:, 0, 1], dk[:, 1, 1], d_det], axis=-1)
         denominator = _weighted(u, self._d)[0, :, None, None]
@@ -125,8 +125,8 @@ class PairCoupling:
         # |E| does not see a phase: turned so that its last coefficient is real, E costs one product less
         size = np.abs(e[4])
         e = e * np.where(size > 0, e[4].conj() / np.where(size > 0, size, 1.0), 1.0)
-        rows = np.stack([part for k in range(5) for part in (e[k].real, e[k].imag)][:9])  # (9, lines, pairs)
-        d = np.stack([part for k in range(1, 5) for part in (self._d[k].real, self._d[k].imag)])
+        rows = np.stack([row for k in range(5) for row in (e[k].real, e[k].imag)][:9])  # (9, lines, pairs)
+        d = np.stack([row for k in range(1, 5) for row in (self._d[k].real, self._d[k].imag)])
         return PairMisfit(self, lane_blocks(d), lane_blocks(np.moveaxis(rows, -1, 0)))
 
     def coordinates(self, matrices: Array) -> Array:
@@ -138,7 +138,7 @@ class PairCoupling:
         k11, k12, k22 = k[:, 0, 0], k[:, 0, 1], k[:, 1, 1]
         return np.stack([k11, k12, k22, k11 * k22 - k12 * k12], axis=-1)
 
-    def _with_one(self, matrices: Array) -> Array:
+    def _padded_coordinates(self, matrices: Array) -> Array:
         u = self.coordinates(matrices)
         return np.concatenate([np.ones((len(u), 1)), u], axis=1)
 
@@ -159,20 +159,20 @@ class PairMisfit:
     def chi2(self, stiffness: Array, factors: ArrayLike | None = None) -> Array:
         """χ², shape (batch,), of joint matrices, shape (batch, r, r); not finite where a line is singular."""
         u = np.ascontiguousarray(self._coupling.coordinates(stiffness))
-        out = np.empty(len(u))
-        _chi2(u, self._d, self._e, out)
-        return out
+        chi2 = np.empty(len(u))
+        _chi2(u, self._d, self._e, chi2)
+        return chi2
 
     def chi2_gradient(self, stiffness: Array, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij for symmetric dK."""
         u = np.ascontiguousarray(self._coupling.coordinates(stiffness))
-        out, slope = np.empty(len(u)), np.empty((len(u), 4))
-        _chi2_slope(u, self._d, self._e, out, slope)
+        chi2, slope = np.empty(len(u)), np.empty((len(u), 4))
+        _chi2_slope(u, self._d, self._e, chi2, slope)
         k11, k12, k22 = u[:, 0], u[:, 1], u[:, 2]
         s11, s22 = slope[:, 0] + slope[:, 3] * k22, slope[:, 2] + slope[:, 3] * k11
         s12 = slope[:, 1] / 2 - slope[:, 3] * k12
         r = stiffness.shape[-1]
-        return out, np.stack([s11, s12, s12, s22], axis=-1).reshape(-1, 2, 2)[:, :r, :r]
+        return chi2, np.stack([s11, s12, s12, s22], axis=-1).reshape(-1, 2, 2)[:, :r, :r]
 
 
 def _weighted(u: Array, rows: ComplexArray) -> ComplexArray:
@@ -197,21 +197,21 @@ def _minors(a: ComplexArray, along: Array, n_out: int) -> tuple[ComplexArray, Co
     p = a[:, :2, 2:]  # (lines, 2, ports)
     adj_p = np.stack([a22[:, None] * p[:, 0] - a12[:, None] * p[:, 1], a11[:, None] * p[:, 1] - a12[:, None] * p[:, 0]])
     turned = adj_p + det[:, None] * along[:, None, :]  # adj A P + det A α, (2, lines, ports)
-    out, into = slice(None, n_out), slice(n_out, None)
+    outputs, inputs = slice(None, n_out), slice(n_out, None)
 
     def product(left: ComplexArray | Array, right: ComplexArray | Array) -> ComplexArray:
-        return np.asarray(left[..., out, None] * right[..., None, into], dtype=complex)
+        return np.asarray(left[..., outputs, None] * right[..., None, inputs], dtype=complex)
 
-    def of_adjugate(m: int, n: int) -> ComplexArray:
+    def adjugate_product(m: int, n: int) -> ComplexArray:
         return product(along[m], turned[n]) + product(adj_p[m], along[n])
 
-    rest = a[:, 2:, 2:][:, out, into]
+    rest = a[:, 2:, 2:][:, outputs, inputs]
     at_joint = a[:, :2, :2] @ along + p  # motion of the joint itself under a force at a port, joint absent
     still = product(along[0], at_joint[:, 0]) + product(along[1], at_joint[:, 1])
     still += product(p[:, 0], along[0]) + product(p[:, 1], along[1]) + rest
-    n11 = of_adjugate(1, 1) + rest * a11[:, None, None] - product(p[:, 0], p[:, 0])
-    n12 = -of_adjugate(0, 1) - of_adjugate(1, 0) + 2 * rest * a12[:, None, None]
+    n11 = adjugate_product(1, 1) + rest * a11[:, None, None] - product(p[:, 0], p[:, 0])
+    n12 = -adjugate_product(0, 1) - adjugate_product(1, 0) + 2 * rest * a12[:, None, None]
     n12 -= product(p[:, 0], p[:, 1]) + product(p[:, 1], p[:, 0])
-    n22 = of_adjugate(0, 0) + rest * a22[:, None, None] - product(p[:, 1], p[:, 1])
+    n22 = adjugate_product(0, 0) + rest * a22[:, None, None] - product(p[:, 1], p[:, 1])
     n_det = rest * det[:, None, None] - product(p[:, 0], adj_p[0]) - product(p[:, 1], adj_p[1])
     return d, np.stack([still, n11, n12, n22, n_det])

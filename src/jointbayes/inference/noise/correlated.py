@@ -97,10 +97,10 @@ class CorrelatedNoise(NoiseModel):
     def _variances(self, hyper: ArrayLike, n: int) -> Array:
         """White variance, discrepancy variance and length of each row, shape (n, 3)."""
         rows = rows_of(hyper, n, self.names)
-        out = np.ones((n, 3))
-        out[:, 3 - len(self.names) :] = rows
-        out[:, :2] **= 2
-        return out
+        variances = np.ones((n, 3))
+        variances[:, 3 - len(self.names) :] = rows
+        variances[:, :2] **= 2
+        return variances
 
     def _lines(self, z: Residuals) -> Array:
         if z.shape[1] != self.frequency_hz.size:
@@ -112,25 +112,25 @@ class CorrelatedNoise(NoiseModel):
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, lines, pairs), without the constant; −inf where a residual is not finite."""
-        out = np.empty(len(z))
-        ou_log_likelihood(self._lines(z), self._kind, self._spacing, self._variances(hyper, len(z)), out)
-        return finite_or_impossible(out)
+        value = np.empty(len(z))
+        ou_log_likelihood(self._lines(z), self._kind, self._spacing, self._variances(hyper, len(z)), value)
+        return finite_or_impossible(value)
 
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals that are white with the stated variance if the model holds: each row's normalised innovations."""
         columns = self._lines(z)
-        out = np.empty_like(columns)
-        innovations(columns, self._kind, self._spacing, self._variances(hyper, len(z)), out)
-        return from_columns(out, self.parts)
+        white = np.empty_like(columns)
+        innovations(columns, self._kind, self._spacing, self._variances(hyper, len(z)), white)
+        return from_columns(white, self.parts)
 
     def draw(self, rng: np.random.Generator, hyper: ArrayLike, lines: int, pairs: int) -> Residuals:
         """Replicated residuals, shape (n, lines, pairs), one for each row of `hyper` (n, q)."""
         n = len(np.atleast_2d(hyper))
         rows = self._variances(hyper, n)
         shape = (n, lines, pairs * self.parts)
-        out = np.sqrt(rows[:, 0, None, None] / 2) * rng.standard_normal(shape)
-        correlate(math.sqrt(0.5) * rng.standard_normal(shape), self._kind, self._spacing, rows, out)
-        return from_columns(out, self.parts)
+        noise = np.sqrt(rows[:, 0, None, None] / 2) * rng.standard_normal(shape)
+        correlate(math.sqrt(0.5) * rng.standard_normal(shape), self._kind, self._spacing, rows, noise)
+        return from_columns(noise, self.parts)
 
     @property
     def absorbs(self) -> Absorbed:

@@ -151,7 +151,7 @@ class IntegratedScale(NoiseModel):
         """The stated noise times a scale s given the data: drawn from its conditional, or its typical value."""
         total = np.atleast_1d(np.asarray(chi2, dtype=float))
         if rng is None:
-            scale = np.array([self.typical_scale(float(one), n_values) for one in total])
+            scale = np.array([self.typical_scale(float(sum_of_squares), n_values) for sum_of_squares in total])
         else:
             a, b = self._shape_rate()
             scale = 1 / np.sqrt(rng.standard_gamma(a + self.parts * n_values / 2, total.shape) / (b + total))

@@ -102,8 +102,8 @@ class StudentNoise(NoiseModel):
         peak, exponent = self._peak_exponent()
         with np.errstate(all="ignore"):
             log1p_sum(columns_of(z, self.parts), self.parts, 2 / (self.dof * scale**2), tail)
-            each = peak - self.parts * np.log(scale)
-            return finite_or_impossible(math.prod(z.shape[1:]) * each - exponent * tail)
+            constant = peak - self.parts * np.log(scale)
+            return finite_or_impossible(math.prod(z.shape[1:]) * constant - exponent * tail)
 
     def whiten(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals (k, lines, pairs) over the scale of one set of hyperparameters."""
