@@ -81,7 +81,7 @@ def _frfs(posterior: Posterior, setup: str) -> list[Kept]:
     frf, prior, theta = problem.measurement.frf, problem.prior, posterior.estimate.theta
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     band = posterior.predict_frf(setup=setup or None)
-    best = frfs_as_measured(problem, ports, frf.quantity, prior.stiffness(theta)[None], prior.factors(theta)[None])[0]
+    best = frfs_as_measured(problem, ports, frf.quantity, prior.values(theta)[None], prior.factors(theta)[None])[0]
     found = []
     for i, j in np.ndindex(len(frf.outputs), len(frf.inputs)):
         at = (slice(None), i, j)

@@ -75,7 +75,7 @@ def measured_text(text: str, format: str) -> str:
 def analyse(index: int) -> Outcome:
     """Draw a joint, measure it, write and read all formats, analyse."""
     rng = np.random.default_rng([20261121, index])
-    truth = case_of("joint").problem.prior.stiffness(case_of("joint").problem.prior.sample(rng, 1))[0]
+    truth = case_of("joint").problem.prior.values(case_of("joint").problem.prior.sample(rng, 1))[0]
     text = truth_text(np.array([float(k) for k in truth]).tolist())
     records = simulate(jb.case_from_text("virtual test", text), None, rng)
     seed = int(rng.integers(2**32))

@@ -131,7 +131,7 @@ def model_data(case: jb.Case, truth: Array, seed: int) -> jb.Case:
 def random_joint(case: jb.Case, seed: int) -> Array:
     """A joint drawn from the case's prior, (k11, k12, k22)."""
     prior = case.problem.prior
-    return prior.stiffness(prior.sample(np.random.default_rng([seed, 77]), 1)[0])
+    return prior.values(prior.sample(np.random.default_rng([seed, 77]), 1)[0])
 
 
 def search(

@@ -96,7 +96,7 @@ def measured(theta: Array, rng: np.random.Generator) -> Problem:
     base = base_problem()
     nominal = base.measurement
     assert isinstance(nominal, FrfMeasurement)
-    exact = _model().receptance(LogStiffness().matrix(base.prior.stiffness(theta))[None])[0]
+    exact = _model().receptance(LogStiffness().matrix(base.prior.values(theta))[None])[0]
     noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
     values = exact + np.sqrt(nominal.variance / 2) * noise
     frf = FrfSet(nominal.frf.frequency_hz, values, nominal.frf.outputs, nominal.frf.inputs, nominal.frf.quantity)

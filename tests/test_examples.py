@@ -51,7 +51,7 @@ def test_two_lapped_beams_come_back_at_the_map():
     case = jb.load_case(numbers.CONFIGS / "lapped_beams.toml")
     found = jb.find_map(case)
     truth = numbers.truth(numbers.shipped()["lapped_beams"])
-    error = np.log(found.stiffness / list(truth.values()))
+    error = np.log(found.values / list(truth.values()))
     sd = np.sqrt(np.diag(found.covariance))
     assert (np.abs(error) < 3 * sd).all()
     assert (sd < 0.05).all()
@@ -62,7 +62,7 @@ def test_all_twelve_springs_of_the_portal_frame_come_back_at_the_map():
     case = jb.load_case(numbers.CONFIGS / "portal_frame.toml")
     found = jb.find_map(case)
     truth = numbers.truth(numbers.shipped()["portal_frame"])
-    error = np.log(found.stiffness / [truth[name] for name in case.problem.names])
+    error = np.log(found.values / [truth[name] for name in case.problem.names])
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
     assert (np.abs(error) < 0.02).all()
 
@@ -121,7 +121,7 @@ def test_the_files_of_the_measured_spindle_are_those_of_the_script(tmp_path):
 @pytest.mark.parametrize("name", ["spindle_tool", "spindle_measured"])
 def test_both_joints_of_the_spindle_come_back_at_the_map(name):
     found = jb.find_map(jb.load_case(numbers.CONFIGS / f"{name}.toml"))
-    error = np.log(found.stiffness / list(numbers.truth(numbers.shipped()[name]).values()))
+    error = np.log(found.values / list(numbers.truth(numbers.shipped()[name]).values()))
     assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance))).all()
 
 

@@ -111,7 +111,7 @@ def test_map_and_draws_of_a_problem_of_arrays_find_the_truth(sampled):
     problem = from_arrays()
     estimate = jb.find_map(problem)
     sd = np.sqrt(np.diag(estimate.covariance))
-    assert (np.abs(np.log(estimate.stiffness / TRUTH)) < 4 * sd).all()
+    assert (np.abs(np.log(estimate.values / TRUTH)) < 4 * sd).all()
     assert sampled.record.case_name == "rod"
     assert sampled.record.case_text == ""
     draws = np.log(sampled.stiffness)
@@ -190,7 +190,7 @@ def posterior_of(problem, sampled):
     best, height = theta[value.argmax()], float(value.max())
     draws = Draws(theta.reshape(4, 10, -1), value.reshape(4, 10), np.arange(4))
     tree = draws_tree(problem, draws, problem.prior.sample(np.random.default_rng(2), 50))
-    estimate = MapEstimate(best, problem.prior.stiffness(best), np.eye(len(best)), height, ())
+    estimate = MapEstimate(best, problem.prior.values(best), np.eye(len(best)), height, ())
     figures = dict.fromkeys(problem.names, 1.0)
     sampler = {**sampled.record.sampler, "tau": figures, "ess": figures}
     record = dataclasses.replace(sampled.record, case_name=problem.name, sampler=sampler, r_hat=figures)

@@ -167,7 +167,7 @@ def find_map(
         name = "paper's iteration"
         starts[f"{iteration.setup}: {name}" if iteration.setup else name] = iteration.stiffness
     rng = np.random.default_rng([seed, 1])
-    drawn = problem.prior.stiffness(problem.prior.sample(rng, _PRIOR_STARTS))
+    drawn = problem.prior.values(problem.prior.sample(rng, _PRIOR_STARTS))
     starts |= {f"prior draw {i}": k for i, k in enumerate(drawn, 1)}
     count = len(problem.prior.marginals)
     starts |= problem.parametrisation.limiting_joints(problem.prior.mean[:count], problem.prior.sd[:count])

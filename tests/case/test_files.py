@@ -326,7 +326,7 @@ def test_accelerometers_are_taken_out_of_the_data_or_put_into_the_model_with_the
         "neither": loaded(tmp_path, frf_data(channels=plain)),
     }
     start = {"published": TABLE_3}
-    k22 = {name: best_of(case.problem.log_posterior, start).stiffness[2] for name, case in found.items()}
+    k22 = {name: best_of(case.problem.log_posterior, start).values[2] for name, case in found.items()}
     assert k22["model"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert k22["data"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert abs(k22["neither"] / TABLE_3[2] - 1) > 0.03
@@ -351,7 +351,7 @@ def test_natural_frequencies_are_found_in_a_file_and_feed_the_frequency_likeliho
     assert np.abs((measured.frequency_hz - true) / measured.sd_hz).max() < 3
     assert measured.sd_hz[2] >= 0.001 * measured.frequency_hz[2]
     assert case.problem.measurement.joint_frf is None
-    assert jb.find_map(case).stiffness[2] == pytest.approx(TABLE_3[2], rel=0.5)
+    assert jb.find_map(case).values[2] == pytest.approx(TABLE_3[2], rel=0.5)
 
 
 def test_a_missed_first_mode_is_noticed(tmp_path):
@@ -420,9 +420,9 @@ def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(c
     assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
     assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
     assert stations.problem.measurement.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
-    found = best_of(stations.problem.log_posterior, start).stiffness
+    found = best_of(stations.problem.log_posterior, start).values
     np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
-    biased = best_of(rotation.problem.log_posterior, start).stiffness
+    biased = best_of(rotation.problem.log_posterior, start).values
     assert np.abs(biased / TABLE_3 - 1).max() > 0.1
 
 

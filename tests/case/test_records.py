@@ -38,7 +38,7 @@ def loaded(folder: Path, records: str) -> Case:
 def k22_of(case: Case) -> tuple[float, float]:
     """Mode of ln k22 relative to the truth, and its Laplace standard deviation."""
     estimate = best_of(case.problem.log_posterior, {"published": TABLE_3})
-    return float(np.log(estimate.stiffness[2] / TABLE_3[2])), float(np.sqrt(estimate.covariance[2, 2]))
+    return float(np.log(estimate.values[2] / TABLE_3[2])), float(np.sqrt(estimate.covariance[2, 2]))
 
 
 def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):

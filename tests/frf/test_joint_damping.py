@@ -69,7 +69,7 @@ def test_the_tangent_along_stiffness_and_damping_is_that_of_differences(law):
     value, slope = model.tangent(BOTH.matrix(K_BOTH), BOTH.changes(theta))
     np.testing.assert_allclose(value, model.receptance(BOTH.matrix(K_BOTH))[0], rtol=1e-12)
     for i, step in enumerate(1e-5 * np.eye(theta.size)):
-        up, down = (model.receptance(BOTH.matrix(BOTH.stiffness(theta + s * step)))[0] for s in (1, -1))
+        up, down = (model.receptance(BOTH.matrix(BOTH.values(theta + s * step)))[0] for s in (1, -1))
         difference = (up - down) / 2e-5
         np.testing.assert_allclose(slope[i], difference, rtol=0, atol=1e-6 * np.abs(slope).max())
 
@@ -142,5 +142,5 @@ def test_the_slope_of_many_damped_joints_is_that_of_differences():
     kinds, theta = blocks_of(KINDS), blocks_of(KINDS).coordinates(k)
     value, slopes = model.tangent(kinds.matrix(k), kinds.changes(theta))
     for column, slope in zip(1e-5 * np.eye(theta.size), slopes, strict=True):
-        up, down = (model.receptance(kinds.matrix(kinds.stiffness(theta + s * column)))[0] for s in (1, -1))
+        up, down = (model.receptance(kinds.matrix(kinds.values(theta + s * column)))[0] for s in (1, -1))
         np.testing.assert_allclose(slope, (up - down) / 2e-5, rtol=0, atol=1e-6 * np.abs(value).max())

@@ -66,7 +66,7 @@ def test_the_mirror_image_of_full_joints_explains_the_data_as_well():
     density = problem.log_posterior.log_likelihood(images(theta))
     same = np.flatnonzero(np.abs(density - density[0]) < 1e-3)
     assert same.size == 2
-    mirrored = prior.stiffness(images(theta)[same[1]])
+    mirrored = prior.values(images(theta)[same[1]])
     np.testing.assert_allclose(mirrored, [9e7, 1e7, 8e5, 2e8, -1e6, 1.2e5, 2e7, -4e6, 2e5, 8e7, 3e5, 3e4], rtol=1e-9)
     np.testing.assert_allclose(images.matrices @ theta, images(theta))
     np.testing.assert_allclose(np.abs(np.linalg.det(images.matrices)), 1.0)

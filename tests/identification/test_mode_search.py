@@ -95,7 +95,7 @@ def test_the_best_frequency_start_has_the_natural_frequencies_of_the_data(cheap_
     starts = frequency_starts(cheap_case.problem, np.random.default_rng(1))
     assert 1 <= len(starts) <= 12
     assert np.isfinite(cheap_case.problem.log_posterior(starts)).all()
-    best = natural(cheap_case.problem, cheap_case.problem.prior.stiffness(starts[0]), 3)
+    best = natural(cheap_case.problem, cheap_case.problem.prior.values(starts[0]), 3)
     assert_allclose(best, resonances_hz(cheap_case.problem.measurement), rtol=5e-3)
     again = frequency_starts(cheap_case.problem, np.random.default_rng(1))
     assert np.array_equal(again, starts)
@@ -104,7 +104,7 @@ def test_the_best_frequency_start_has_the_natural_frequencies_of_the_data(cheap_
 def test_frequencies_as_data_are_matched_directly(frequency_case):
     problem = frequency_case.problem
     starts = frequency_starts(problem, np.random.default_rng(1))
-    found = natural(problem, problem.prior.stiffness(starts[0]), 3)
+    found = natural(problem, problem.prior.values(starts[0]), 3)
     assert_allclose(found, problem.measurement.frequency_hz, rtol=5e-3)
 
 
@@ -113,7 +113,7 @@ def test_uncertain_errors_of_frequencies_are_set_so_that_resonances_agree():
     problem = jb.case_from_text("errors", text).problem
     starts = frequency_starts(problem, np.random.default_rng(1))
     prior, data = problem.prior, resonances_hz(problem.measurement)
-    found = problem.natural_frequencies_hz(prior.stiffness(starts), data.size, prior.factors(starts))
+    found = problem.natural_frequencies_hz(prior.values(starts), data.size, prior.factors(starts))
     assert_allclose(found[0], data, rtol=1e-6)
 
 
@@ -137,7 +137,7 @@ def test_a_climb_stops_at_the_edge_of_the_prior_and_goes_on_along_it(cheap_case)
     text = edited(cheap_text(), ("high = 1.0e8", "high = 1.4e6"))  # k22 of the data is 1.52e6
     problem = jb.case_from_text("edge", text).problem
     estimate = jb.find_map(jb.case_from_text("edge", text))
-    assert estimate.stiffness[2] == pytest.approx(1.4e6, rel=1e-6)
+    assert estimate.values[2] == pytest.approx(1.4e6, rel=1e-6)
     theta, _ = climb_all(PosteriorSquares(problem.log_posterior), np.log([[5e9, 3e7, 1.3e6]]), 60)
     assert theta[0, 2] == pytest.approx(np.log(1.4e6), abs=1e-9)
 
@@ -146,7 +146,7 @@ def test_the_mode_at_the_end_of_a_curved_ridge_is_reached():
     """Rotation by differences: the climb stopped 26 standard deviations from the mode at the bound of k11."""
     case = jb.load_case(CONFIGS / "measured_rotation.toml")
     estimate = jb.find_map(case)
-    assert estimate.stiffness[0] == pytest.approx(1e11, rel=1e-3)
+    assert estimate.values[0] == pytest.approx(1e11, rel=1e-3)
     assert estimate.log_posterior == pytest.approx(-25114.7826, abs=1e-3)  # differential evolution, 60 × 3 × 300
     assert estimate.effort is not None
     assert not estimate.effort.explains

@@ -75,13 +75,13 @@ def test_the_prior_of_a_joint_integrates_to_one_and_its_draws_follow_it():
     theta = other.sample(rng, 400_000)
     weight = np.exp(prior.log_density(theta) - other.log_density(theta))
     assert weight.mean() == pytest.approx(1, abs=5 * weight.std() / 400_000**0.5 + 2e-3)
-    k = prior.stiffness(prior.sample(rng, 40_000))
+    k = prior.values(prior.sample(rng, 40_000))
     assert (k[:, 1] ** 2 < k[:, 0] * k[:, 2]).all()
     inside = rng.uniform(*np.array(list(ends.values())).T, (400_000, 3))
     inside = inside[inside[:, 1] ** 2 < inside[:, 0] * inside[:, 2]]
     for i in range(3):
         assert stats.ks_2samp(k[:, i], inside[:, i]).pvalue > 1e-3
-    of_cube = prior.stiffness(prior.transform(rng.uniform(size=(20_000, 3))))
+    of_cube = prior.values(prior.transform(rng.uniform(size=(20_000, 3))))
     assert stats.ks_2samp(of_cube[:, 1], inside[:, 1]).pvalue > 1e-3
 
 

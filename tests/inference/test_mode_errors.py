@@ -65,10 +65,10 @@ def test_a_resonance_stays_where_it_is_when_the_joint_moves_in_these_coordinates
     count = sum(name.startswith("mode_frequency") for name in uncertain.names)
 
     def frequencies(t):
-        return uncertain.natural_frequencies_hz(uncertain.prior.stiffness(t), count, uncertain.prior.factors(t))
+        return uncertain.natural_frequencies_hz(uncertain.prior.values(t), count, uncertain.prior.factors(t))
 
-    stiffness = uncertain.prior.stiffness(moved[inside])
-    assert not np.allclose(stiffness, uncertain.prior.stiffness(theta[inside]), rtol=1e-3)
+    stiffness = uncertain.prior.values(moved[inside])
+    assert not np.allclose(stiffness, uncertain.prior.values(theta[inside]), rtol=1e-3)
     assert np.allclose(frequencies(moved[inside]), frequencies(theta[inside]), rtol=1e-9)
 
 
@@ -128,7 +128,7 @@ def calibration_data_of_before(variant, index):
     structure = problem.structures.structure(problem.structural(factors))
     ports = Ports(at_joint.frequency_hz, at_joint.outputs, at_joint.inputs)
     solved = DirectSolve(structure, problem.joint, ports)
-    values = solved.receptance(pair_matrix(problem.prior.stiffness(theta)))[0]
+    values = solved.receptance(pair_matrix(problem.prior.values(theta)))[0]
     measured = len(nominal.frf.outputs)
     hyper = factors[None, factors.size - len(noise.names) :]
     z = noise.draw(rng, hyper, ports.frequency_hz.size, measured * len(ports.inputs))

@@ -37,14 +37,14 @@ def theta_of(parametrisation, ln_k11, ln_k22, rho):
 @given(LN_K, LN_K, COUPLING)
 def test_coordinates_and_stiffness_are_inverse_to_each_other(parametrisation, ln_k11, ln_k22, rho):
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
-    stiffness = parametrisation.stiffness(theta)
+    stiffness = parametrisation.values(theta)
     np.testing.assert_allclose(stiffness[[0, 2]], np.exp([ln_k11, ln_k22]), rtol=1e-12)
     coupling = abs(rho) if isinstance(parametrisation, LogStiffness) else rho
     assert stiffness[1] / np.sqrt(stiffness[0] * stiffness[2]) == pytest.approx(coupling, rel=1e-11)
     np.testing.assert_allclose(parametrisation.coordinates(stiffness), theta, rtol=1e-12)
     assert parametrisation.describes(stiffness)
     assert parametrisation.feasible(theta)
-    np.testing.assert_allclose(parametrisation.stiffness(parametrisation.coordinates(stiffness)), stiffness, rtol=1e-11)
+    np.testing.assert_allclose(parametrisation.values(parametrisation.coordinates(stiffness)), stiffness, rtol=1e-11)
 
 
 @ALL
@@ -55,7 +55,7 @@ def test_the_derivative_is_that_of_the_stiffness(parametrisation, ln_k11, ln_k22
     size = np.abs(exact).max(axis=1)
     for i in range(3):
         step = 1e-5 * np.eye(3)[i]
-        difference = (parametrisation.stiffness(theta + step) - parametrisation.stiffness(theta - step)) / 2e-5
+        difference = (parametrisation.values(theta + step) - parametrisation.values(theta - step)) / 2e-5
         np.testing.assert_allclose(exact[:, i] / size, difference / size, atol=1e-8)
     sign, log_slope = np.linalg.slogdet(exact / size[:, None])
     assert sign != 0
@@ -107,7 +107,7 @@ def test_any_joint_has_a_positive_definite_one_near_that_has_coordinates(paramet
 @given(LN_K, st.floats(-1.0, 1.0), LN_K)
 def test_a_joint_acts_at_its_elastic_centre_without_coupling(ln_k11, arm, ln_k22c):
     """Motion of the centre y + a φ gives the force k11 (y + a φ) and no moment about it."""
-    k11, k12, k22 = ElasticCentre().stiffness([ln_k11, arm, ln_k22c])
+    k11, k12, k22 = ElasticCentre().values([ln_k11, arm, ln_k22c])
     to_centre = np.array([[1.0, arm], [0.0, 1.0]])
     about_centre = to_centre.T @ np.diag(np.exp([ln_k11, ln_k22c])) @ to_centre
     np.testing.assert_allclose([[k11, k12], [k12, k22]], about_centre, rtol=1e-12)
@@ -129,7 +129,7 @@ def test_the_limits_of_a_parametrisation_are_joints_that_it_describes():
 def test_batches_are_the_same_as_one_by_one(parametrisation):
     theta = parametrisation.coordinates(TABLE_3 * np.array([[[1.0], [2.0]], [[0.5], [3.0]], [[1.0], [9.0]]]))
     assert theta.shape == (3, 2, 3)
-    for name in ("stiffness", "derivative", "feasible"):
+    for name in ("values", "derivative", "feasible"):
         together = getattr(parametrisation, name)(theta)
         one_by_one = np.array([[getattr(parametrisation, name)(t) for t in row] for row in theta])
         np.testing.assert_array_equal(together, one_by_one)
@@ -145,14 +145,14 @@ def is_positive_definite(stiffness):
 def test_log_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
     assume(abs(rho - 1) > 1e-9)
     theta = np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(rho), ln_k22])
-    assert LogStiffness().feasible(theta) == is_positive_definite(LogStiffness().stiffness(theta))
+    assert LogStiffness().feasible(theta) == is_positive_definite(LogStiffness().values(theta))
 
 
 @given(LN_K, LN_K, st.floats(-3.0, 3.0))
 def test_signed_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
     assume(abs(abs(rho) - 1) > 1e-9)
     theta = np.array([ln_k11, ln_k22, rho])
-    assert SignedCoupling().feasible(theta) == is_positive_definite(SignedCoupling().stiffness(theta))
+    assert SignedCoupling().feasible(theta) == is_positive_definite(SignedCoupling().values(theta))
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln
     coordinates = ComplianceCoordinates(parametrisation)
     theta = theta_of(parametrisation, ln_k11, ln_k22, rho)[None]
     phi = coordinates.forward(theta)
-    product = pair_matrix(phi[0]) @ pair_matrix(parametrisation.stiffness(theta)[0])
+    product = pair_matrix(phi[0]) @ pair_matrix(parametrisation.values(theta)[0])
     size = np.exp([ln_k11 / 2, ln_k22 / 2])
     np.testing.assert_allclose(product * size[:, None] / size, np.eye(2), atol=1e-10)
     back, inside = coordinates.inverse(phi)

@@ -60,7 +60,7 @@ def theta_of(kind, seed, widest=0.9):
 @given(SEEDS)
 def test_coordinates_and_stiffness_are_inverse_to_each_other(kind, seed):
     theta = theta_of(kind, seed)
-    stiffness = kind.stiffness(theta)
+    stiffness = kind.values(theta)
     assert stiffness.shape == (len(kind.quantities),)
     assert kind.describes(stiffness)
     assert kind.feasible(theta)
@@ -78,7 +78,7 @@ def test_the_derivative_and_its_volume_are_those_of_the_stiffness(kind, seed):
     assert exact.shape == (len(kind.quantities), d)
     size = np.abs(exact).max(axis=1, initial=0.0)
     for i, step in enumerate(1e-5 * np.eye(d)):
-        difference = (kind.stiffness(theta + step) - kind.stiffness(theta - step)) / 2e-5
+        difference = (kind.values(theta + step) - kind.values(theta - step)) / 2e-5
         np.testing.assert_allclose(exact[:, i] / size, difference / size, atol=1e-7)
     if len(kind.quantities) == d:
         sign, log_slope = np.linalg.slogdet(exact / size[:, None])
@@ -107,7 +107,7 @@ def test_the_compliance_leads_back_with_the_volume_it_states(kind, seed):
 def test_damping_of_zero_or_below_is_outside_of_the_coordinates_and_no_warning(damping):
     coordinates = ComplianceCoordinates(DAMPED)
     phi = coordinates.forward(theta_of(DAMPED, 1)[None])
-    np.testing.assert_allclose(phi[0, 3:], DAMPED.stiffness(theta_of(DAMPED, 1))[3:], rtol=1e-14)
+    np.testing.assert_allclose(phi[0, 3:], DAMPED.values(theta_of(DAMPED, 1))[3:], rtol=1e-14)
     phi[0, 4] = damping
     theta, inside = coordinates.inverse(phi)
     assert inside.tolist() == [False]
@@ -117,8 +117,8 @@ def test_damping_of_zero_or_below_is_outside_of_the_coordinates_and_no_warning(d
 @ALL
 def test_batches_are_the_same_as_one_by_one(kind):
     theta = np.array([[theta_of(kind, 10 * i + j) for j in range(2)] for i in range(3)])
-    stiffness = kind.stiffness(theta)
-    asked = {"stiffness": (theta, 0), "derivative": (theta, 1), "feasible": (theta, 0), "matrix": (stiffness, 0)}
+    stiffness = kind.values(theta)
+    asked = {"values": (theta, 0), "derivative": (theta, 1), "feasible": (theta, 0), "matrix": (stiffness, 0)}
     for name, (given_, close) in asked.items():
         together = getattr(kind, name)(given_)
         each = [[getattr(kind, name)(t) for t in row] for row in given_]
@@ -139,7 +139,7 @@ def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
     theta = full.coordinates(stiffness)
     assert full.feasible(theta)
     scale = np.outer(size, size)
-    np.testing.assert_allclose(full.matrix(full.stiffness(theta)).stiffness / scale, matrix / scale, atol=1e-9)
+    np.testing.assert_allclose(full.matrix(full.values(theta)).stiffness / scale, matrix / scale, atol=1e-9)
     _, log_determinant = np.linalg.slogdet(matrix / scale)
     assert full.log_determinant(theta) == pytest.approx(log_determinant + 2 * np.log(size).sum(), abs=1e-6)
     inverse = np.linalg.inv(matrix / scale)
@@ -195,8 +195,8 @@ def test_joints_side_by_side_have_their_names_and_their_own_matrices():
     assert TWO.standing_for("right.k12") == "right.rho"
     theta = theta_of(TWO, 1)
     left, right = LogStiffness(), SignedCoupling()
-    k = TWO.stiffness(theta)
-    np.testing.assert_array_equal(k, np.concatenate([left.stiffness(theta[:3]), right.stiffness(theta[3:])]))
+    k = TWO.values(theta)
+    np.testing.assert_array_equal(k, np.concatenate([left.values(theta[:3]), right.values(theta[3:])]))
     matrix = TWO.matrix(k).stiffness
     np.testing.assert_array_equal(matrix[:2, :2], left.matrix(k[:3]).stiffness)
     np.testing.assert_array_equal(matrix[2:, 2:], right.matrix(k[3:]).stiffness)
@@ -206,7 +206,7 @@ def test_joints_side_by_side_have_their_names_and_their_own_matrices():
 
 def test_what_joints_share_is_named_once_and_stands_in_each_of_them():
     assert SHARED.stiffness_names == ("a.k11", "a.k12", "a.k22", "c.kx", "c.krz", "e.k11", "e.k12", "e.k22")
-    matrix = SHARED.matrix(SHARED.stiffness(theta_of(SHARED, 2))).stiffness
+    matrix = SHARED.matrix(SHARED.values(theta_of(SHARED, 2))).stiffness
     np.testing.assert_array_equal(matrix[:2, :2], matrix[2:4, 2:4])
     assert SHARED.size == 10
     np.testing.assert_array_equal(np.diag(matrix)[6:8], [RIGID, RIGID])
@@ -222,7 +222,7 @@ def test_the_limits_of_each_joint_leave_the_others_in_the_middle():
     limits = TWO.limiting_joints(mean, np.ones(6))
     assert set(limits) == {f"right: {name}" for name in SignedCoupling().limiting_joints(mean[3:], np.ones(3))}
     for joint in limits.values():
-        np.testing.assert_allclose(joint[:3], LogStiffness().stiffness(mean[:3]))
+        np.testing.assert_allclose(joint[:3], LogStiffness().values(mean[:3]))
 
 
 def test_a_hypothesis_is_that_of_every_joint():

@@ -26,7 +26,7 @@ def theta_of(springs, ln_k11, ln_k22):
 @given(LN_K, LN_K)
 def test_named_springs_are_coordinates_and_the_others_rigid(springs, ln_k11, ln_k22):
     theta = theta_of(springs, ln_k11, ln_k22)
-    k11, k12, k22 = springs.stiffness(theta)
+    k11, k12, k22 = springs.values(theta)
     assert k12 == 0.0
     assert k11 == (pytest.approx(np.exp(ln_k11), rel=1e-13) if "k11" in springs.names else RIGID)
     assert k22 == (pytest.approx(np.exp(ln_k22), rel=1e-13) if "k22" in springs.names else RIGID)
@@ -39,13 +39,13 @@ def test_named_springs_are_coordinates_and_the_others_rigid(springs, ln_k11, ln_
 def test_batches_of_any_shape_are_the_same_as_one_by_one(springs):
     d = len(springs.names)
     theta = np.random.default_rng(1).uniform(5, 25, size=(4, 2, d))
-    for name, shape in (("stiffness", (3,)), ("derivative", (3, d)), ("feasible", ()), ("log_slope", ()),
+    for name, shape in (("values", (3,)), ("derivative", (3, d)), ("feasible", ()), ("log_slope", ()),
                         ("log_determinant", ()), ("compliance", (d,)), ("log_compliance_volume", ())):  # fmt: skip
         together = getattr(springs, name)(theta)
         assert together.shape == (4, 2, *shape), name
         one_by_one = np.array([[getattr(springs, name)(t) for t in row] for row in theta])
         np.testing.assert_array_equal(together, one_by_one, err_msg=name)
-    assert springs.coordinates(springs.stiffness(theta)).shape == theta.shape
+    assert springs.coordinates(springs.values(theta)).shape == theta.shape
 
 
 @ALL
@@ -57,12 +57,12 @@ def test_the_derivative_and_its_volume_are_those_of_the_stiffness(springs, ln_k1
     used = [("k11", "k12", "k22").index(name) for name in springs.names]
     for i in range(theta.size):
         step = 1e-5 * np.eye(theta.size)[i]
-        difference = (springs.stiffness(theta + step) - springs.stiffness(theta - step))[used] / 2e-5
+        difference = (springs.values(theta + step) - springs.values(theta - step))[used] / 2e-5
         np.testing.assert_allclose(exact[used, i], difference, rtol=1e-8, atol=1e-8 * np.exp(theta[i]))
         assert not np.delete(exact[:, i], used).any()
     _, log_slope = np.linalg.slogdet(exact[used])
     assert springs.log_slope(theta) == pytest.approx(log_slope, abs=1e-9)
-    assert springs.log_determinant(theta) == pytest.approx(np.log(springs.stiffness(theta)[used]).sum(), abs=1e-9)
+    assert springs.log_determinant(theta) == pytest.approx(np.log(springs.values(theta)[used]).sum(), abs=1e-9)
 
 
 @ALL
@@ -71,7 +71,7 @@ def test_the_compliance_leads_back_and_its_volume_is_its_jacobian_determinant(sp
     coordinates, theta = ComplianceCoordinates(springs), theta_of(springs, ln_k11, ln_k22)[None]
     phi = coordinates.forward(theta)
     used = [("k11", "k12", "k22").index(name) for name in springs.names]
-    np.testing.assert_allclose(phi[0], 1 / springs.stiffness(theta)[0, used], rtol=1e-12)
+    np.testing.assert_allclose(phi[0], 1 / springs.values(theta)[0, used], rtol=1e-12)
     back, inside = coordinates.inverse(phi)
     assert inside.tolist() == [True]
     np.testing.assert_allclose(back, theta, rtol=1e-12)
@@ -110,7 +110,7 @@ def test_impossible_springs_are_refused_in_one_line(broken):
 def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
     """Also without any coordinate, where there is nothing to find."""
     theta = theta_of(springs, np.log(3e8), np.log(2e5))
-    made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(pair_matrix(springs.stiffness(theta)))[0]
+    made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(pair_matrix(springs.values(theta)))[0]
     measurement = FrequencyMeasurement(made, np.full(3, 0.01))
     marginals = {"k11": Uniform(np.log(1e6), np.log(1e11)), "k22": Uniform(np.log(1e3), np.log(1e8))}
     prior = JointPrior(springs, tuple(marginals[name] for name in springs.names))

@@ -241,7 +241,7 @@ class TestParametrisations:
     )
     def test_the_density_is_that_of_the_draws(self, prior, other):
         rng = np.random.default_rng(12)
-        theta = other.coordinates(prior.stiffness(_with_positive_coupling(prior, rng, 400_000)))
+        theta = other.coordinates(prior.values(_with_positive_coupling(prior, rng, 400_000)))
         # the density at a point against the fraction of draws in a small box about it
         for place in theta[:4]:
             side = 0.12 * theta.std(axis=0)
@@ -253,7 +253,7 @@ class TestParametrisations:
 
     def test_there_and_back_is_the_density_itself(self):
         theta = LOG.sample(np.random.default_rng(14), 50)
-        signed = SignedCoupling().coordinates(LOG.stiffness(theta))
+        signed = SignedCoupling().coordinates(LOG.values(theta))
         moved = LOG.log_density(theta) - log_density_in(LOG, SignedCoupling(), signed)
         # ln ρ = ln k12 − (ln k11 + ln k22)/2, all else equal: |∂θ/∂θ'| = 1/ρ
         np.testing.assert_allclose(moved, np.log(signed[:, 2]), rtol=1e-9, atol=1e-9)
@@ -262,9 +262,9 @@ class TestParametrisations:
 
 def log_density_in(prior, parametrisation, theta):
     """ln of a prior's density over other coordinates of the joint: p(θ') = p(θ) |∂θ/∂θ'|, by way of the stiffnesses."""
-    known = prior.parametrisation.describes(parametrisation.stiffness(theta)) & parametrisation.feasible(theta)
+    known = prior.parametrisation.describes(parametrisation.values(theta)) & parametrisation.feasible(theta)
     out = np.full(len(theta), -np.inf)
-    here = prior.parametrisation.coordinates(parametrisation.stiffness(theta[known]))
+    here = prior.parametrisation.coordinates(parametrisation.values(theta[known]))
     slope = parametrisation.log_slope(theta[known]) - prior.parametrisation.log_slope(here)
     out[known] = prior.log_density(here) + slope
     return out
@@ -272,7 +272,7 @@ def log_density_in(prior, parametrisation, theta):
 
 def _with_positive_coupling(prior, rng, n):
     theta = prior.sample(rng, n)
-    return theta[prior.stiffness(theta)[:, 1] > 0]
+    return theta[prior.values(theta)[:, 1] > 0]
 
 
 def _positive(prior):

@@ -83,7 +83,7 @@ def test_the_mode_refined_from_the_best_draw_is_the_map(cheap_posterior, frequen
         assert posterior.mode_log_density >= posterior.log_density.max()
         assert posterior.mode_log_density == pytest.approx(posterior.problem.log_posterior(posterior.mode_theta)[0])
     assert cheap_posterior.mode_distance < 0.01
-    assert_allclose(list(cheap_posterior.mode.values()), cheap_posterior.estimate.stiffness, rtol=1e-2)
+    assert_allclose(list(cheap_posterior.mode.values()), cheap_posterior.estimate.values, rtol=1e-2)
 
 
 def test_a_mode_elsewhere_does_not_agree(cheap_posterior):
@@ -234,7 +234,7 @@ def test_the_frf_band_holds_the_map_and_narrows_with_its_probability(cheap_poste
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     problem = cheap_posterior.problem
     best = receptance_model(problem.structure, problem.joint, ports).receptance(
-        pair_matrix(cheap_posterior.estimate.stiffness)
+        pair_matrix(cheap_posterior.estimate.values)
     )[0]
     inside = (band.magnitude_low <= np.abs(best)) & (np.abs(best) <= band.magnitude_high)
     assert inside.mean() > 0.9
@@ -268,10 +268,10 @@ def test_natural_frequencies_are_those_of_the_draws(cheap_posterior, frequency_p
     found = cheap_posterior.predict_natural_frequencies(4, max_draws=100)
     assert found.shape == (100, 4)
     assert (np.diff(found, axis=1) > 0).all()
-    stiffness = cheap_posterior.problem.prior.stiffness(cheap_posterior.thinned(100))
+    stiffness = cheap_posterior.problem.prior.values(cheap_posterior.thinned(100))
     direct = cheap_posterior.problem.natural_frequencies_hz(stiffness, 4)
     assert_array_equal(found, direct)
-    best = cheap_posterior.problem.natural_frequencies_hz(cheap_posterior.estimate.stiffness, 4)[0]
+    best = cheap_posterior.problem.natural_frequencies_hz(cheap_posterior.estimate.values, 4)[0]
     assert ((found.min(axis=0) < best) & (best < found.max(axis=0))).all()
     low, high = np.quantile(frequency_posterior.predict_natural_frequencies(3), [0.025, 0.975], axis=0)
     assert ((low < MEASURED_HZ) & (high > MEASURED_HZ)).all()  # they were fitted, and a joint exists that fits
@@ -425,7 +425,7 @@ def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(PAIR.stiffness_names):
         p, values = summary["parameters"][name], cheap_posterior.values(name)
-        assert (p["mode"], p["map"]) == (cheap_posterior.mode[name], cheap_posterior.estimate.stiffness[i])
+        assert (p["mode"], p["map"]) == (cheap_posterior.mode[name], cheap_posterior.estimate.values[i])
         assert (p["mean"], p["median"]) == pytest.approx((values.mean(), np.median(values)))
         assert p["sd_log"] == pytest.approx(np.log(values).std())
         assert p["interval95"] == pytest.approx(cheap_posterior.interval(name), rel=1e-12)

@@ -51,7 +51,7 @@ def hostile(posterior, text):
     starts = tuple(dataclasses.replace(start, name=text) for start in posterior.estimate.starts)
     estimate = dataclasses.replace(posterior.estimate, starts=starts)
     posterior = dataclasses.replace(posterior, problem=problem, record=record, estimate=estimate)
-    reference = posterior.estimate.stiffness
+    reference = posterior.estimate.values
     return of_case(
         posterior, stated=problem, title=text, reference=reference, reference_source=text, warnings=(text,)
     )  # fmt: skip

@@ -27,7 +27,7 @@ def structure_of(problem):
 
 
 def test_frequencies_are_those_with_the_joint_and_with_a_clamp(cheap_posterior):
-    problem, k = cheap_posterior.problem, cheap_posterior.estimate.stiffness
+    problem, k = cheap_posterior.problem, cheap_posterior.estimate.values
     structure = structure_of(problem)
     at = structure.index(problem.joint.dofs)
     added = np.zeros_like(structure.stiffness)
@@ -44,7 +44,7 @@ def test_frequencies_are_those_with_the_joint_and_with_a_clamp(cheap_posterior):
 
 
 def test_one_per_cent_more_of_a_stiffness_moves_a_frequency_as_the_table_says(cheap_posterior):
-    problem, k = cheap_posterior.problem, cheap_posterior.estimate.stiffness
+    problem, k = cheap_posterior.problem, cheap_posterior.estimate.values
     before = problem.natural_frequencies_hz(k, 3)[0]
     rows = table_of(cheap_posterior).rows
     for i in range(3):

@@ -77,7 +77,7 @@ def posterior_of(case, sd=0.01, spread=0.002):
     theta = middle + widths * rng.normal(size=(4, 25, middle.size))
     density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
     tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))
-    stiffness = problem.prior.stiffness(middle)
+    stiffness = problem.prior.values(middle)
     at = float(problem.log_posterior(middle)[0])
     estimate = jb.MapEstimate(middle, stiffness, np.diag(widths**2), at, ())
     sampler = SAMPLER | {key: dict.fromkeys(problem.names, 1.0) for key in ("tau", "ess")}

@@ -88,7 +88,7 @@ def test_data_lie_about_the_dense_solution(variant):
     structure = problem.structures.structure(problem.structural(problem.prior.factors(theta)))
     frf = problem.measurement.frf
     dense = DirectSolve(structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
-    expected = dense.receptance(pair_matrix(problem.prior.stiffness(theta)))[0]
+    expected = dense.receptance(pair_matrix(problem.prior.values(theta)))[0]
     np.testing.assert_allclose(simulated_values(problem, theta, Silent()), expected, rtol=1e-6)
 
 

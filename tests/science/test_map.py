@@ -60,7 +60,7 @@ def test_the_mode_is_stationary_and_a_maximum(noisy, estimate):
 
 def test_exact_data_have_their_mode_at_the_truth():
     estimate = jb.find_map(jb.load_case(CONFIGS / "clamped_beam_noise_free.toml"))
-    np.testing.assert_allclose(estimate.stiffness, TABLE_3, rtol=1e-6)
+    np.testing.assert_allclose(estimate.values, TABLE_3, rtol=1e-6)
 
 
 def test_the_laplace_covariance_is_the_inverse_fisher_matrix_for_exact_data():

@@ -65,7 +65,7 @@ def gaussian_check(case):
     prior = case.problem.prior
     draws = np.random.default_rng(1).multivariate_normal(estimate.theta, estimate.covariance, 4000)
     draws = draws[prior.feasible(draws)]
-    return estimate, check_mesh(case.problem, estimate.theta, estimate.covariance, prior.stiffness(draws), 1)
+    return estimate, check_mesh(case.problem, estimate.theta, estimate.covariance, prior.values(draws), 1)
 
 
 @pytest.mark.parametrize("name", ["clamped_beam", "clamped_beam_loss_factor", "clamped_beam_frequencies"])
@@ -84,7 +84,7 @@ def test_the_shift_by_the_papers_mesh_is_stated():
     assert found.kind == "paper"
     assert not found.within
     assert "shows" in found.sentence
-    moved = np.log(coarse.stiffness / fine.stiffness)
+    moved = np.log(coarse.values / fine.values)
     sd = np.sqrt(np.diag(coarse.covariance))
     for name, shift in zip(("k11", "k12", "k22"), moved / sd, strict=True):
         assert found.moves(name)

@@ -23,7 +23,7 @@ LAWS = {
 def joints(hypothesis):
     """Joint matrices, two DOFs, of the hypothesis, and one DOF of its only spring."""
     theta = np.log(SOFT_TO_STIFF)[:, None]
-    return pair_matrix(PlainSprings(SPRINGS[hypothesis]).stiffness(theta)), SOFT_TO_STIFF[:, None, None]
+    return pair_matrix(PlainSprings(SPRINGS[hypothesis]).values(theta)), SOFT_TO_STIFF[:, None, None]
 
 
 @pytest.mark.parametrize("hypothesis", SPRINGS)
@@ -35,7 +35,7 @@ def test_natural_frequencies_are_those_of_the_structure_with_the_other_dof_fixed
 
 
 def test_a_joint_without_springs_has_the_natural_frequencies_of_the_clamped_structure():
-    rigid = pair_matrix(PlainSprings(()).stiffness(np.empty((1, 0))))
+    rigid = pair_matrix(PlainSprings(()).values(np.empty((1, 0))))
     expected = rod().fixed(CLAMP.dofs).modes().frequency_hz[:5]
     np.testing.assert_allclose(NaturalFrequencies(rod(), CLAMP, 5).frequency_hz(rigid)[0], expected, rtol=1e-9)
 
@@ -55,7 +55,7 @@ def test_frfs_are_those_of_the_structure_with_the_other_dof_fixed(law, hypothesi
 @pytest.mark.parametrize("law", LAWS)
 def test_frfs_of_a_joint_without_springs_are_those_of_the_clamped_structure(law):
     damping, model = LAWS[law]
-    rigid = pair_matrix(PlainSprings(()).stiffness(np.empty((1, 0))))
+    rigid = pair_matrix(PlainSprings(()).values(np.empty((1, 0))))
     # the reference has a joint somewhere, too: one that does nothing
     clamped = rod(damping=damping).fixed(CLAMP.dofs)
     expected = DirectSolve(clamped, Joint(("5:y",)), PORTS).receptance(np.zeros((1, 1, 1)))
@@ -76,7 +76,7 @@ def test_the_misfit_and_its_gradient_stay_finite_beside_a_rigid_spring(law):
     np.testing.assert_allclose(chi2, direct, rtol=1e-6)
     step = 1e-4
     up, down = (
-        misfit.chi2(pair_matrix(PlainSprings(("k22",)).stiffness(np.log(SOFT_TO_STIFF)[:, None] + h)))
+        misfit.chi2(pair_matrix(PlainSprings(("k22",)).values(np.log(SOFT_TO_STIFF)[:, None] + h)))
         for h in (step, -step)
     )
     difference = (up - down) / (2 * step)

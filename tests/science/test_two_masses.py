@@ -130,4 +130,4 @@ def test_the_map_is_the_peak_of_the_density_of_the_logarithms():
     rough = [k[::50][i] for i in np.unravel_index(density(k[::50], k[::50]).argmax(), (111, 111))]
     near = [np.linspace(one - 1e6, one + 1e6, 801) for one in rough]
     best = np.unravel_index(density(*near).argmax(), (801, 801))
-    np.testing.assert_allclose(estimate.stiffness, [one[i] for one, i in zip(near, best, strict=True)], atol=2.5e3)
+    np.testing.assert_allclose(estimate.values, [one[i] for one, i in zip(near, best, strict=True)], atol=2.5e3)

@@ -64,7 +64,7 @@ def campaign_rows(
 def write_case(file: Path, theta: NDArray[np.float64], coordinates: str = "log", **attrs: Any) -> None:
     """What a campaign's report reads of a posterior file: θ of shape (draws, d) under a prior uniform in each."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    stiffness = parametrisation_named(coordinates).stiffness(theta)
+    stiffness = parametrisation_named(coordinates).values(theta)
     given = {"mean": (LOW + HIGH) / 2, "sd": (HIGH - LOW) / np.sqrt(12), "low": LOW, "high": HIGH} | attrs
     with h5py.File(file, "w") as out:
         for i, name in enumerate(("k11", "k12", "k22")):

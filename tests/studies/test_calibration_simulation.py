@@ -61,7 +61,7 @@ def test_whitened_residuals_at_the_truth_have_unit_variance(name):
     for theta in problem.prior.sample(rng, 100):
         simulated = replace_values(problem, simulated_values(problem, theta, rng))
         likelihood, factors = simulated.log_posterior.likelihood, problem.prior.factors(theta[None])
-        white = likelihood.white(pair_matrix(problem.prior.stiffness(theta[None])), factors)
+        white = likelihood.white(pair_matrix(problem.prior.values(theta[None])), factors)
         squares.append(np.mean(white**2))
         size = white.size
     if name == "integrated":  # each data set has a scale of its own from a wide prior: 1/s² is a gamma of mean 1
@@ -86,7 +86,7 @@ def test_noise_less_data_are_the_prediction():
     theta = problem.prior.mean
     drawn = [simulated_values(problem, theta, np.random.default_rng(i)) for i in range(400)]
     likelihood = problem.log_posterior.likelihood
-    predicted = likelihood.predicted(pair_matrix(problem.prior.stiffness(theta))[None])[0]
+    predicted = likelihood.predicted(pair_matrix(problem.prior.values(theta))[None])[0]
     error = np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.measurement.variance / 400)
     assert error.max() < 4.0
 

@@ -235,7 +235,7 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
         if j % 3:
             write_case(tmp_path / row["file"], draws)
         else:
-            other = signed.coordinates(log.stiffness(draws))
+            other = signed.coordinates(log.values(draws))
             ends = {"low": [LOW[0], LOW[2], -1.0], "high": [HIGH[0], HIGH[2], 1.0]}
             write_case(tmp_path / row["file"], other, "signed", mean=[19.0, 12.0, 0.0], sd=[3.0, 3.0, 0.6], **ends)
     write_index(tmp_path, rows)
@@ -243,7 +243,7 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
     assert found.parametrisation.key == "log"
     np.testing.assert_allclose(found.draws.theta, theta, rtol=1e-9)
     # π over θ of the log coordinates is |∂ρ/∂ln k12| = ρ times that over ρ, by hand
-    rho = signed.coordinates(log.stiffness(theta[0]))[:, 2]
+    rho = signed.coordinates(log.values(theta[0]))[:, 2]
     given = found.draws.log_prior[0] - np.log(rho)
     np.testing.assert_allclose(given, given[0], atol=1e-9)
     assert not found.draws.log_prior[1].any()

@@ -102,7 +102,7 @@ def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(case
         assert found.measurement is problem.measurement
         for name, marginal in zip(found.names, found.prior.marginals, strict=True):
             assert marginal == problem.prior.marginals[problem.names.index(name)]
-    k11, k12, k22 = hypothesis_problem(problem, "rotation").prior.stiffness(np.log([2e5]))
+    k11, k12, k22 = hypothesis_problem(problem, "rotation").prior.values(np.log([2e5]))
     assert (k11, k12, k22) == (RIGID, 0.0, pytest.approx(2e5))
     with pytest.raises(ModelError, match="expected one of rigid, translation"):
         hypothesis_problem(problem, "loose")
@@ -229,8 +229,8 @@ def rotation(cheap_case):
 def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
     likelihood, prior = rotation.log_posterior.likelihood, rotation.prior
     theta = np.linspace(np.log(1.40e6), np.log(1.60e6), 801)[:, None]
-    values = likelihood.pointwise(pair_matrix(prior.stiffness(theta)), prior.factors(theta)).reshape(len(theta), -1)
-    np.testing.assert_allclose(values.sum(axis=1), likelihood.log_likelihood(pair_matrix(prior.stiffness(theta))))
+    values = likelihood.pointwise(pair_matrix(prior.values(theta)), prior.factors(theta)).reshape(len(theta), -1)
+    np.testing.assert_allclose(values.sum(axis=1), likelihood.log_likelihood(pair_matrix(prior.values(theta))))
     # p(y_i | others) = ∫ L / ∫ L/L_i, the prior being flat here
     total = values.sum(axis=1)
     expected = -np.log(np.exp(total[:, None] - values - total.max()).sum(axis=0) / np.exp(total - total.max()).sum())

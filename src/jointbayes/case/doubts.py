@@ -94,7 +94,7 @@ def _least_squares(
     draws = np.vstack([draws, draws + np.append(softer, 0 * rest)]) if softer.any() else draws
 
     def residuals(theta: Array) -> Array:
-        stiffness, factors = prior.stiffness(theta), prior.factors(theta)
+        stiffness, factors = prior.values(theta), prior.factors(theta)
         predicted = problem.natural_frequencies_hz(stiffness, int(numbers.max()), factors)[:, numbers - 1]
         return np.nan_to_num(
             (measured.frequency_hz - predicted / unit_hz) / measured.sd_hz, nan=_FAR, posinf=_FAR, neginf=-_FAR

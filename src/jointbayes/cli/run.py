@@ -86,7 +86,7 @@ def identify(config: Path) -> None:
     elif missing := missing_for_iteration(case.problem):
         say(f"The paper's iteration is left out. {missing}.")
     estimate = find_map(case, tell=show_phase)
-    stiffnesses = zip(case.problem.quantities, estimate.stiffness, strict=True)
+    stiffnesses = zip(case.problem.quantities, estimate.values, strict=True)
     say("MAP: " + ", ".join(in_unit(f"{q.name} = {value:.4e}", q.unit) for q, value in stiffnesses))
     edges = case.problem.prior.at_edge(estimate.theta)
     if edges:

@@ -117,7 +117,7 @@ class MapEstimate:
     ----------
     theta
         Coordinates of the mode, shape (d,).
-    stiffness
+    values
         Quantities of the joint at the mode, shape (q,).
     covariance
         Laplace covariance of θ, shape (d, d); never wider than the prior in any direction.
@@ -135,7 +135,7 @@ class MapEstimate:
     """
 
     theta: Array
-    stiffness: Array
+    values: Array
     covariance: Array
     log_posterior: float
     starts: tuple[StartOutcome, ...]
@@ -144,11 +144,11 @@ class MapEstimate:
     iteration: IterationHistory | None = None
 
     def __repr__(self) -> str:
-        stiffness = ", ".join(f"{k:.4g}" for k in self.stiffness)
+        values = ", ".join(f"{k:.4g}" for k in self.values)
         reached = len(self.starts) - len(self.failed_starts)
         count = len(self.modes)
         return (
-            f"MapEstimate(stiffness [{stiffness}], log posterior {self.log_posterior:.6g}, {reached} of "
+            f"MapEstimate(values [{values}], log posterior {self.log_posterior:.6g}, {reached} of "
             f"{len(self.starts)} starts reach it, {count} mode{'s' * (count != 1)})"
         )
 

@@ -103,7 +103,7 @@ class ModeSearch:
             Factors on the white residuals, shape (m,), with which they climb first, one after the other.
         """
         prior = self._posterior.prior
-        self._begun |= {name: prior.stiffness(theta) for name, theta in starts.items() if name not in self._begun}
+        self._begun |= {name: prior.values(theta) for name, theta in starts.items() if name not in self._begun}
         if not starts:
             return
         rough = self._climbed(np.array([move_modes_to_data(self._posterior, t) for t in starts.values()]), weights)
@@ -190,10 +190,10 @@ class ModeSearch:
         outcomes = []
         for name, stiffness in self._begun.items():
             end, density = self._ends.get(name, (nowhere, -np.inf))
-            outcomes.append(StartOutcome(name, stiffness, prior.stiffness(end), density, reached.get(name, False)))
+            outcomes.append(StartOutcome(name, stiffness, prior.values(end), density, reached.get(name, False)))
         return MapEstimate(
             theta,
-            prior.stiffness(theta),
+            prior.values(theta),
             laplace_covariance(self._posterior, theta),
             best,
             tuple(outcomes),
@@ -258,7 +258,7 @@ def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | N
 
     theta = inside(stiffness)
     if not prior.feasible(theta):  # moving a stiffness to the edge may leave the coupling too large
-        theta = inside(prior.stiffness(theta))
+        theta = inside(prior.values(theta))
     return theta if np.isfinite(log_posterior(theta)[0]) else None
 
 

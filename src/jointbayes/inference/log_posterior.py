@@ -159,7 +159,7 @@ class LogPosterior:
             return np.array([-jacobian.T @ residual for residual, jacobian in linearised]).reshape(t.shape)
         if self.prior.nuisances or not self.gaussian:
             return np.array([self._differences(point) for point in many]).reshape(t.shape)
-        _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.stiffness(many)))
+        _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.values(many)))
         by_theta = np.einsum(
             "nk,nkt->nt", self._parametrisation.by_quantity(slope), self._parametrisation.derivative(many)
         )

@@ -284,13 +284,13 @@ class JointPrior:
         """Coordinates of the joint, the first columns of θ, shape (..., j)."""
         return np.asarray(theta, dtype=float)[..., : len(self.marginals)]
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """The joint's quantities, shape (..., q), of θ, shape (..., d)."""
-        return self.parametrisation.stiffness(self.joint(theta))
+        return self.parametrisation.values(self.joint(theta))
 
     def matrix(self, theta: ArrayLike) -> JointMatrix:
         """Joint matrices, shape (..., R, R), of θ, shape (..., d)."""
-        return self.parametrisation.matrix(self.stiffness(theta))
+        return self.parametrisation.matrix(self.values(theta))
 
     def factors(self, theta: ArrayLike) -> Array:
         """Value over nominal value of each nuisance, shape (..., q), of θ, shape (..., d); e^offset of an offset."""

@@ -293,7 +293,7 @@ class Problem:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """The joint's stiffnesses: names, units and places in K^J, in the order of `JointPrior.stiffness`."""
+        """The joint's stiffnesses: names, units and places in K^J, in the order of `JointPrior.values`."""
         return self.parametrisation.quantities
 
     def receptance_model(self, ports: Ports) -> ReceptanceModel:

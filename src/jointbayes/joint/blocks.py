@@ -126,25 +126,25 @@ class Blocks(Parametrisation):
         return columns_after
 
     def _each(
-        self, of: Callable[[Parametrisation, Array], ArrayLike], values: ArrayLike, stiffness: bool
+        self, of: Callable[[Parametrisation, Array], ArrayLike], numbers: ArrayLike, are_values: bool
     ) -> list[Array]:
         """What a function gives of each block and its part of θ or of the quantities, shape (..., d) or (..., q)."""
-        array = np.asarray(values, dtype=float)
-        return [np.asarray(of(joint, array[..., k if stiffness else t])) for joint, t, k in self._parts]
+        array = np.asarray(numbers, dtype=float)
+        return [np.asarray(of(joint, array[..., k if are_values else t])) for joint, t, k in self._parts]
 
     def _side_by_side(self, parts: Sequence[Array]) -> Array:
         return np.concatenate(parts, axis=-1)
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """Quantities, shape (..., q), from θ, shape (..., d)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.stiffness(t), theta, False))
+        return self._side_by_side(self._each(lambda joint, t: joint.values(t), theta, False))
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether all have coordinates."""
-        return np.logical_and.reduce(self._each(lambda joint, k: joint.describes(k), stiffness, True))
+        return np.logical_and.reduce(self._each(lambda joint, k: joint.describes(k), values, True))
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        return self._side_by_side(self._each(lambda joint, k: joint._coordinates(k), stiffness, True))
+    def _coordinates(self, values: Array) -> Array:
+        return self._side_by_side(self._each(lambda joint, k: joint._coordinates(k), values, True))
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d), block by block."""
@@ -162,17 +162,17 @@ class Blocks(Parametrisation):
         """ln det of the blocks, shape (...): the sum of all."""
         return np.sum(self._each(lambda joint, t: joint.log_determinant(t), theta, False), axis=0)
 
-    def nearest(self, stiffness: ArrayLike) -> Array:
+    def nearest(self, values: ArrayLike) -> Array:
         """The nearest joint of each, shape (q,)."""
-        return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), stiffness, True))
+        return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), values, True))
 
-    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether every joint is, shape (...)."""
-        return np.logical_and.reduce(self._each(lambda joint, k: joint.is_positive_semidefinite(k), stiffness, True))
+        return np.logical_and.reduce(self._each(lambda joint, k: joint.is_positive_semidefinite(k), values, True))
 
-    def uncoupled(self, stiffness: ArrayLike) -> Array:
+    def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q), each without coupling."""
-        return self._side_by_side(self._each(lambda joint, k: joint.uncoupled(k), stiffness, True))
+        return self._side_by_side(self._each(lambda joint, k: joint.uncoupled(k), values, True))
 
     def middle(self, mean: Array) -> Array:
         """The joints, shape (q,), at the means of the priors of their coordinates, shape (d,)."""

@@ -39,25 +39,25 @@ class Combination:
         return Combination(self.name, lambda k: self.of(k[:, columns]), self.single, self.penalty)
 
 
-def parametrisation_of_draws(parametrisation: Parametrisation, stiffness: Array) -> Parametrisation:
+def parametrisation_of_draws(parametrisation: Parametrisation, values: Array) -> Parametrisation:
     """Coordinates that fit draws, shape (n, q), of a joint that was sampled in others.
 
     Of a coupled pair ρ takes the place of ln k12 where the coupling has both signs.
     """
     if isinstance(parametrisation, Blocks):
-        fitting = [parametrisation_of_draws(joint, stiffness[:, k]) for joint, k in _blocks(parametrisation)]
+        fitting = [parametrisation_of_draws(joint, values[:, k]) for joint, k in _blocks(parametrisation)]
         named = zip(parametrisation.blocks, fitting, strict=True)
         return Blocks(tuple(replace(block, parametrisation=joint) for block, joint in named))
     if isinstance(parametrisation, Damped):
         count = len(parametrisation.of.quantities)
-        return replace(parametrisation, of=parametrisation_of_draws(parametrisation.of, stiffness[:, :count]))
+        return replace(parametrisation, of=parametrisation_of_draws(parametrisation.of, values[:, :count]))
     if not isinstance(parametrisation, CoupledPair):
         return parametrisation
-    if not stiffness[:, 1].any():
-        moving = np.ptp(stiffness, axis=0) > 0
+    if not values[:, 1].any():
+        moving = np.ptp(values, axis=0) > 0
         names = parametrisation.stiffness_names
         return PlainSprings(tuple(name for name, moves in zip(names, moving, strict=True) if moves))
-    return LogStiffness() if (stiffness[:, 1] > 0).all() else SignedCoupling()
+    return LogStiffness() if (values[:, 1] > 0).all() else SignedCoupling()
 
 
 def _blocks(blocks: Blocks) -> list[tuple[Parametrisation, slice]]:
@@ -80,7 +80,7 @@ def _value(parametrisation: Parametrisation, column: int) -> Callable[[Array], A
         blocks = [(joint, k, i) for joint, k in _blocks(parametrisation) for i in range(len(joint.axes))]
         joint, k, i = blocks[column]
         of_joint = _value(joint, i)
-        return lambda stiffness: of_joint(stiffness[:, k])
+        return lambda values: of_joint(values[:, k])
     if axis.name in parametrisation.stiffness_names:
         index = parametrisation.stiffness_names.index(axis.name)
         return lambda k: k[:, index]
@@ -107,7 +107,7 @@ def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[C
     return _products_of_powers(parametrisation, joint) + _condensed_stiffnesses(parametrisation, joint)
 
 
-def flexibilities_at_arms(parametrisation: Parametrisation, stiffness: Array, joint: str = "") -> list[Combination]:
+def flexibilities_at_arms(parametrisation: Parametrisation, values: Array, joint: str = "") -> list[Combination]:
     """Flexibility of each joint of a translation and a rotation at the lever arm where draws, shape (n, q), agree best.
 
     A force at a distance a of the joint, which it also bends with the moment aF, moves along by F times
@@ -117,7 +117,7 @@ def flexibilities_at_arms(parametrisation: Parametrisation, stiffness: Array, jo
         return [
             combination.within(k)
             for block, (of_joint, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
-            for combination in flexibilities_at_arms(of_joint, stiffness[:, k], block.name)
+            for combination in flexibilities_at_arms(of_joint, values[:, k], block.name)
         ]
     quantities = parametrisation.quantities
     coupled = [quantity.may_be_negative for quantity in quantities] == [False, True, False]
@@ -131,11 +131,11 @@ def flexibilities_at_arms(parametrisation: Parametrisation, stiffness: Array, jo
         return np.asarray(across / (k[:, 0] * k[:, -1] - coupling**2))
 
     arms = np.concatenate([-_ARMS[::-1], _ARMS] if coupled else [_ARMS])
-    few = stiffness[:: max(1, len(stiffness) // 1000)]
-    values = [flexibility(few, arm) for arm in arms]
-    if not all((value > 0).all() for value in values):
+    few = values[:: max(1, len(values) // 1000)]
+    flexibilities = [flexibility(few, arm) for arm in arms]
+    if not all((value > 0).all() for value in flexibilities):
         return []  # no joint of positive energy
-    widths = [np.ptp(np.quantile(np.log(value), [0.025, 0.975])) for value in values]
+    widths = [np.ptp(np.quantile(np.log(value), [0.025, 0.975])) for value in flexibilities]
     best = float(f"{arms[int(np.argmin(widths))]:.2g}")
     name = prefixed(joint, f"flexibility at a lever arm of {1000 * best:g} mm (m/N)".replace("-", "−"))
     return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM)]

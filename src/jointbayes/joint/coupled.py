@@ -44,9 +44,9 @@ class CoupledPair(Parametrisation):
         """k11, k12 and k22."""
         return COUPLED
 
-    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether joints (k11, k12, k22), shape (..., 3), are positive semidefinite, shape (...)."""
-        k11, k12, k22 = np.moveaxis(np.asarray(stiffness, dtype=float), -1, 0)
+        k11, k12, k22 = np.moveaxis(np.asarray(values, dtype=float), -1, 0)
         bound = np.sqrt(np.maximum(k11, 0.0)) * np.sqrt(np.maximum(k22, 0.0)) * _ROUNDING
         return np.asarray((k11 >= 0) & (k22 >= 0) & (np.abs(k12) <= bound))
 
@@ -57,30 +57,30 @@ class CoupledPair(Parametrisation):
             "lower |k12| or raise k11, k22"
         )
 
-    def uncoupled(self, stiffness: ArrayLike) -> Array:
+    def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., 3), with k12 = 0."""
-        return np.asarray(stiffness, dtype=float) * np.array([1.0, 0.0, 1.0])
+        return np.asarray(values, dtype=float) * np.array([1.0, 0.0, 1.0])
 
-    def nearest(self, stiffness: ArrayLike) -> Array:
+    def nearest(self, values: ArrayLike) -> Array:
         """A joint near (k11, k12, k22), shape (3,), that has coordinates, well inside the positive definite ones."""
-        k11, k12, k22 = np.asarray(stiffness, dtype=float)
+        k11, k12, k22 = np.asarray(values, dtype=float)
         k11, k22 = max(k11, _SMALLEST_STIFFNESS), max(k22, _SMALLEST_STIFFNESS)
         limit = _LARGEST_COUPLING * np.sqrt(k11 * k22)
         return np.array([k11, np.clip(k12, self.least_coupling * limit, limit), k22])
 
     def compliance(self, theta: Array) -> Array:
         """Compliance φ = (c11, c12, c22), C = (K^J)⁻¹, shape (n, d), of θ, shape (n, d)."""
-        return _inverse_2x2(self.stiffness(theta))
+        return _inverse_2x2(self.values(theta))
 
     def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         c11, c12, c22 = phi.T
         inside = (c11 > 0) & (c22 > 0) & (c11 * c22 > c12 * c12)
-        stiffness = _inverse_2x2(phi if inside.all() else np.where(inside[:, None], phi, _ANY_JOINT))
-        inside &= self.describes(stiffness)
+        values = _inverse_2x2(phi if inside.all() else np.where(inside[:, None], phi, _ANY_JOINT))
+        inside &= self.describes(values)
         if not inside.all():
-            stiffness = np.where(inside[:, None], stiffness, _inverse_2x2(_ANY_JOINT))
-        return self.coordinates(stiffness), inside
+            values = np.where(inside[:, None], values, _inverse_2x2(_ANY_JOINT))
+        return self.coordinates(values), inside
 
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): |∂C/∂K| of a symmetric 2 × 2 matrix is (det K)⁻³."""

@@ -101,19 +101,19 @@ class Damped(Parametrisation):
     def _q(self) -> int:
         return len(self.of.quantities)
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """Quantities, shape (..., q), from θ, shape (..., d)."""
         t = np.asarray(theta, dtype=float)
-        return np.concatenate([self.of.stiffness(t[..., : self._d]), np.exp(t[..., self._d :])], axis=-1)
+        return np.concatenate([self.of.values(t[..., : self._d]), np.exp(t[..., self._d :])], axis=-1)
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether the stiffnesses have coordinates and all damping is above zero."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         return np.asarray(self.of.describes(k[..., : self._q]) & (k[..., self._q :] > 0).all(axis=-1))
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        own = self.of._coordinates(stiffness[..., : self._q])
-        return np.concatenate([own, np.log(stiffness[..., self._q :])], axis=-1)
+    def _coordinates(self, values: Array) -> Array:
+        own = self.of._coordinates(values[..., : self._q])
+        return np.concatenate([own, np.log(values[..., self._q :])], axis=-1)
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d): quantity down, coordinate across."""
@@ -132,14 +132,14 @@ class Damped(Parametrisation):
         """ln det K^J, shape (...)."""
         return self.of.log_determinant(theta[..., : self._d])
 
-    def nearest(self, stiffness: ArrayLike) -> Array:
+    def nearest(self, values: ArrayLike) -> Array:
         """A joint near one of shape (q,) that has coordinates; damping above zero."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         return np.concatenate([self.of.nearest(k[: self._q]), np.maximum(k[self._q :], np.finfo(float).tiny)])
 
-    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether joints, shape (..., q), store and lose energy but give off none, shape (...)."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         return np.asarray(self.of.is_positive_semidefinite(k[..., : self._q]) & (k[..., self._q :] >= 0).all(axis=-1))
 
     def _semidefinite(self, values: Array) -> str:
@@ -147,9 +147,9 @@ class Damped(Parametrisation):
             return "damping of 0 or more; correct what is below 0"
         return self.of._semidefinite(values[: self._q])
 
-    def uncoupled(self, stiffness: ArrayLike) -> Array:
+    def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q), without what couples their motions."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         return np.concatenate([self.of.uncoupled(k[..., : self._q]), k[..., self._q :]], axis=-1)
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:

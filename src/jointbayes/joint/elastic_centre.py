@@ -23,20 +23,20 @@ class ElasticCentre(CoupledPair):
 
     key: ClassVar[str] = "elastic_centre"
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
         t = np.asarray(theta, dtype=float)
         k11, arm = np.exp(t[..., 0]), t[..., 1]
         return np.stack([k11, arm * k11, np.exp(t[..., 2]) + arm**2 * k11], axis=-1)
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether the joint is positive definite."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         k11 = np.where(k[..., 0] > 0, k[..., 0], np.nan)  # no number is larger or smaller than NaN
         return np.asarray(k[..., 2] - k[..., 1] ** 2 / k11 > 0)
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        k11, k12, k22 = np.moveaxis(stiffness, -1, 0)
+    def _coordinates(self, values: Array) -> Array:
+        k11, k12, k22 = np.moveaxis(values, -1, 0)
         return np.stack([np.log(k11), k12 / k11, np.log(k22 - k12**2 / k11)], axis=-1)
 
     def derivative(self, theta: ArrayLike) -> Array:
@@ -65,4 +65,4 @@ class ElasticCentre(CoupledPair):
             "stiff in rotation": mean + sd * [0, 0, 1],
             "stiff in both": mean + sd * [1, 0, 1],
         }
-        return {name: self.stiffness(theta) for name, theta in (far | stiff).items()}
+        return {name: self.values(theta) for name, theta in (far | stiff).items()}

@@ -92,24 +92,24 @@ class FullStiffness(Parametrisation):
         factor[..., diagonal, diagonal] = before[..., diagonal, diagonal]
         return factor, partial
 
-    def _scaled(self, stiffness: Array) -> tuple[Array, Array]:
+    def _scaled(self, values: Array) -> tuple[Array, Array]:
         """√k_ii, shape (..., r), and K^J scaled to a unit diagonal, shape (..., r, r)."""
-        size = np.sqrt(stiffness[..., self._diagonal])
-        return size, self.matrix(stiffness).stiffness / (size[..., :, None] * size[..., None, :])
+        size = np.sqrt(values[..., self._diagonal])
+        return size, self.matrix(values).stiffness / (size[..., :, None] * size[..., None, :])
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """Entries of K^J, shape (..., q), from θ, shape (..., d)."""
         t = np.asarray(theta, dtype=float)
         r = self._motions
         factor, _ = self._correlation_factor(t[..., r:])
         size = np.exp(t[..., :r] / 2)
-        stiffness = self.from_matrix((factor @ factor.swapaxes(-1, -2)) * (size[..., :, None] * size[..., None, :]))
-        stiffness[..., self._diagonal] = np.exp(t[..., :r])
-        return stiffness
+        values = self.from_matrix((factor @ factor.swapaxes(-1, -2)) * (size[..., :, None] * size[..., None, :]))
+        values[..., self._diagonal] = np.exp(t[..., :r])
+        return values
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether the joint is positive definite."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         possible = np.asarray(np.isfinite(k).all(axis=-1) & (k[..., self._diagonal] > 0).all(axis=-1))
         _, scaled = self._scaled(np.where(possible[..., None], k, self._any))
         return np.asarray(possible & (np.linalg.eigvalsh(scaled) > 0).all(axis=-1))
@@ -119,14 +119,14 @@ class FullStiffness(Parametrisation):
         """A joint that stands where there is none."""
         return np.array([0.0 if quantity.may_be_negative else 1.0 for quantity in self.quantities])
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        _, scaled = self._scaled(stiffness)
+    def _coordinates(self, values: Array) -> Array:
+        _, scaled = self._scaled(values)
         factor = np.linalg.cholesky(scaled)
         # what is left of row j after columns 1 to i − 1: √(1 − Σ L_jm²) = Π_{m<i} √(1 − ρ_mj²)
         rest = np.cumsum(factor[..., ::-1] ** 2, axis=-1)[..., ::-1]
         rows, columns = self._couplings
         rho = factor[..., columns, rows] / np.sqrt(rest[..., columns, rows])
-        return np.concatenate([np.log(stiffness[..., self._diagonal]), rho], axis=-1)
+        return np.concatenate([np.log(values[..., self._diagonal]), rho], axis=-1)
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d): stiffness down, coordinate across."""
@@ -135,12 +135,12 @@ class FullStiffness(Parametrisation):
         factor, partial = self._correlation_factor(t[..., r:])
         size = np.exp(t[..., :r] / 2)
         scale = size[..., :, None] * size[..., None, :]
-        stiffness = (factor @ factor.swapaxes(-1, -2)) * scale
+        matrix = (factor @ factor.swapaxes(-1, -2)) * scale
         slope = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
         for i in range(r):
-            change = np.zeros_like(stiffness)
-            change[..., i, :] += stiffness[..., i, :] / 2
-            change[..., :, i] += stiffness[..., :, i] / 2
+            change = np.zeros_like(matrix)
+            change[..., i, :] += matrix[..., i, :] / 2
+            change[..., :, i] += matrix[..., :, i] / 2
             slope[..., i] = self.from_matrix(change)
         for column, (i, j) in enumerate(zip(*self._couplings, strict=True), r):
             rho = partial[..., j, i]
@@ -168,9 +168,9 @@ class FullStiffness(Parametrisation):
         """ln det K^J, shape (...), at feasible θ, shape (..., d)."""
         return theta[..., : self._motions].sum(axis=-1) + self._log_left(theta).sum(axis=-1)
 
-    def nearest(self, stiffness: ArrayLike) -> Array:
+    def nearest(self, values: ArrayLike) -> Array:
         """A joint near one of shape (q,) with smaller partial coefficients; without coupling if it is impossible."""
-        k = np.array(stiffness, dtype=float)
+        k = np.array(values, dtype=float)
         k[self._diagonal] = np.maximum(k[self._diagonal], _SMALLEST_STIFFNESS)
         if not self.describes(k):
             return self.uncoupled(k)
@@ -178,11 +178,11 @@ class FullStiffness(Parametrisation):
         if (np.abs(theta[self._motions :]) <= _LARGEST_COUPLING).all():
             return k
         theta[self._motions :] = np.clip(theta[self._motions :], -_LARGEST_COUPLING, _LARGEST_COUPLING)
-        return self.stiffness(theta)
+        return self.values(theta)
 
-    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether joints, shape (..., q), are positive semidefinite, shape (...), to rounding."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         matrix = self.matrix(k).stiffness
         diagonal = k[..., self._diagonal]
         size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -190,9 +190,9 @@ class FullStiffness(Parametrisation):
         lowest = np.linalg.eigvalsh(scaled)[..., 0]
         return np.asarray((diagonal >= 0).all(axis=-1) & (lowest >= -_ROUNDING))
 
-    def uncoupled(self, stiffness: ArrayLike) -> Array:
+    def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q), with the diagonal of K^J alone."""
-        return np.asarray(stiffness, dtype=float) * self._any
+        return np.asarray(values, dtype=float) * self._any
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
         """Nearly rigid motions, one at a time, without coupling."""
@@ -200,24 +200,24 @@ class FullStiffness(Parametrisation):
         middle = np.concatenate([mean[:r], np.zeros(len(mean) - r)])
         steps = np.eye(len(mean))[:r] * sd
         return {
-            f"stiff in {direction}": self.stiffness(middle + step)
+            f"stiff in {direction}": self.values(middle + step)
             for direction, step in zip(self.directions, steps, strict=True)
         }
 
     def compliance(self, theta: Array) -> Array:
         """Entries of C = (K^J)⁻¹ on and above the diagonal, shape (n, d), of θ, shape (n, d)."""
-        return self._inverse(self.stiffness(theta))
+        return self._inverse(self.values(theta))
 
     def from_compliance(self, phi: Array) -> tuple[Array, NDArray[np.bool_]]:
         """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint that θ can describe, shape (n,)."""
         inside = self.describes(phi)
-        stiffness = self._inverse(np.where(inside[:, None], phi, self._any))
-        inside = inside & self.describes(stiffness)
-        stiffness = np.where(inside[:, None], stiffness, self._any)
-        return self.coordinates(stiffness), inside
+        values = self._inverse(np.where(inside[:, None], phi, self._any))
+        inside = inside & self.describes(values)
+        values = np.where(inside[:, None], values, self._any)
+        return self.coordinates(values), inside
 
-    def _inverse(self, stiffness: Array) -> Array:
-        size, scaled = self._scaled(stiffness)
+    def _inverse(self, values: Array) -> Array:
+        size, scaled = self._scaled(values)
         inverse = np.linalg.inv(scaled) / (size[..., :, None] * size[..., None, :])
         return self.from_matrix((inverse + inverse.swapaxes(-1, -2)) / 2)
 

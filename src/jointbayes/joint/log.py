@@ -31,16 +31,16 @@ class LogStiffness(CoupledPair):
         """ln(k22 − k12²/k11) in place of ln k22."""
         return (CondensedCoordinates(_CONE),)
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
         return np.exp(np.asarray(theta, dtype=float))
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether all are above zero."""
-        return np.asarray((np.asarray(stiffness, dtype=float) > 0).all(axis=-1))
+        return np.asarray((np.asarray(values, dtype=float) > 0).all(axis=-1))
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        return np.log(stiffness)
+    def _coordinates(self, values: Array) -> Array:
+        return np.log(values)
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""

@@ -111,7 +111,7 @@ class Parametrisation(ABC):
     @property
     @abstractmethod
     def quantities(self) -> tuple[Quantity, ...]:
-        """The q quantities, in the order of `stiffness`."""
+        """The q quantities, in the order of `values`."""
 
     @property
     def held(self) -> tuple[int, ...]:
@@ -200,7 +200,7 @@ class Parametrisation(ABC):
         springs = (quantity.role == "stiffness" and not quantity.may_be_negative for quantity in self.quantities)
         return np.array([RIGID if spring else 0.0 for spring in springs])
 
-    def matrix(self, stiffness: ArrayLike) -> JointMatrix:
+    def matrix(self, values: ArrayLike) -> JointMatrix:
         """Joint matrices, shape (..., R, R), of quantities, shape (..., q).
 
         Examples
@@ -209,7 +209,7 @@ class Parametrisation(ABC):
         >>> LogStiffness().matrix([3.0, 1.0, 2.0]).stiffness.tolist()
         [[3.0, 1.0], [1.0, 2.0]]
         """
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         if any((entries < 0).any() for entries in self._entries):
             beyond = np.broadcast_to([RIGID, 0.0], (*k.shape[:-1], 2))
             k = np.concatenate([k, beyond], axis=-1)
@@ -228,7 +228,7 @@ class Parametrisation(ABC):
         for role in ("stiffness", "viscous", "loss factor"):
             of_role = np.array([quantity.role == role for quantity in self.quantities])
             parts.append(np.einsum("kt,kij->tij", derivative[of_role], self.pattern[of_role]))
-        k, loss = self.stiffness(theta), self._entries[2]
+        k, loss = self.values(theta), self._entries[2]
         factor = np.where(loss < 0, 0.0, k[np.maximum(loss, 0)])
         parts[2] = parts[2] * self.matrix(k).stiffness + factor * parts[0]
         return JointMatrix(*parts)
@@ -249,15 +249,15 @@ class Parametrisation(ABC):
         return np.einsum("nij,kij->nk", slope, self.pattern)
 
     @abstractmethod
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """Quantities, shape (..., q), from θ, shape (..., d)."""
 
     @abstractmethod
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether quantities, shape (..., q), have coordinates, shape (...)."""
 
     @abstractmethod
-    def _coordinates(self, stiffness: Array) -> Array:
+    def _coordinates(self, values: Array) -> Array:
         """θ, shape (..., d), of quantities that have coordinates, shape (..., q)."""
 
     @abstractmethod
@@ -276,15 +276,15 @@ class Parametrisation(ABC):
         """
 
     @abstractmethod
-    def nearest(self, stiffness: ArrayLike) -> Array:
+    def nearest(self, values: ArrayLike) -> Array:
         """A joint near one of shape (q,) that has coordinates, well inside the positive definite ones."""
 
     @abstractmethod
-    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether joints, shape (..., q), are positive semidefinite, shape (...)."""
 
     @abstractmethod
-    def uncoupled(self, stiffness: ArrayLike) -> Array:
+    def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q), without what couples their motions."""
 
     @abstractmethod
@@ -299,7 +299,7 @@ class Parametrisation(ABC):
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,), at θ, shape (n, d)."""
 
-    def coordinates(self, stiffness: ArrayLike) -> Array:
+    def coordinates(self, values: ArrayLike) -> Array:
         """θ, shape (..., d), of quantities, shape (..., q).
 
         Raises
@@ -307,7 +307,7 @@ class Parametrisation(ABC):
         ModelError
             If a joint has no such coordinates.
         """
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         with np.errstate(all="ignore"):
             theta = self._coordinates(k) if self.describes(k).all() else None
         if theta is None or not np.isfinite(theta).all():
@@ -331,7 +331,7 @@ class Parametrisation(ABC):
 
         Independent priors may have their middle where no joint is: one without coupling is possible.
         """
-        middle = self.stiffness(mean)
+        middle = self.values(mean)
         return middle if self.is_positive_semidefinite(middle) else self.uncoupled(middle)
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
@@ -344,12 +344,12 @@ class Parametrisation(ABC):
         """
         return {}
 
-    def check(self, stiffness: ArrayLike) -> None:
+    def check(self, values: ArrayLike) -> None:
         """Refuse a joint that could give off energy.
 
         Parameters
         ----------
-        stiffness
+        values
             Quantities, shape (q,).
 
         Raises
@@ -357,17 +357,19 @@ class Parametrisation(ABC):
         ModelError
             If there are not as many, a number is not finite, or K^J is not positive semidefinite.
         """
-        values = array_of(stiffness, float, "joint", ModelError)
+        k = array_of(values, float, "joint", ModelError)
         names, count = ", ".join(self.stiffness_names) or "no stiffness", len(self.quantities)
-        if values.shape != (count,):
-            raise ModelError(f"joint: found stiffnesses of shape {values.shape}; expected {names}: shape ({count},)")
-        if not (np.abs(values) < _MOST).all():
-            listed = ", ".join(f"{name} = {k:g}" for name, k in zip(self.stiffness_names, values.tolist(), strict=True))
+        if k.shape != (count,):
+            raise ModelError(f"joint: found stiffnesses of shape {k.shape}; expected {names}: shape ({count},)")
+        if not (np.abs(k) < _MOST).all():
+            listed = ", ".join(
+                f"{name} = {value:g}" for name, value in zip(self.stiffness_names, k.tolist(), strict=True)
+            )
             raise ModelError(f"joint: found {listed}; expected finite numbers")
-        if not self.is_positive_semidefinite(values):
-            pairs = zip(self.quantities, values.tolist(), strict=True)
-            listed = ", ".join(f"{quantity.name} = {k:g} {quantity.unit}" for quantity, k in pairs)
-            raise ModelError(f"joint: found {listed}; expected {self._semidefinite(values)}")
+        if not self.is_positive_semidefinite(k):
+            pairs = zip(self.quantities, k.tolist(), strict=True)
+            listed = ", ".join(f"{quantity.name} = {value:g} {quantity.unit}" for quantity, value in pairs)
+            raise ModelError(f"joint: found {listed}; expected {self._semidefinite(k)}")
 
     def _semidefinite(self, values: Array) -> str:
         """What is expected of a joint, shape (q,), that is not positive semidefinite."""

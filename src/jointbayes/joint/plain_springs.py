@@ -39,7 +39,7 @@ class PlainSprings(Parametrisation):
 
     Examples
     --------
-    >>> PlainSprings(("k22",)).stiffness(np.log([2e5])).round().tolist()
+    >>> PlainSprings(("k22",)).values(np.log([2e5])).round().tolist()
     [1e+30, 0.0, 200000.0]
     """
 
@@ -71,7 +71,7 @@ class PlainSprings(Parametrisation):
     def _places(self) -> list[int]:
         return [i for i, q in enumerate(self.of) if q.name in self.names]
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """Stiffnesses, shape (..., q), from θ, shape (..., d)."""
         t = np.asarray(theta, dtype=float)
         values = np.empty((*t.shape[:-1], len(self.of)))
@@ -79,12 +79,12 @@ class PlainSprings(Parametrisation):
         values[..., self._places] = np.exp(t)
         return values
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether the springs that yield are above zero; the rest does not count."""
-        return np.asarray((np.asarray(stiffness, dtype=float)[..., self._places] > 0).all(axis=-1))
+        return np.asarray((np.asarray(values, dtype=float)[..., self._places] > 0).all(axis=-1))
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        return np.log(stiffness[..., self._places])
+    def _coordinates(self, values: Array) -> Array:
+        return np.log(values[..., self._places])
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂k/∂θ, shape (..., q, d): stiffness down, coordinate across."""
@@ -102,24 +102,24 @@ class PlainSprings(Parametrisation):
         """ln of the product of the named springs, shape (...), at θ, shape (..., d): det K^J without rigid motions."""
         return self.log_slope(theta)
 
-    def nearest(self, stiffness: ArrayLike) -> Array:
+    def nearest(self, values: ArrayLike) -> Array:
         """The same joint, shape (q,), with springs above zero."""
-        k = np.array(stiffness, dtype=float)
+        k = np.array(values, dtype=float)
         k[self._places] = np.maximum(k[self._places], _SMALLEST_STIFFNESS)
         return k
 
-    def is_positive_semidefinite(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def is_positive_semidefinite(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether no spring is below zero and nothing is coupled, shape (...)."""
-        k = np.asarray(stiffness, dtype=float)
+        k = np.asarray(values, dtype=float)
         coupling = np.array([quantity.may_be_negative for quantity in self.of], dtype=bool)
         return np.asarray((k[..., ~coupling] >= 0).all(axis=-1) & (k[..., coupling] == 0).all(axis=-1))
 
     def _semidefinite(self, values: Array) -> str:
         return "springs of 0 or more without coupling; correct the stiffness below 0, or choose coupled springs"
 
-    def uncoupled(self, stiffness: ArrayLike) -> Array:
+    def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q): nothing is coupled."""
-        return np.asarray(stiffness, dtype=float)
+        return np.asarray(values, dtype=float)
 
     def limiting_joints(self, mean: Array, sd: Array) -> Mapping[str, Array]:
         """None: springs without coupling have no mode of their own near a limit."""

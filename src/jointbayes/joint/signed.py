@@ -18,24 +18,24 @@ class SignedCoupling(CoupledPair):
     key: ClassVar[str] = "signed"
     expected: ClassVar[str] = "k11 and k22 above zero; raise them"
 
-    def stiffness(self, theta: ArrayLike) -> Array:
+    def values(self, theta: ArrayLike) -> Array:
         """(k11, k12, k22), shape (..., 3), from θ, shape (..., 3)."""
         t = np.asarray(theta, dtype=float)
         k11, k22 = np.exp(t[..., 0]), np.exp(t[..., 1])
         return np.stack([k11, t[..., 2] * np.sqrt(k11 * k22), k22], axis=-1)
 
-    def describes(self, stiffness: ArrayLike) -> NDArray[np.bool_]:
+    def describes(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Whether k11 and k22 are above zero."""
-        return np.asarray((np.asarray(stiffness, dtype=float)[..., [0, 2]] > 0).all(axis=-1))
+        return np.asarray((np.asarray(values, dtype=float)[..., [0, 2]] > 0).all(axis=-1))
 
-    def _coordinates(self, stiffness: Array) -> Array:
-        log11, log22 = np.log(stiffness[..., 0]), np.log(stiffness[..., 2])
-        return np.stack([log11, log22, stiffness[..., 1] * np.exp(-(log11 + log22) / 2)], axis=-1)
+    def _coordinates(self, values: Array) -> Array:
+        log11, log22 = np.log(values[..., 0]), np.log(values[..., 2])
+        return np.stack([log11, log22, values[..., 1] * np.exp(-(log11 + log22) / 2)], axis=-1)
 
     def derivative(self, theta: ArrayLike) -> Array:
         """∂(k11, k12, k22)/∂θ, shape (..., 3, 3): stiffness down, coordinate across."""
         t = np.asarray(theta, dtype=float)
-        k11, k12, k22 = np.moveaxis(self.stiffness(t), -1, 0)
+        k11, k12, k22 = np.moveaxis(self.values(t), -1, 0)
         slope = np.zeros((*t.shape[:-1], 3, 3))
         slope[..., 0, 0], slope[..., 2, 1] = k11, k22
         slope[..., 1, 0] = slope[..., 1, 1] = k12 / 2

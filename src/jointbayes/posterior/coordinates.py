@@ -34,7 +34,7 @@ def coordinate_systems(problem: Problem) -> tuple[Coordinates, ...]:
         return (compliance, flat, ComposedCoordinates(*freed)) if freed else (compliance, flat)
 
     def log_frequency(theta: Array) -> Array:
-        k, factors = prior.stiffness(theta), prior.factors(theta)
+        k, factors = prior.values(theta), prior.factors(theta)
         frequency = problem.natural_frequencies_hz(k, errors.size, factors, of_model=True)
         return np.log(np.maximum(frequency, np.finfo(float).tiny))  # a free body has modes at 0 Hz
 
@@ -64,7 +64,7 @@ def judged_quantities(prior: JointPrior) -> Quantities:
         joint = prior.joint(theta)
         if not others:
             return joint
-        stiffness = prior.stiffness(theta)
+        stiffness = prior.values(theta)
         columns = [_logarithm(stiffness[..., i], signed=q.may_be_negative) for i, q in others]
         return np.concatenate([joint, np.stack(columns, axis=-1)], axis=-1)
 

@@ -88,7 +88,7 @@ class PosteriorDraws:
     def mode(self) -> dict[str, float]:
         """Joint posterior mode (of the density over θ) in physical units, by name."""
         prior = self.problem.prior
-        stiffness = dict(zip(self.stiffness_names, prior.stiffness(self.mode_theta).tolist(), strict=True))
+        stiffness = dict(zip(self.stiffness_names, prior.values(self.mode_theta).tolist(), strict=True))
         names = (n.name for n in prior.nuisances)
         return stiffness | dict(zip(names, prior.nuisance_values(self.mode_theta).tolist(), strict=True))
 
@@ -310,7 +310,7 @@ class PosteriorDraws:
         prior = self.problem.prior
         factors = prior.factors(theta)
         part = self.problem.part(setup)
-        return part.natural_frequencies_hz(prior.stiffness(theta), count, factors, of_model=of_model)
+        return part.natural_frequencies_hz(prior.values(theta), count, factors, of_model=of_model)
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""

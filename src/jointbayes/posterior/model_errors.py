@@ -171,7 +171,7 @@ def _after_a_climb(problem: Problem, theta: Array) -> Array:
 
 def _over_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:
     """Change of each stiffness over the draws' standard deviations, of logarithms where signs allow it."""
-    shifts, both = {}, problem.prior.stiffness([theta, other]).T
+    shifts, both = {}, problem.prior.values([theta, other]).T
     for quantity, (here, there), values in zip(problem.quantities, both, draws.T, strict=True):
         logarithmic = bool((values > 0).all()) and here > 0 and there > 0
         sd = float(np.log(values).std() if logarithmic else values.std())

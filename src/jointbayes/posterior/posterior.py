@@ -235,7 +235,7 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
             name,
             {
                 "unit": posterior.unit(name),
-                "map": float(posterior.estimate.stiffness[index]),
+                "map": float(posterior.estimate.values[index]),
                 "median": known.median,
                 "low95": known.interval95[0],
                 "high95": known.interval95[1],

@@ -94,7 +94,7 @@ def predict_frf(
     ModelError
         If a DOF does not exist.
     """
-    values = frfs_as_measured(problem, ports, quantity, problem.prior.stiffness(theta), problem.prior.factors(theta))
+    values = frfs_as_measured(problem, ports, quantity, problem.prior.values(theta), problem.prior.factors(theta))
     if problem.measured_bodies and not problem.ignores_noise_of_bodies:
         values += _errors_of_bodies(problem, ports, quantity, np.atleast_2d(np.asarray(theta, dtype=float)))
     tail = (1 - probability) / 2

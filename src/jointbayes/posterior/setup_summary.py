@@ -107,7 +107,7 @@ def _frequencies(
     return FrequencySummary(
         measured=tuple(measured) if measured else None,
         initial=at(initial),
-        map=at(problem.prior.stiffness(theta)),
+        map=at(problem.prior.values(theta)),
         interval95=tuple(map(tuple, ends.tolist())),
     )
 

@@ -158,7 +158,7 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     prior = problem.prior
     try:
         ports = Ports(lines, candidates, inputs)
-        frf = frfs_as_measured(part, ports, "receptance", prior.stiffness(theta), prior.factors(theta))
+        frf = frfs_as_measured(part, ports, "receptance", prior.values(theta), prior.factors(theta))
     except JointBayesError:  # a body given by its FRFs has them at its measured DOFs alone
         return ""
     frf = frf[..., 0] if isinstance(measured, FrfMeasurement) else np.diagonal(frf, axis1=2, axis2=3)

@@ -76,7 +76,7 @@ def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTre
 def _values(problem: Problem, theta: Array) -> Array:
     """Stiffnesses, and values of whatever else is uncertain, from θ of shape (chains, draws, d)."""
     prior = problem.prior
-    return np.concatenate([prior.stiffness(theta), prior.nuisance_values(theta)], axis=-1)
+    return np.concatenate([prior.values(theta), prior.nuisance_values(theta)], axis=-1)
 
 
 def value_units(problem: Problem) -> dict[str, str]:
@@ -195,7 +195,7 @@ def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
     """JSON-ready form of a MAP estimate."""
     return {
         "theta": estimate.theta.tolist(),
-        "stiffness": estimate.stiffness.tolist(),
+        "stiffness": estimate.values.tolist(),
         "covariance": estimate.covariance.tolist(),
         "log_posterior": estimate.log_posterior,
         "starts": [

@@ -289,7 +289,7 @@ def _stiffness(posterior: JudgedPosterior, index: int, name: str) -> StiffnessSu
     return StiffnessSummary(
         unit=posterior.unit(name),
         known=posterior.identifiability(name),
-        map=float(posterior.estimate.stiffness[index]),
+        map=float(posterior.estimate.values[index]),
         mode=posterior.mode[name],
         mean=float(values.mean()),
         prior_interval95=_interval95(posterior.prior_values(name)),

@@ -230,8 +230,8 @@ def with_wider_priors(
         Monte Carlo standard error of their quantile at a probability.
     """
     place = posterior.stiffness_names.index(name)
-    beyond = wide.prior.stiffness(wide.theta)[:, place]
-    wider = assess(beyond, wide.prior.stiffness(wide.prior_theta)[:, place])
+    beyond = wide.prior.values(wide.theta)[:, place]
+    wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
     if not wide.reliable:
         return _less_certain(
             known, "not identified", f"rests on the prior: the posterior with {_WIDER} could not be computed"

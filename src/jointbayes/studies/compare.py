@@ -172,7 +172,7 @@ def _candidate(case: Case, hypothesis: str, seed: int) -> Candidate:
         case.title,
         hypothesis,
         problem.names,
-        problem.prior.stiffness(mode),
+        problem.prior.values(mode),
         result,
         _piled_up(problem.prior, draws),
         loo,

@@ -103,7 +103,7 @@ def quantity_names(analysis: Problem, source: Problem) -> tuple[str, ...]:
 
 def _uncertain(problem: Problem) -> tuple[str, ...]:
     """Stiffnesses that the prior leaves open, other coordinates of the joint, and the nuisances."""
-    some = problem.prior.stiffness(problem.prior.sample(np.random.default_rng(0), 8))
+    some = problem.prior.values(problem.prior.sample(np.random.default_rng(0), 8))
     stiffnesses = [q.name for q, values in zip(problem.quantities, some.T, strict=True) if np.ptp(values) > 0]
     return (*stiffnesses, *(name for name in problem.names if name not in stiffnesses))
 
@@ -112,7 +112,7 @@ def _values(problem: Problem, theta: Array) -> dict[str, Array]:
     """Stiffnesses in their units, other coordinates and values of the nuisances, each (n,), at θ (n, d)."""
     prior = problem.prior
     coordinates = dict(zip(problem.parametrisation.names, prior.joint(theta).T, strict=True))
-    stiffnesses = dict(zip((q.name for q in problem.quantities), prior.stiffness(theta).T, strict=True))
+    stiffnesses = dict(zip((q.name for q in problem.quantities), prior.values(theta).T, strict=True))
     nuisances = dict(zip((n.name for n in prior.nuisances), prior.nuisance_values(theta).T, strict=True))
     return coordinates | stiffnesses | nuisances
 

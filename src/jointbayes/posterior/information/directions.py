@@ -265,7 +265,7 @@ class _Search:
             return np.eye(len(self.names))[self.names.index(quantity.name)]
         step = _STEP * np.eye(len(self.names))
         ends = np.concatenate([self._middle + step, self._middle - step])
-        up, down = np.split(np.log(np.abs(quantity.of(self._parametrisation.stiffness(ends)))), 2)
+        up, down = np.split(np.log(np.abs(quantity.of(self._parametrisation.values(ends)))), 2)
         return (up - down) / (2 * _STEP)
 
     def _share(self, quantity: Combination, axes: Array) -> float:

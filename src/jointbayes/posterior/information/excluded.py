@@ -123,7 +123,7 @@ def _log_likelihood(posterior: JudgedPosterior, theta: Array, put: dict[int, flo
     """ln L with these stiffnesses in place of those of θ, shape (n,), and the prior of uncertain quantities."""
     problem = posterior.problem
     prior = problem.prior
-    stiffness = prior.stiffness(theta)
+    stiffness = prior.values(theta)
     for column, value in put.items():
         stiffness[:, column] = value
     matrix = problem.parametrisation.matrix(stiffness)

@@ -118,7 +118,7 @@ class FisherInformation:
         """
         rows, own, covariance = self._rows(free), self.sd(free), self.covariance(free)
         theta = self.theta[: len(self.joint_names)]
-        stiffness, derivative = self.parametrisation.stiffness(theta), self.parametrisation.derivative(theta)
+        stiffness, derivative = self.parametrisation.values(theta), self.parametrisation.derivative(theta)
         out: dict[str, float] = {}
         for quantity, k, row in zip(self.parametrisation.quantities, stiffness, derivative, strict=True):
             if not row.any():

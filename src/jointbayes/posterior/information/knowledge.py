@@ -202,8 +202,8 @@ def _under_wider_priors(posterior: JudgedPosterior) -> tuple[Array, Array] | Non
     wide = posterior.widened
     if wide is None:
         return None
-    drawn = wide.prior.stiffness(wide.prior_theta)
-    return (wide.prior.stiffness(wide.theta) if wide.reliable else drawn), drawn
+    drawn = wide.prior.values(wide.prior_theta)
+    return (wide.prior.values(wide.theta) if wide.reliable else drawn), drawn
 
 
 def assumed_words(freed: Problem) -> tuple[str, ...]:

@@ -103,8 +103,8 @@ class LikelihoodRegion:
                 near = self._extremes(index, fall, near)
             far = self._extremes(index, fall_printed, near)
             is_open = [self._is_above(end, fall) for end in near]
-            low, high = np.where(is_open, math.nan, self._prior.stiffness(near)[:, index]).tolist()
-            low_printed, high_printed = self._prior.stiffness(far)[:, index].tolist()
+            low, high = np.where(is_open, math.nan, self._prior.values(near)[:, index]).tolist()
+            low_printed, high_printed = self._prior.values(far)[:, index].tolist()
             self._limits[key] = (low, high), (low_printed, high_printed)
         return self._limits[key]
 
@@ -125,7 +125,7 @@ class LikelihoodRegion:
         inside = self._draws[self._heights >= level]
         ends = []
         for sign, first in zip((-1.0, 1.0), near, strict=True):
-            farthest = inside[np.argsort(sign * self._prior.stiffness(inside)[:, index])]
+            farthest = inside[np.argsort(sign * self._prior.values(inside)[:, index])]
             starts = np.array([first, *farthest[-1:]])
             # at the end of a curved ridge it is far thinner, and elsewhere directed, than all draws are
             local = farthest[-max(_FAR_DRAWS * starts.shape[1], len(farthest) // 20) :]
@@ -133,7 +133,7 @@ class LikelihoodRegion:
             climbs = [self._climbed(start, index, level, sign, root) for start in starts for root in roots]
             reached = np.array([*starts, *climbs])
             allowed = reached[(self._height(reached) >= level - _SLACK) & self._prior.feasible(reached)]
-            ends.append(allowed[np.argmax(sign * self._prior.stiffness(allowed)[:, index])])
+            ends.append(allowed[np.argmax(sign * self._prior.values(allowed)[:, index])])
         return ends[0], ends[1]
 
     def _climbed(
@@ -146,7 +146,7 @@ class LikelihoodRegion:
         root = self._root if root is None else root
         size, margin = start.size, 2 * _STEP * self._prior.sd
         steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
-        drawn = np.ones(2) if index is None else self._prior.stiffness(self._draws)[:, index]
+        drawn = np.ones(2) if index is None else self._prior.values(self._draws)[:, index]
         measure = np.log if (drawn > 0).all() else np.asarray  # what of a quantity is sought: its logarithm, or itself
         spread = float(measure(drawn).std()) or 1.0
 
@@ -157,7 +157,7 @@ class LikelihoodRegion:
             theta = np.clip(theta, self._low - margin, self._high + margin)  # a step may lead to where no model is
             sought = heights = self._height(theta)
             if index is not None:
-                sought = sign * measure(self._prior.stiffness(theta)[:, index]) / spread + _HIGHER * heights
+                sought = sign * measure(self._prior.values(theta)[:, index]) / spread + _HIGHER * heights
             pair = np.stack([heights, sought])
             return pair[:, 0], (pair[:, 1 : size + 1] - pair[:, size + 1 :]) / (2 * _STEP)
 

@@ -147,7 +147,7 @@ def _row(
 
     wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
     known = {}
-    for quantity, values in zip(problem.quantities, problem.prior.stiffness(theta).T, strict=True):
+    for quantity, values in zip(problem.quantities, problem.prior.values(theta).T, strict=True):
         found = _judged(posterior, quantity.name, values, effective, wider)
         conditional = not posterior.check.explains and found.verdict != "not identified"
         known[quantity.name] = replace(found, unit=quantity.unit, if_model_right=conditional)

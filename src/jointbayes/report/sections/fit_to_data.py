@@ -103,7 +103,7 @@ def _frf_figures(posterior: Posterior, problem: Problem, diagnosis: Diagnosis) -
     theta, prior = posterior.estimate.theta, problem.prior
     # the first guess is one of the joint: all else is as at the MAP, so that the two curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * 2)
-    stiffness = np.array([problem.first_guess, prior.stiffness(theta)])
+    stiffness = np.array([problem.first_guess, prior.values(theta)])
     guess, best = frfs_as_measured(problem, ports, frf.quantity, stiffness, factors)
     label = "synthetic" if measurement.synthetic else "measured"
     for i, output in enumerate(frf.outputs):

@@ -86,7 +86,7 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
     count = min(count, problem.most_modes)
     if count < 1:  # a rigid joint would leave no mode
         return np.empty(0, dtype=np.intp), *np.empty((2, 0)), np.empty((0, 0))
-    k = problem.prior.stiffness(theta)
+    k = problem.prior.values(theta)
     steps = _STEP * np.eye(k.size)[_stiffnesses(problem)]
     joints = np.stack([k, problem.parametrisation.rigid, *(k * (1 + steps)), *(k * (1 - steps))])
     found = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))

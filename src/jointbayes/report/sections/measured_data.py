@@ -48,7 +48,7 @@ def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float
     if not problem.most_modes:
         return [float("nan")] * len(measured)
     count = min(problem.most_modes, 2 * len(measured) + 4)
-    predicted = problem.natural_frequencies_hz(problem.prior.stiffness(theta), count, problem.prior.factors(theta))[0]
+    predicted = problem.natural_frequencies_hz(problem.prior.values(theta), count, problem.prior.factors(theta))[0]
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 

@@ -141,7 +141,7 @@ def _quantities(draws: CampaignDraws, population: Population, rng: np.random.Gen
             name, unit = axis.name, axis.unit
         else:
             place = parametrisation.quantities.index(quantity)
-            values, logarithmic = np.log(parametrisation.stiffness(theta)[..., place]), True
+            values, logarithmic = np.log(parametrisation.values(theta)[..., place]), True
             name, unit = quantity.name, quantity.unit
         label = name if name == quantity.name else f"{name}, for {quantity.name}"
         out.append(_quantity((name, label, unit), values, logarithmic, draws, population, limit, rng))

@@ -328,7 +328,7 @@ def population_stiffness(
     found = []
     for mu, sigma in zip(population.mean[rows], population.scatter[rows], strict=True):
         theta = mu + sigma * z
-        k = parametrisation.stiffness(theta[parametrisation.feasible(theta)])
+        k = parametrisation.values(theta[parametrisation.feasible(theta)])
         if len(k) > 1:
             log = np.log(np.where(k > 0, k, 1.0))
             found.append((*np.quantile(k, [0.5, 0.025, 0.975], axis=0), log.std(axis=0), k.std(axis=0)))

@@ -210,7 +210,7 @@ class Simulator:
         return np.random.default_rng([self._seed, truth, *" + ".join(names).encode()])
 
     def _values(self, theta: Array) -> Array:
-        return self._problem.prior.stiffness(theta)[:, self._column]
+        return self._problem.prior.values(theta)[:, self._column]
 
 
 def _reweighted(density: WithFurther, draws: Array, first: WeightedDraws, count: int) -> WeightedDraws:
