@@ -309,7 +309,7 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         assert loaded.mode == posterior.mode
         assert loaded.mode_log_density == posterior.mode_log_density
         assert loaded.mode_theta.tobytes() == posterior.mode_theta.tobytes()
-        for field in ("theta", "stiffness", "covariance"):
+        for field in ("theta", "values", "covariance"):
             assert getattr(loaded.estimate, field).tobytes() == getattr(posterior.estimate, field).tobytes()
         assert loaded.estimate.log_posterior == posterior.estimate.log_posterior
         assert loaded.estimate.failed_starts == posterior.estimate.failed_starts
