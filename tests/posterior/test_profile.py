@@ -11,7 +11,7 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import Normal, Uniform
 from jointbayes.joint import LogStiffness, Parametrisation
 from jointbayes.posterior.information.fisher import fisher_information
-from jointbayes.posterior.information.profile import _in_few_rows, profile_likelihood
+from jointbayes.posterior.information.profile import _compress_rows, profile_likelihood
 from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
@@ -77,7 +77,7 @@ def test_few_rows_have_the_products_of_all_residuals(smallest):
     rng = np.random.default_rng(3)
     residual, jacobian = rng.normal(size=500), rng.normal(size=(500, 4)) * [1e3, 1.0, 1e-3, 0.0]
     jacobian[:, 1] = jacobian[:, 0] + smallest * jacobian[:, 1]
-    e, j = _in_few_rows(residual, jacobian)
+    e, j = _compress_rows(residual, jacobian)
     assert len(e) == 5
     np.testing.assert_allclose(e @ e, residual @ residual, rtol=1e-12)
     np.testing.assert_allclose(j.T @ e, jacobian.T @ residual, rtol=1e-9, atol=1e-12)

@@ -171,7 +171,7 @@ def nested_evidence(
     DOI 10.1093/mnras/staa278
     """
     if dimension == 0:
-        return _without_parameters(log_likelihood)
+        return _constant_evidence(log_likelihood)
     import dynesty
 
     def at(theta: Array) -> float:
@@ -237,17 +237,17 @@ def evidence(
     """
     prior = log_posterior.prior
     if not prior.names:
-        return _without_parameters(log_posterior)
+        return _constant_evidence(log_posterior)
     estimate = importance_evidence(log_posterior, fit_proposal(log_posterior, systems, starts, rng), rng, draws)
     if estimate.pareto_k <= PARETO_LIMIT and estimate.ess >= _LEAST_SHARE * draws:
         return estimate
 
     def log_likelihood(theta: Array) -> Array:
-        out = np.full(len(theta), -np.inf)
+        density = np.full(len(theta), -np.inf)
         inside = np.isfinite(prior.log_density(theta))
         if inside.any():
-            out[inside] = log_posterior.log_likelihood(theta[inside])
-        return out
+            density[inside] = log_posterior.log_likelihood(theta[inside])
+        return density
 
     if len(prior.names) <= MOST_DIMENSIONS:
         found = integrate(lambda u: log_likelihood(prior.transform(u)), len(prior.names))
@@ -259,5 +259,5 @@ def evidence(
     return nested_evidence(log_likelihood, prior.transform, len(prior.names), rng)
 
 
-def _without_parameters(log_density: LogDensity) -> Evidence:
+def _constant_evidence(log_density: LogDensity) -> Evidence:
     return Evidence(float(log_density(np.zeros((1, 0)))[0]), 0.0, -math.inf, "exact", 1, 1.0)

@@ -35,7 +35,7 @@ _MOST = 10_000
 _STRICT = ConfigDict(strict=True, extra="ignore")
 
 
-def _with_jointbayes(versions: dict[str, str]) -> dict[str, str]:
+def _require_jointbayes(versions: dict[str, str]) -> dict[str, str]:
     if "jointbayes" not in versions:
         raise ValueError("expected the version of jointbayes among them")
     return versions
@@ -83,7 +83,7 @@ class _Run(_Part):
     reason: Annotated[str, Field(max_length=10_000)]
     sampler: _Sampler
     r_hat: dict[Name, float]
-    versions: Annotated[dict[Name, Name], AfterValidator(_with_jointbayes)]
+    versions: Annotated[dict[Name, Name], AfterValidator(_require_jointbayes)]
 
 
 class _Mode(_Part):
@@ -195,7 +195,7 @@ class FileRecord(_Part):
 
     @property
     def stored_problem(self) -> Mapping[str, Any]:
-        """What `with_problem` gave."""
+        """What `add_problem` gave."""
         plain: Mapping[str, Any] = self._plain["problem"]
         return plain
 

@@ -130,26 +130,26 @@ class Identifiability:
         ends = list(zip(self.by_likelihood, self.likelihood95, strict=True))
         closed = [moved and not math.isnan(limit) for moved, limit in ends]
         reached = [moved and math.isnan(limit) for moved, limit in ends]
-        said = [
+        sentences = [
             f"{'both ends' if all(which) else 'lower end' if which[0] else 'upper end'} {words}"
             for which, words in ((closed, "by likelihood ratio"), (reached, "as far as the priors reach"))
             if any(which)
         ]
-        return f"({', '.join(said)}; 95 % credible interval {drawn})"
+        return f"({', '.join(sentences)}; 95 % credible interval {drawn})"
 
     @property
     def prior_volume(self) -> str:
         """Which ends draws and likelihood put apart by more than `VOLUME_SHARE` of the interval; empty where none."""
         measure = float if any(end <= 0 for end in (*self.interval95, *self.likelihood95)) else math.log
         low, high = map(measure, self.interval95)
-        said = []
+        sentences = []
         errors = (self.limit95_error,) * 2 if self.limit else self.interval95_error
         ends = zip(("lower", "upper"), self.printed95, self.drawn95, errors, self.likelihood95, strict=True)
         for side, printed, drawn, error, limit in ends:  # where the likelihood leaves an end open its limit is NaN
             if math.isfinite(printed) and not abs(measure(limit) - measure(drawn)) <= VOLUME_SHARE * (high - low):
                 alone = "none" if math.isnan(limit) else rounded(limit)
-                said.append(f"{side} end {rounded(drawn, error)} by the draws, {alone} by the likelihood alone")
-        return f"the prior's volume speaks: {', '.join(said)}" if said else ""
+                sentences.append(f"{side} end {rounded(drawn, error)} by the draws, {alone} by the likelihood alone")
+        return f"the prior's volume speaks: {', '.join(sentences)}" if sentences else ""
 
 
 def ratio_of(ends: tuple[float, float]) -> float:

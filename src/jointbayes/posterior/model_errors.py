@@ -132,8 +132,8 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     error_sd, error_of_peak = float(np.abs(here - there).max()), _error_of_peak(problem, reference, theta)
     exact_data = bool(np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)
     within = error_of_peak <= LARGEST_ERROR_OF_PEAK if exact_data else error_sd <= LARGEST_ERROR_SD
-    moved = _first_order(problem, reference, theta, covariance) if within else _after_a_climb(problem, theta)
-    shift_sd = _over_sd(problem, theta, theta - moved, draws)
+    moved = _first_order(problem, reference, theta, covariance) if within else _shift_by_climb(problem, theta)
+    shift_sd = _shift_in_sd(problem, theta, theta - moved, draws)
     size = elements.kind, elements.elements, elements.order
     return MeshCheck(*size, error_sd, error_of_peak, shift_sd, exact_data, within)
 
@@ -162,14 +162,14 @@ def _first_order(problem: Problem, reference: Problem, theta: Array, covariance:
     return covariance @ (jacobian.T @ (exact - residual))
 
 
-def _after_a_climb(problem: Problem, theta: Array) -> Array:
+def _shift_by_climb(problem: Problem, theta: Array) -> Array:
     """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
     richer = problem.with_reference(solved=False)
     mode, _ = refine(richer.log_posterior, theta)
     return theta - mode
 
 
-def _over_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:
+def _shift_in_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:
     """Change of each stiffness over the draws' standard deviations, of logarithms where signs allow it."""
     shifts, both = {}, problem.prior.values([theta, other]).T
     for quantity, (here, there), values in zip(problem.quantities, both, draws.T, strict=True):
@@ -251,10 +251,10 @@ class NoiseOfBodies:
                 "doubtful; leave these lines out, or measure the body with more averages."
             )
         for name in self.not_reciprocal:
-            found = self.discrepancy[self.bodies.index(name)]
+            discrepancy = self.discrepancy[self.bodies.index(name)]
             words.append(
-                f"FRFs of {name} differ by {found:.3g} times what their noise allows (mean square) when force and "
-                "response change places: its noise is understated, or it is not linear."
+                f"FRFs of {name} differ by {discrepancy:.3g} times what their noise allows (mean square) when force "
+                "and response change places: its noise is understated, or it is not linear."
             )
         return " ".join(words)
 
@@ -268,15 +268,15 @@ def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
 
     Of several set-ups the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
     """
-    found = [one for part in problem.parts if (one := _of_setup(part, theta)) is not None]
-    return max(found, key=_badness, default=None)
+    noise_by_setup = [one for part in problem.parts if (one := _noise_in_setup(part, theta)) is not None]
+    return max(noise_by_setup, key=_badness, default=None)
 
 
 def _badness(found: NoiseOfBodies) -> tuple[bool, bool, float, float]:
     return found.ignored, bool(found.not_reciprocal), found.doubtful_lines / found.lines, found.share
 
 
-def _of_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
+def _noise_in_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     bodies, measurement = problem.measured_bodies, problem.measurement
     if not bodies or not isinstance(measurement, FrfMeasurement):
         return None
@@ -288,12 +288,12 @@ def _of_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     roots = propagation.roots(matrix, problem.structural(factors))[0]
     level = problem.gain(factors)[0] * np.abs(quantity_factor(frf.frequency_hz, frf.quantity))[:, None]
     added = (np.abs(roots) ** 2).sum(axis=-1) * level**2
-    own = measurement.variance.reshape(added.shape)
+    measured_variance = measurement.variance.reshape(added.shape)
     sd = propagation.relative_sd(matrix, problem.structural(factors))[0]
     return NoiseOfBodies(
         tuple(body.name for body in bodies),
         problem.ignores_noise_of_bodies,
-        float(np.median(added / (own + added))),
+        float(np.median(added / (measured_variance + added))),
         float(sd.max()),
         float(frf.frequency_hz[int(sd.argmax())]),
         int((sd > DOUBTFUL).sum()),

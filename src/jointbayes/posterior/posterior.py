@@ -15,7 +15,7 @@ from jointbayes.inference.setup import own_name
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, write_tree
-from jointbayes.posterior.stored_problem import with_problem
+from jointbayes.posterior.stored_problem import add_problem
 from jointbayes.posterior.summary import Summary, summarise
 from jointbayes.posterior.verdicts import JudgedPosterior, reasons_for_no_verdict
 from jointbayes.reproducibility import one_blas_thread
@@ -104,10 +104,10 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
     if not 0 < probability < 1:
         raise ModelError(f"curve: found probability {probability:g}; expected a number between 0 and 1; correct it")
     problem = posterior.problem
-    known = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
-    setups = _with_levels(problem.setups)
-    found = [(one, own_name(one.name, name, known)) for one in setups]
-    named = [(one, own) for one, own in found if own is not None]
+    names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
+    setups = _sorted_by_level(problem.setups)
+    own_names = [(one, own_name(one.name, name, names)) for one in setups]
+    named = [(one, own) for one, own in own_names if own is not None]
     levels = {_value(one) for one, _ in named}
     if len(levels) < 2 or not any(own != name for _, own in named):
         what = (
@@ -188,13 +188,13 @@ def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
     """The curve of every quantity of the joints that set-ups with levels have for themselves."""
     levels: dict[str, set[float]] = {}
     for name in posterior.stiffness_names:
-        for one in _with_levels(posterior.problem.setups):
+        for one in _sorted_by_level(posterior.problem.setups):
             if name.startswith(f"{one.name}."):
                 levels.setdefault(name.removeprefix(f"{one.name}."), set()).add(_value(one))
     return tuple(curve_of(posterior, name) for name, found in levels.items() if len(found) > 1)
 
 
-def _with_levels(setups: Sequence[Setup]) -> list[Setup]:
+def _sorted_by_level(setups: Sequence[Setup]) -> list[Setup]:
     return sorted((one for one in setups if one.level is not None), key=_value)
 
 
@@ -231,7 +231,7 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
     }
     for index, name in enumerate(posterior.stiffness_names):
         known = posterior.identifiability(name)
-        row |= _of_quantity(
+        row |= _quantity_columns(
             name,
             {
                 "unit": posterior.unit(name),
@@ -250,7 +250,7 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
         values = posterior.values(nuisance.name)
         low, median, high = np.quantile(values, [0.025, 0.5, 0.975]).tolist()
         sd, prior_sd = (float(nuisance.coordinate(v).std()) for v in (values, posterior.prior_values(nuisance.name)))
-        row |= _of_quantity(
+        row |= _quantity_columns(
             nuisance.name,
             {
                 "unit": nuisance.unit,
@@ -266,7 +266,7 @@ def brief(posterior: JudgedPosterior) -> dict[str, Cell]:
     return row
 
 
-def _of_quantity(name: str, cells: Mapping[str, Cell]) -> dict[str, Cell]:
+def _quantity_columns(name: str, cells: Mapping[str, Cell]) -> dict[str, Cell]:
     """Columns of one quantity; a number that is not finite is none."""
     return {
         f"{name}.{column}": None if isinstance(value, float) and not np.isfinite(value) else value
@@ -359,7 +359,7 @@ class Posterior(JudgedPosterior):
             "knowledge": self.kept_knowledge if knowledge is None else knowledge.kept(),
             "of_case_text": self.case is not None and self.case.stated is self.problem,
         }
-        tree, record["problem"] = with_problem(self.tree, self.problem)
+        tree, record["problem"] = add_problem(self.tree, self.problem)
         if self.problem.prior.marginals:
             before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
             groups = {name: node.to_dataset() for name, node in tree.children.items()}

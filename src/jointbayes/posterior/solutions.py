@@ -123,15 +123,15 @@ class Solutions:
         """Every mode that has draws, where there are several."""
         names = [*self._posterior.stiffness_names, *(n.name for n in self._posterior.problem.prior.nuisances)]
         modes = np.flatnonzero(self.shares).tolist() if len(self.shares) > 1 else []
-        found = []
+        summaries = []
         for mode in modes:
             values = {}
             for name in names:
                 median, low, high = np.quantile(self._draws(name, [mode]), [0.5, *INTERVAL]).tolist()
                 values[name] = {"median": median, "interval95": (low, high)}
             height = self._posterior.estimate.modes[mode].log_posterior
-            found.append(ModeSummary(float(self.shares[mode]), height, values))
-        return tuple(found)
+            summaries.append(ModeSummary(float(self.shares[mode]), height, values))
+        return tuple(summaries)
 
 
 def further_measurement(problem: Problem, theta: Array) -> str:

@@ -158,8 +158,8 @@ def _modes_dataset(measured: ModeMeasurement) -> xr.Dataset:
     for name, part, dims, units in named:
         if part is not None:
             # each quantity may have been observed in another number of repetitions
-            own = tuple(f"{name}_{dim}" if dim == "repetition" else dim for dim in dims)
-            variables |= {name: (own, part.values, {"units": units}), f"{name}_sd": (own, part.sd, {"units": units})}
+            axes = tuple(f"{name}_{dim}" if dim == "repetition" else dim for dim in dims)
+            variables |= {name: (axes, part.values, {"units": units}), f"{name}_sd": (axes, part.sd, {"units": units})}
     attrs = {"match": measured.match, "eigenvalues": int(measured.eigenvalues)}
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 

@@ -88,12 +88,12 @@ class StoredFile:
         MeasurementError
             If there is none, or it has not so many dimensions.
         """
-        found = self.array(group, name)
-        if found.dtype.kind not in "iuf" or not np.isfinite(found).all():
+        values = self.array(group, name)
+        if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
             raise self._fault(f"{group}/{name}: found what is no finite number; expected such")
-        if dimensions is not None and found.ndim != dimensions:
-            raise self._fault(f"{group}/{name}: found shape {found.shape}; expected {dimensions} dimensions")
-        return found.astype(np.float64, copy=False)
+        if dimensions is not None and values.ndim != dimensions:
+            raise self._fault(f"{group}/{name}: found shape {values.shape}; expected {dimensions} dimensions")
+        return values.astype(np.float64, copy=False)
 
     def array(self, group: str, name: str) -> NDArray[Any]:
         """An array of a group.
@@ -103,10 +103,10 @@ class StoredFile:
         MeasurementError
             If there is none.
         """
-        found = self.groups.get(group, {}).get(name)
-        if found is None:
+        values = self.groups.get(group, {}).get(name)
+        if values is None:
             raise self._fault(f"found no variable {group}/{name}; {_EXPECTED}")
-        return found
+        return values
 
     def problem_array(self, name: str) -> NDArray[Any]:
         """An array of the stored problem, of real or complex numbers.
@@ -121,10 +121,10 @@ class StoredFile:
         return self._complex(PROBLEM_GROUP, name)
 
     def _any_numbers(self, group: str, name: str) -> NDArray[Any]:
-        found = self.array(group, name)
-        if found.dtype.kind not in "iufb":
+        values = self.array(group, name)
+        if values.dtype.kind not in "iufb":
             raise self._fault(f"{group}/{name}: found what is no number; expected numbers")
-        return found
+        return values
 
     def _complex(self, group: str, name: str) -> NDArray[np.complex128]:
         real, imaginary = (self._any_numbers(group, f"{name}_{part}") for part in ("real", "imag"))
@@ -222,10 +222,10 @@ def one_line_of(where: str) -> Iterator[None]:
             raise
         raise MeasurementError(f"{where}: found a problem in it that is none: {error}") from error
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        said = " ".join(str(error).split())[:120]
+        reason = " ".join(str(error).split())[:120]
         raise MeasurementError(
-            f"{where}: found a problem in it that cannot be evaluated ({type(error).__name__}: {said}); expected that "
-            "of its draws; sample again, or take another copy of the file"
+            f"{where}: found a problem in it that cannot be evaluated ({type(error).__name__}: {reason}); expected "
+            "that of its draws; sample again, or take another copy of the file"
         ) from error
 
 

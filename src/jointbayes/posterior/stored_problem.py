@@ -26,7 +26,7 @@ _ROOMS = ("structure", "joint", "frf", "measurement", "inference")
 _SHOWN = 60  # characters of a wrong value in a message
 
 
-def with_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict[str, Any]]:
+def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict[str, Any]]:
     """The groups of a posterior with one more for the arrays of its problem, and the problem's description.
 
     What is no part of this package, a distribution or a function of one's own, is only named in the description: it
@@ -54,12 +54,12 @@ def described(problem: Problem) -> dict[str, Any]:
 
 
 def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any], where: str) -> Problem:
-    """The problem from what `with_problem` made of it.
+    """The problem from what `add_problem` made of it.
 
     Parameters
     ----------
     array
-        Gives an array of the group that `with_problem` added.
+        Gives an array of the group that `add_problem` added.
     record
         The description.
     where
@@ -138,7 +138,7 @@ class _Description:
             return {"mapping": [[key, self._taken(one, f"{place}[{key}]")] for key, one in value.items()]}
         if isinstance(value, Provenance):
             return {"provenance": value.as_json()}
-        if _of_scipy(value):
+        if _is_scipy_distribution(value):
             given = [self._taken(part, place) for part in (value.args, value.kwds)]
             return {"scipy.stats": value.dist.name, "args": given[0], "kwds": given[1]}
         kind = type(value).__name__
@@ -167,7 +167,7 @@ class _Restoring:
         if not isinstance(plain, dict):
             return plain
         if "kind" in plain:
-            return self._of_kind(plain, place)
+            return self._instance(plain, place)
         if "array" in plain:
             return self.array(str(plain["array"]))
         if "provenance" in plain:
@@ -178,7 +178,7 @@ class _Restoring:
             return self._distribution(plain, place)
         raise self._fault(place, f"a table of {', '.join(map(str, plain)) or 'nothing'}", "a part of a problem")
 
-    def _of_kind(self, plain: Mapping[str, Any], place: str) -> Any:  # noqa: ANN401
+    def _instance(self, plain: Mapping[str, Any], place: str) -> Any:  # noqa: ANN401
         kind = _public_class(str(plain["kind"]))
         if kind is None:
             raise ModelError(
@@ -243,7 +243,7 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401
     return True
 
 
-def _of_scipy(value: object) -> bool:
+def _is_scipy_distribution(value: object) -> bool:
     """Whether it is a frozen distribution that scipy.stats itself makes, and can make again."""
     law = getattr(value, "dist", None)
     if law is None or not (hasattr(value, "args") and hasattr(value, "kwds")):
@@ -283,13 +283,13 @@ def fault_in_record(error: ValidationError) -> str:
     """The first fault: where, what was found, what is expected."""
     first = error.errors(include_url=False)[0]
     place = ".".join(map(str, first["loc"])) or "record"
-    found = repr(first["input"])
-    found = "nothing" if first["type"] == "missing" else found if len(found) <= _SHOWN else f"{found[:_SHOWN]}…"
+    shown = repr(first["input"])
+    shown = "nothing" if first["type"] == "missing" else shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}…"
     more = f" ({error.error_count()} faults in all)" if error.error_count() > 1 else ""
-    return f"record, {place}: found {found}; {_expected(first['msg'])}{more}; {REMEDY}"
+    return f"record, {place}: found {shown}; {_expected(first['msg'])}{more}; {REMEDY}"
 
 
 def _expected(message: str) -> str:
     """What pydantic wants, in the words of other messages."""
-    said = message.removeprefix("Value error, ")
-    return said if said.startswith("expected") else f"expected another value: {said[:1].lower()}{said[1:]}"
+    wanted = message.removeprefix("Value error, ")
+    return wanted if wanted.startswith("expected") else f"expected another value: {wanted[:1].lower()}{wanted[1:]}"

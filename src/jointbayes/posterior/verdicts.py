@@ -133,13 +133,13 @@ def judge_stiffness(posterior: JudgedPosterior, name: str) -> Identifiability:
         return replace(known, verdict="no verdict", verdict_reason="; ".join(reasons))
     if solutions := posterior.solutions.reason(name):
         known = replace(known, verdict="not identified", verdict_reason=solutions)
-        return _with_likelihood(posterior, name, known) if name in posterior.stiffness_names else known
+        return _judge_by_likelihood(posterior, name, known) if name in posterior.stiffness_names else known
     if name in posterior.stiffness_names:
         if posterior.widened is not None:
             known = with_wider_priors(
                 posterior, posterior.widened, name, known, posterior.values(name), partial(quantile_error, draws)
             )
-        known = _with_likelihood(posterior, name, known)
+        known = _judge_by_likelihood(posterior, name, known)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow:
         known = replace(known, verdict_reason=f"{known.verdict_reason}; {narrow}")
@@ -286,7 +286,7 @@ def _bounded(
     return replace(known, limit95=limit, limit95_error=error(_LIMIT[side]))
 
 
-def _with_likelihood(posterior: JudgedPosterior, name: str, known: Identifiability) -> Identifiability:
+def _judge_by_likelihood(posterior: JudgedPosterior, name: str, known: Identifiability) -> Identifiability:
     """With what is printed: at each end the more cautious of what the draws and what the likelihood say."""
     if known.verdict == "identified" or len(posterior.problem.names) > MOST_UNKNOWNS:
         return known
@@ -301,7 +301,7 @@ def _with_likelihood(posterior: JudgedPosterior, name: str, known: Identifiabili
         if excluded < LEAST_EXCLUDED:
             reason = f"{known.verdict_reason}, and by likelihood the data exclude {100 * excluded:.0f} % of the prior"
             known = replace(known, verdict="not identified", verdict_reason=reason, limit95=math.nan)
-            return _with_likelihood(posterior, name, known)
+            return _judge_by_likelihood(posterior, name, known)
     elif known.verdict_reason == verdict_by_rule(known.ratio, known.contraction)[1]:
         _, reason = verdict_by_rule(known.ratio, known.contraction, ratio_of((low, high)))
         known = replace(known, verdict_reason=reason)

@@ -101,9 +101,9 @@ def replicated_portmanteau(lines: int, pairs: int, parts: int, rng: np.random.Ge
     length = min(lines, max(_LONG // pairs, 10 * LAGS))
     count = int(np.clip(_VALUES // (length * pairs * parts), _FEWEST, _MOST))
     block = max(1, 100_000 // (length * pairs))
-    out = []
+    statistics = []
     for start in range(0, count, block):
         shape = (min(block, count - start), length, pairs * parts)
         white = rng.standard_normal(shape)
-        out.append(portmanteau(white.view(np.complex128) if parts == 2 else white, parts)[0])
-    return np.concatenate(out)
+        statistics.append(portmanteau(white.view(np.complex128) if parts == 2 else white, parts)[0])
+    return np.concatenate(statistics)

@@ -72,9 +72,11 @@ class WidenedPosterior:
 
 def with_prior(problem: Problem, prior: JointPrior) -> Problem:
     """The problem under another prior; its likelihood is not built anew."""
-    out = dataclasses.replace(problem, prior=prior)
-    out.__dict__["log_posterior"] = LogPosterior(prior, problem.log_posterior.likelihood, problem.extra_log_likelihood)
-    return out
+    other = dataclasses.replace(problem, prior=prior)
+    other.__dict__["log_posterior"] = LogPosterior(
+        prior, problem.log_posterior.likelihood, problem.extra_log_likelihood
+    )
+    return other
 
 
 def widened_prior(prior: JointPrior) -> JointPrior:

@@ -96,8 +96,8 @@ def svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
         draw(canvas)
         for axis in (axis for axes in canvas.axes for axis in (axes.xaxis, axes.yaxis)):
             if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
-                axis.set_major_formatter(_in_characters(axis.get_major_formatter()))
-                axis.set_minor_formatter(_in_characters(axis.get_minor_formatter()))
+                axis.set_major_formatter(_character_formatter(axis.get_major_formatter()))
+                axis.set_minor_formatter(_character_formatter(axis.get_minor_formatter()))
         for text in canvas.findobj(Text):
             text.set_text(clean(text.get_text()))  # else a control character in a label breaks the drawing
         buffer = io.StringIO()
@@ -108,7 +108,7 @@ def svg(draw: Callable[[Canvas], None], width: float, height: float) -> str:
     return _BEYOND_HUNDREDTHS.sub("", clean(buffer.getvalue()))
 
 
-def _in_characters(formatter: Any) -> Formatter:  # noqa: ANN401 (matplotlib is untyped here)
+def _character_formatter(formatter: Any) -> Formatter:  # noqa: ANN401 (matplotlib is untyped here)
     """A formatter whose formulas, powers of ten, are written in characters."""
     if not isinstance(formatter, LogFormatterSciNotation):
         return formatter

@@ -47,13 +47,13 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
         lead=lead(inputs),
-        sections=(*_of_data(inputs), *_written(SECTIONS, inputs)),
+        sections=(*_data_sections(inputs), *_written(SECTIONS, inputs)),
         date=date,
         version=inputs.posterior.record.versions["jointbayes"],
     )
 
 
-def _of_data(inputs: ReportInputs) -> list[Section]:
+def _data_sections(inputs: ReportInputs) -> list[Section]:
     """The sections on the data; of several set-ups a table of all, and one section for each."""
     if len(inputs.setups) == 1:
         return _written(SECTIONS_OF_DATA, inputs.setups[0])

@@ -285,10 +285,10 @@ def parse(text: str) -> tuple[Run, ...]:
         runs += _code_runs(text[match.start(1) : match.end(1)], bold=True)
         end = match.end()
     runs += _code_runs(text[end:], bold=False)
-    return tuple(replace(run, text=_with_words(run, words)) for run in runs)
+    return tuple(replace(run, text=_restore_words(run, words)) for run in runs)
 
 
-def _with_words(run: Run, words: Iterator[str]) -> str:
+def _restore_words(run: Run, words: Iterator[str]) -> str:
     """The text of a run with the foreign words that its places stand for."""
     typeset = str if run.code else format_numbers
     return re.sub(_PLACE, lambda _: f"{_OPEN}{typeset(next(words))}{_CLOSE}", run.text)

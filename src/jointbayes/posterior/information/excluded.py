@@ -85,13 +85,13 @@ def simpler_joints(posterior: JudgedPosterior) -> tuple[SimplerJoint, ...]:
     modes = [posterior.estimate.theta, posterior.mode_theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
     theta = np.vstack([*modes, posterior.thinned(_TRIED)])
     for joint in known_by_bounds(posterior):
-        own = [i for i, q in enumerate(problem.quantities) if q.name.rpartition(".")[0] == joint]
-        couplings = [i for i in own if problem.quantities[i].may_be_negative]
-        springs = [i for i in own if i not in couplings]
+        rows = [i for i, q in enumerate(problem.quantities) if q.name.rpartition(".")[0] == joint]
+        couplings = [i for i in rows if problem.quantities[i].may_be_negative]
+        springs = [i for i in rows if i not in couplings]
         best = float(_log_likelihood(posterior, theta, {}).max())
         values: list[tuple[Literal["rigid", "absent", "uncoupled"], dict[int, float]]] = [
             ("rigid", dict.fromkeys(springs, RIGID) | dict.fromkeys(couplings, 0.0)),
-            ("absent", dict.fromkeys(own, 0.0)),
+            ("absent", dict.fromkeys(rows, 0.0)),
         ]
         values += [("uncoupled", dict.fromkeys(couplings, 0.0))] if couplings else []
         for kind, put in values:

@@ -119,12 +119,12 @@ class FisherInformation:
         rows, own, covariance = self._rows(free), self.sd(free), self.covariance(free)
         theta = self.theta[: len(self.joint_names)]
         stiffness, derivative = self.parametrisation.values(theta), self.parametrisation.derivative(theta)
-        out: dict[str, float] = {}
+        sd_by_name: dict[str, float] = {}
         for quantity, k, row in zip(self.parametrisation.quantities, stiffness, derivative, strict=True):
             if not row.any():
                 continue
             if quantity.name in self.joint_names:
-                out[quantity.name] = own.get(quantity.name, 0.0)
+                sd_by_name[quantity.name] = own.get(quantity.name, 0.0)
                 continue
             with np.errstate(divide="ignore", invalid="ignore"):
                 slope = np.array([row[i] / k if i < row.size else 0.0 for i in rows])  # ∂ ln |k|/∂θ
@@ -132,8 +132,8 @@ class FisherInformation:
             undetermined = any(np.isinf(own[self.names[rows[i]]]) for i in np.flatnonzero(moved))
             variance = slope[moved] @ covariance[np.ix_(moved, moved)] @ slope[moved]
             known = not undetermined and np.isfinite(slope).all()
-            out[quantity.name] = float(np.sqrt(variance)) if known else float("inf")
-        return out
+            sd_by_name[quantity.name] = float(np.sqrt(variance)) if known else float("inf")
+        return sd_by_name
 
     def _rows(self, free: Sequence[str] | None) -> list[int]:
         if free is None:

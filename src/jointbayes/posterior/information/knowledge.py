@@ -81,10 +81,10 @@ class Knowledge:
             return ""
         best = next((f"{d.sentence} ({d.value})" for d in self.directions if d.verdict in CERTAINTY), "")
         known = f"Best known{self._condition and ', on the same condition'}: {best}."
-        said = f"{exclusion_sentence(self.simpler)}{f' {known}' if best else ''}"
+        text = f"{exclusion_sentence(self.simpler)}{f' {known}' if best else ''}"
         if self._condition:
-            said = f"With {self._condition}: {said[0].lower()}{said[1:]}"
-        return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
+            text = f"With {self._condition}: {text[0].lower()}{text[1:]}"
+        return text if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
 
     @property
     def _condition(self) -> str:
@@ -99,20 +99,20 @@ class Knowledge:
     @property
     def directions_sentence(self) -> str:
         """Which combinations are known, in one sentence; conditional as the verdicts are."""
-        said = summary_sentence(self.directions)
+        text = summary_sentence(self.directions)
         if self._condition:
-            said = f"With {self._condition}: {said}"
-        return said if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {said[0].lower()}{said[1:]}"
+            text = f"With {self._condition}: {text}"
+        return text if self.check.explains else f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
 
     @property
     def freed_sentence(self) -> str:
         """What the verdicts rest on, in one sentence."""
         if not self.freed:
             return ""
-        said = effect_sentence(self.freed)
-        if self.check.explains or said.startswith("Whether"):
-            return said
-        return f"{IF_MODEL_RIGHT.capitalize()}, {said[0].lower()}{said[1:]}"
+        text = effect_sentence(self.freed)
+        if self.check.explains or text.startswith("Whether"):
+            return text
+        return f"{IF_MODEL_RIGHT.capitalize()}, {text[0].lower()}{text[1:]}"
 
     def as_json(self) -> dict[str, Any]:
         """What ``identifiability`` of ``summary.json`` holds."""
@@ -175,7 +175,7 @@ def gather_knowledge(posterior: JudgedPosterior, freed: Problem | None = None) -
             posterior.stiffness,
             posterior.prior_stiffness,
             known,
-            _under_wider_priors(posterior),
+            _wider_prior_draws(posterior),
             problem.parametrisation,
         ),
         tuple(map(_profile_from, kept["profiles"])) if kept else _profiles(problem, posterior),
@@ -189,12 +189,12 @@ def _assumed(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
     """The words of `assumed_words` for what is uncertain in `freed` alone."""
     if freed is None:
         return ()
-    own = uncertain_quantities(problem)
+    already_uncertain = uncertain_quantities(problem)
     words = zip(uncertain_quantities(freed), assumed_words(freed), strict=True)
-    return tuple(word for name, word in words if name not in own)
+    return tuple(word for name, word in words if name not in already_uncertain)
 
 
-def _under_wider_priors(posterior: JudgedPosterior) -> tuple[Array, Array] | None:
+def _wider_prior_draws(posterior: JudgedPosterior) -> tuple[Array, Array] | None:
     """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
 
     Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
@@ -233,12 +233,12 @@ def _profiles(problem: Problem, posterior: JudgedPosterior) -> tuple[ProfileLike
         except ModelError:
             continue  # no residual depends on it: its prior is all there is, and the verdict says so
         if name in posterior.stiffness_names and len(problem.names) <= MOST_UNKNOWNS:
-            profile = _with_limits(profile, posterior)
+            profile = _replace_limits(profile, posterior)
         profiles.append(profile)
     return tuple(profiles)
 
 
-def _with_limits(profile: ProfileLikelihood, posterior: JudgedPosterior) -> ProfileLikelihood:
+def _replace_limits(profile: ProfileLikelihood, posterior: JudgedPosterior) -> ProfileLikelihood:
     """A profile of a stiffness with the limits that its verdict has, which know of every mode."""
     index = posterior.stiffness_names.index(profile.name)
     limits, _ = posterior.likelihood_region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)

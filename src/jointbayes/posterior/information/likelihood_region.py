@@ -178,10 +178,10 @@ class LikelihoodRegion:
         def slope(u: Array) -> Array:
             return -both(u.tobytes())[1][1]
 
-        found = optimize.minimize(
+        climb = optimize.minimize(
             loss, np.zeros(size), jac=slope, method="SLSQP", constraints=constraints, options={"ftol": 1e-8}
         )
-        return np.clip(start + root @ found.x, self._low, self._high)
+        return np.clip(start + root @ climb.x, self._low, self._high)
 
 
 def _root(theta: Array) -> Array:

@@ -142,7 +142,7 @@ def _side(
     while theta[climb.at] != edge:
         value = theta[climb.at] + step
         value = min(value, edge) if step > 0 else max(value, edge)
-        there, there_cost = climb.at_value(value, theta)
+        there, there_cost = climb.maximum_at(value, theta)
         if not np.isfinite(there_cost):  # no positive definite joint so far out: its edge ends the prior's support
             step /= 4
             if abs(step) < 1e-3 * smallest:
@@ -164,14 +164,14 @@ def _crossing(climb: "_Climb", inside: Array, outside: Array, limit: float) -> t
     """Point at which the cost equals the limit, between one below and one above it."""
 
     def excess(value: float) -> float:
-        return climb.at_value(value, inside)[1] - limit
+        return climb.maximum_at(value, inside)[1] - limit
 
     low, high = sorted((float(inside[climb.at]), float(outside[climb.at])))
     end = optimize.brentq(excess, low, high, xtol=1e-3 * (high - low), rtol=1e-10)
-    return climb.at_value(float(end), inside)
+    return climb.maximum_at(float(end), inside)
 
 
-def _in_few_rows(residual: Array, jacobian: Array) -> tuple[Array, Array]:
+def _compress_rows(residual: Array, jacobian: Array) -> tuple[Array, Array]:
     """Residuals (k,) and Jacobian (k, d), k ≤ d + 1, with the eᵀe, Jᵀe and JᵀJ of residuals (m,) and Jacobian (m, d).
 
     That is all that least squares see of them: lines by the ten thousand are summed up once.
@@ -217,7 +217,7 @@ class _Climb:
         """Residuals of the data, in few rows, and of the nuisances' priors, with their Jacobian; the last is kept."""
         key = theta.tobytes()
         if self._last is None or self._last[0] != key:
-            data, slope = _in_few_rows(*self._log_posterior.data_residuals(theta))
+            data, slope = _compress_rows(*self._log_posterior.data_residuals(theta))
             rest = self._weight * (theta[self._joint :] - self._mean)
             self._last = key, np.append(data, rest), np.concatenate([slope, self._rest])
         return self._last[1], self._last[2]
@@ -236,7 +236,7 @@ class _Climb:
         variance = np.diag(inverse_information(used.T @ used))[int(self._moved[: self.at].sum())]
         return float(min(np.sqrt(variance) / 2, (self.high[self.at] - self.low[self.at]) / 10))
 
-    def at_value(self, value: float, near: Array) -> tuple[Array, float]:
+    def maximum_at(self, value: float, near: Array) -> tuple[Array, float]:
         """Greatest likelihood with the coordinate at `value`, from a solution near it: θ (d,) and eᵀe/2."""
         others = self._moved.copy()
         others[self.at] = False
@@ -260,16 +260,16 @@ class _Climb:
 
     def _pulled_inside(self, theta: Array) -> Array:
         """The point with the joint's other logarithms moved into its cones, within the prior's support."""
-        out = theta.copy()
-        outside = [] if self._possible(out) else [c for c in self._cones if c.normal(out.size) @ out >= 0]
+        inside = theta.copy()
+        outside = [] if self._possible(inside) else [c for c in self._cones if c.normal(inside.size) @ inside >= 0]
         for cone in outside:
-            excess = 2 * out[cone.coupling] - out[cone.first] - out[cone.last] + 0.1
+            excess = 2 * inside[cone.coupling] - inside[cone.first] - inside[cone.last] + 0.1
             for i, slope in ((cone.coupling, 2.0), (cone.first, -1.0), (cone.last, -1.0)):
                 if i != self.at:
-                    moved = float(np.clip(out[i] - excess / slope, self.low[i], self.high[i]))
-                    excess += slope * (moved - out[i])
-                    out[i] = moved
-        return out
+                    moved = float(np.clip(inside[i] - excess / slope, self.low[i], self.high[i]))
+                    excess += slope * (moved - inside[i])
+                    inside[i] = moved
+        return inside
 
     def _solve(self, start: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
         full = start.copy()
@@ -296,9 +296,9 @@ class _Climb:
             x_scale=scale, xtol=1e-8, ftol=max(_ACCURACY / cost, 1e-14), gtol=1e-8, max_nfev=60,
         )  # fmt: skip
         best, cost = whole(fit.x).copy(), float(fit.cost)
-        return self._along_edge(best, cost, free, scale)
+        return self._climb_edge(best, cost, free, scale)
 
-    def _along_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
+    def _climb_edge(self, theta: Array, cost: float, free: NDArray[np.bool_], scale: Array) -> tuple[Array, float]:
         """Climb on along the edge of positive definite joints, where least squares, which knows boxes only, stops."""
         normals = [cone.normal(theta.size) for cone in self._cones]
         edges = np.array([normal for normal in normals if normal @ theta >= -0.01])

@@ -116,19 +116,19 @@ def effect_of_uncertain_inputs(
         Empty where there is nothing to free, where the run allows no verdict, and where the natural frequencies
         themselves are uncertain: they are one quantity for each mode.
     """
-    own = uncertain_quantities(posterior.problem)
+    present = uncertain_quantities(posterior.problem)
     more = () if freed is None else uncertain_quantities(freed)
-    problem = freed if freed is not None and set(more) > set(own) else posterior.problem
+    problem = freed if freed is not None and set(more) > set(present) else posterior.problem
     every = uncertain_quantities(problem)
     if not every or any(is_mode_frequency(name) for name in every):
         return ()
-    run = UncertainInputsRow(own, "this run", {n: posterior.identifiability(n) for n in posterior.stiffness_names})
+    run = UncertainInputsRow(present, "this run", {n: posterior.identifiability(n) for n in posterior.stiffness_names})
     if "no verdict" in map(str, run.verdict.values()):
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])
-    sets: list[tuple[str, ...]] = [()] if own else []
+    sets: list[tuple[str, ...]] = [()] if present else []
     sets += [(name,) for name in every] if each and len(every) > 1 else []
-    sets += [every] if set(every) > set(own) else []
+    sets += [every] if set(every) > set(present) else []
     return run, *(_row(posterior, problem, names, rng) for names in sets)
 
 

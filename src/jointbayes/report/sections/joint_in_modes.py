@@ -23,7 +23,7 @@ def joint_in_modes_section(inputs: SetupInputs) -> Section | None:
     """Effect of the joint on each natural frequency in the band of the data; None where there is none."""
     problem = inputs.part
     names = tuple(problem.quantities[i].name for i in _stiffnesses(problem))
-    modes, best, rigid, change = _in_band(problem, inputs.posterior.estimate.theta)
+    modes, best, rigid, change = _modes_in_band(problem, inputs.posterior.estimate.theta)
     if not modes.size:
         return None
     rows = tuple(
@@ -73,7 +73,7 @@ def _stiffnesses(problem: Problem) -> list[int]:
     return [i for i, quantity in enumerate(problem.quantities) if quantity.role == "stiffness" and quantity.places]
 
 
-def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
+def _modes_in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
     """Numbers of the modes within the data's band, natural frequencies with the joint and with a rigid one, Hz.
 
     Last, the change in per cent for 1 % more of each stiffness, shape (stiffnesses, modes).
@@ -89,8 +89,8 @@ def _in_band(problem: Problem, theta: Array) -> tuple[NDArray[np.intp], Array, A
     k = problem.prior.values(theta)
     steps = _STEP * np.eye(k.size)[_stiffnesses(problem)]
     joints = np.stack([k, problem.parametrisation.rigid, *(k * (1 + steps)), *(k * (1 - steps))])
-    found = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))
-    inside = (found[0] >= low) & (found[0] <= high)
-    best, rigid, *moved = found[:, inside]
+    frequency_hz = problem.natural_frequencies_hz(joints, count, np.stack([problem.prior.factors(theta)] * len(joints)))
+    inside = (frequency_hz[0] >= low) & (frequency_hz[0] <= high)
+    best, rigid, *moved = frequency_hz[:, inside]
     more, less = np.split(np.array(moved), 2)
     return np.flatnonzero(inside) + 1, best, rigid, 100 * (more - less) / best * (0.01 / (2 * _STEP))

@@ -98,8 +98,8 @@ def _channel_row(use: ChannelUse) -> tuple[str, ...]:
 
 def measured_bodies_section(inputs: ReportInputs) -> Section | None:
     """A row for each body; None where the structure is modelled throughout."""
-    found = inputs.summary.measured_bodies
-    if found is None:
+    noise = inputs.summary.measured_bodies
+    if noise is None:
         return None
     bodies = [
         (f"{body.name} in set-up {part.setup}" if part.setup else body.name, body)
@@ -120,7 +120,7 @@ def measured_bodies_section(inputs: ReportInputs) -> Section | None:
         for file in body.files
     )
     listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
-    return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(found.sentence)), table, *listed))
+    return Section("measured-bodies", "Measured bodies", (Paragraph(foreign(noise.sentence)), table, *listed))
 
 
 def _body_row(name: str, body: MeasuredBody) -> tuple[str, ...]:

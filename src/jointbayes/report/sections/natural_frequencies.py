@@ -139,7 +139,7 @@ def _compared(
 def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
     """Components, measured and predicted, of each mode of which some were measured."""
     assert measured.shapes is not None
-    found: list[Block] = []
+    blocks: list[Block] = []
     with_some = [i for i, one in enumerate(shape.measured) if not np.isnan(one).all()]
     for i in with_some[:_MOST_FIGURES]:
         n = measured.numbers[i]
@@ -150,5 +150,5 @@ def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
         caption += "MAP, and the 95 % interval of the posterior."
         away = np.abs((shape.best[i] - shape.measured[i]) / shape.sd[i])
         alt = f"Components of mode {n}; the largest deviation of the MAP is {number(np.nanmax(away), 2)} sd."
-        found.append(Figure(name, caption, alt, figures.mode_shape(labels, *values)))
-    return found
+        blocks.append(Figure(name, caption, alt, figures.mode_shape(labels, *values)))
+    return blocks

@@ -60,11 +60,11 @@ def setup_section(place: int, inputs: SetupInputs, sections: Sequence[Section]) 
     blocks: list[Block] = list(mode_table(inputs))
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
-        blocks += (_of_setup(place, block) for block in section.blocks)
+        blocks += (_name_setup(place, block) for block in section.blocks)
     return Section(f"setup-{place}", f"Set-up {foreign(inputs.part.setup)}", tuple(blocks))
 
 
-def _of_setup(place: int, block: Block) -> Block:
+def _name_setup(place: int, block: Block) -> Block:
     """A block whose figure has a name of its own."""
     return replace(block, identifier=f"setup-{place}-{block.identifier}") if isinstance(block, Figure) else block
 
