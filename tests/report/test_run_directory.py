@@ -45,9 +45,9 @@ def test_a_posterior_just_sampled_is_reported_from_what_it_carries(counted, tmp_
     assert counted == dict.fromkeys(BUILT, 1)
     posterior.save(tmp_path / "kept.nc")
     again = jb.load_posterior(tmp_path / "kept.nc")
-    assert counted == dict.fromkeys(BUILT, 2)
+    assert counted == dict.fromkeys(BUILT, 1) | {"paper's iteration": 2}
     jb.write_report(again, tmp_path / "again")
-    assert counted == dict.fromkeys(BUILT, 2)
+    assert counted == dict.fromkeys(BUILT, 1) | {"paper's iteration": 2}
     same = ("summary.json", "case.toml", "report.html")
     assert [(tmp_path / "run" / name).read_bytes() for name in same] == [
         (tmp_path / "again" / name).read_bytes() for name in same

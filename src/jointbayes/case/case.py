@@ -207,7 +207,7 @@ def case_from_text(
     directory
         Where measurement files, and case files that it builds on, are looked for.
     measurement
-        Data of a case of one test with measurement files, as they were read before; the files are then not needed.
+        Data of a case of one test, as they were read or made before; its files are then not needed.
     allow_outside
         Whether such files may lie outside that directory.
     """
@@ -233,8 +233,8 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     if stated and not needs_files(specs):
         texts = setup_texts(source)
         setups = tuple(
-            _setup(name, texts[name], spec, Path(), problem.measurement, allow_outside=False)
-            for name, spec in specs.items()
+            _setup(name, texts[name], spec, Path(), part.measurement, allow_outside=False)
+            for (name, spec), part in zip(specs.items(), problem.parts, strict=True)
         )
     return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
 
@@ -290,7 +290,7 @@ def _setup(
             recipe = recipe_of(spec.structure, spec.data)
             _require_one_place(spec, joint, recipe, place)
             tell("data")
-            measurement = measurement_of(spec, joint, name)
+            measurement = measurement or measurement_of(spec, joint, name)
         tell("noise")
         noise, of_noise = noise_of(spec.noise, measurement)
         bodies: tuple[MeasuredBody, ...] = ()
