@@ -22,12 +22,10 @@ from jointbayes.structure.frame_element import (
     paper_matrices,
     part_matrices,
 )
-from jointbayes.structure.high_order import ACCURACY, cheapest_elements, condensed_to_ends
+from jointbayes.structure.high_order import ACCURACY, RICHER, ROUNDING, cheapest_elements, condensed_to_ends
 
 #: Beyond so many DOFs of one body dense modes take minutes: units are mistaken, or it is no frame of beams.
 MOST_DOFS = 2400
-_RICHER = 4  # orders by which the element is richer that another is compared with
-_ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element leaves
 _HIGHEST_HZ = 1e20
 
 
@@ -148,7 +146,7 @@ def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float) -> tuple[
     at = stretch.rigidities(np.array([0.0, 1.0]))
     # shear strain is a difference of two slopes: in a thin beam rounding leaves no more of it than this
     slender = max(float((at.shear_y / at.bending_z).max()), float((at.shear_z / at.bending_y).max()))
-    rounding = _ROUNDING * np.finfo(float).eps * slender * stretch.length**2 * any(len(f) == 2 for f in fields)
+    rounding = ROUNDING * np.finfo(float).eps * slender * stretch.length**2 * any(len(f) == 2 for f in fields)
     enough = max(ACCURACY, rounding)
 
     def accurate(order: int, elements: int) -> bool:
@@ -157,14 +155,7 @@ def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float) -> tuple[
         parts = [stretch.part(i / elements, (i + 1) / elements) for i in ends]
         return all(_error(piece, order, field, omega) <= enough for piece in parts for field in fields)
 
-    best = cheapest_elements(accurate)
-    if best is None:
-        raise ModelError(
-            f"frame: found a frequency of {omega / (2 * math.pi):g} Hz for a member with {stretch.length:g} m between "
-            "points; expected one at which the wavelength is not thousands of times shorter; correct units of length, "
-            "material or frequency"
-        )
-    return best
+    return cheapest_elements(accurate, stretch.length, omega, "frame: found a member")
 
 
 def _error(stretch: Stretch, order: int, field: str, omega: float) -> float:
@@ -178,7 +169,7 @@ def _error(stretch: Stretch, order: int, field: str, omega: float) -> float:
     velocity = np.sqrt({"axial": rigid.axial / rigid.mass, "torsion": rigid.torsion / rigid.polar}.get(field, 0.0))
     waves = np.max(velocity) / length if len(FIELDS[field]) == 1 else np.max(np.sqrt(bending / rigid.mass)) / length**2
     at = max(omega, float(waves))  # a wave number of at least 1/length: below it rounding would hide the error
-    coarse, fine = (_condensed(stretch, p, field, at) for p in (order, order + _RICHER))
+    coarse, fine = (_condensed(stretch, p, field, at) for p in (order, order + RICHER))
     error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
     return error if stretch.tapered else error * (omega / at) ** 2
 

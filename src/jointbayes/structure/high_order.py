@@ -28,14 +28,14 @@ from jointbayes.errors import ModelError
 
 _ORDERS = (10, 8, 7, 6, 5, 4, 3)  # the highest first: it bounds how many elements the others may take
 _MOST_ELEMENTS = 4096  # between two points: beyond, the frequency asked for is no beam's
-_RICHER = 4  # orders by which the element is richer that another is compared with
+RICHER = 4  # orders by which the element is richer that another is compared with
 #: Largest relative error of an element's strain and kinetic energy: eigenvalues are as exact, an FRF's peak to this
 #: over the damping ratio.
 ACCURACY = 2e-10
 #: Between more points than these elements are so short that none needs to be as rich as that bound makes them.
 MANY_POINTS = 32
 _VISIBLE_OF_MANY = 1 / 64  # of the ω at which an element's error shows: still far above rounding
-_ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element was seen to leave
+ROUNDING = 2000.0  # of machine epsilon times κGA l²/EI: what condensing a thin element was seen to leave
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ def element_error(length: float, order: int, plane: BeamPlane, omega: float, sha
     """
     visible = share * math.sqrt(plane.bending / plane.mass) / length**2  # a wave number of 1/length
     at = max(omega, visible)
-    coarse, fine = (_condensed(length, p, plane, at) for p in (order, order + _RICHER))
+    coarse, fine = (_condensed(length, p, plane, at) for p in (order, order + RICHER))
     return float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max()) * (omega / at) ** 2
 
 
@@ -207,24 +207,23 @@ def spans_between(
 def _cheapest(length: float, planes: tuple[BeamPlane, ...], omega: float, share: float) -> tuple[int, int]:
     """Number of elements and order that need the fewest nodes."""
     # shear strain is a difference of two slopes: in a thin beam rounding leaves no more of it than this
-    rounding = max(_ROUNDING * np.finfo(float).eps * plane.shear * length**2 / plane.bending for plane in planes)
+    rounding = max(ROUNDING * np.finfo(float).eps * plane.shear * length**2 / plane.bending for plane in planes)
     enough = max(ACCURACY, rounding)
 
     def accurate(order: int, elements: int) -> bool:
         return max(element_error(length / elements, order, plane, omega, share) for plane in planes) <= enough
 
-    best = cheapest_elements(accurate)
-    if best is None:
-        raise ModelError(
-            f"beam: found a frequency of {omega / (2 * math.pi):g} Hz for a beam with {length:g} m between points; "
-            "expected one at which the wavelength is not thousands of times shorter; correct units of length, "
-            "material or frequency"
-        )
-    return best
+    return cheapest_elements(accurate, length, omega, "beam: found a beam")
 
 
-def cheapest_elements(accurate: Callable[[int, int], bool]) -> tuple[int, int] | None:
-    """Number of elements and order that are accurate and need the fewest nodes; None if none is."""
+def cheapest_elements(accurate: Callable[[int, int], bool], length: float, omega: float, where: str) -> tuple[int, int]:
+    """Number of elements and order that are accurate up to ω over a length in m and need the fewest nodes.
+
+    Raises
+    ------
+    ModelError
+        If none is; `where` begins the message.
+    """
     best: tuple[int, int] | None = None
     for order in _ORDERS:
         most = _MOST_ELEMENTS if best is None else math.ceil(best[0] * best[1] / order) - 1
@@ -234,4 +233,9 @@ def cheapest_elements(accurate: Callable[[int, int], bool]) -> tuple[int, int] |
             continue
         fewer = range(enough_of_them // 2 + 1, enough_of_them)
         best = fewer.start + bisect.bisect_left(fewer, True, key=partial(accurate, order)), order
+    if best is None:
+        raise ModelError(
+            f"{where} with {length:g} m between points and a frequency of {omega / (2 * math.pi):g} Hz; expected one "
+            "at which the wavelength is not thousands of times shorter; correct units of length, material or frequency"
+        )
     return best
