@@ -40,7 +40,7 @@ def joints(case: jb.Case, count: int) -> tuple[NDArray[np.float64], NDArray[np.f
     assert case.reference is not None
     rng = np.random.default_rng(0)
     theta = np.log(case.reference) + rng.normal(size=(count, 3)) * [0.25, 0.1, 0.004]
-    return theta, LogStiffness().matrix(np.exp(theta))
+    return theta, LogStiffness().matrix(np.exp(theta)).stiffness
 
 
 def one_core() -> None:
