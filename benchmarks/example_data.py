@@ -109,7 +109,7 @@ def spindle_files() -> tuple[FrfSet, FrfSet]:
     rest = rest.structure(mesh=rest.mesh(top_hz=given.spec.data.f_max_hz))
     joints = Joints((replace(taper, against=nose), shrink))
     whole = receptance_model(Substructures(rest, (body,)), joints, ports)
-    truth = given.problem.parametrisation.matrix(true_stiffness(given.spec, given.spec.data.truth))
+    truth = given.problem.parametrisation.matrix(true_stiffness(given.spec))
     both = (alone.values, ("1:y", "1:rz"), ("1:y", "1:rz")), (whole.receptance(truth)[0], ("3:y", "2:y"), ("3:y",))
     found = []
     for (values, outputs, inputs), noise in zip(both, NOISE, strict=True):

@@ -30,7 +30,7 @@ LEFT = "k11 = 5e7\nk12 = 4e5\nk22 = 5e4"
 CASES = {
     "K^J with k12 and k21": (
         changed(TWO, (LEFT, f"{LEFT}\nk21 = 5e5")),
-        r"data\.truth\.values(\.left)?: .*k21.*expected .*k11, left\.k12, left\.k22",
+        r"data\.truth\.stiffness(\.left)?: .*k21.*expected .*k11, left\.k12, left\.k22",
     ),
     "K that is not symmetric": (
         changed(

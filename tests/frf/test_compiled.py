@@ -40,7 +40,7 @@ def cache(tmp_path_factory):
 
 
 def kept(cache, ending) -> Path:
-    (path,) = cache.rglob(f"springs.*{ending}")
+    (path,) = cache.rglob(f"secular._take_springs-*.{ending}")
     return path
 
 
