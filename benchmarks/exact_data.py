@@ -19,7 +19,7 @@ import jointbayes as jb
 from benchmarks.exact_beam import CrossSection, ExactBeam, circle, rectangle, tube
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Uniform
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "clamped_beam.toml"
@@ -213,5 +213,5 @@ def _with_data(case: jb.Case, section: CrossSection, truth: Array, rng: np.rando
     sd_of_part = data.noise.relative * size + data.noise.floor * np.median(size, axis=0)
     noise = sd_of_part * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
     frf = FrfSet(lines, exact + noise, data.outputs, data.inputs, "receptance")
-    measured = FrfMeasurement(frf, 2 * sd_of_part**2, synthetic=True)
-    return replace(case, problem=replace(case.problem, measurement=measured))
+    measured = FrfData(frf, 2 * sd_of_part**2, synthetic=True)
+    return replace(case, problem=case.problem.with_test(data=measured))

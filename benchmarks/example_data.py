@@ -77,7 +77,7 @@ def first_shape() -> float:
 def spindle() -> Structure:
     """The spindle of spindle_tool.toml on bearings that give way, with the labels of a measured body at its nose."""
     case = jb.load_case(CONFIGS / "spindle_tool.toml")
-    recipe = case.problem.structure.recipe
+    recipe = case.problem.test.structure.recipe
     alone = FrameRecipe(dict(recipe.bodies)["spindle"], jb.LossFactor(LOSS_FACTOR), recipe.directions)
     free = alone.structure(mesh=alone.mesh(top_hz=case.spec.data.f_max_hz))
     stiffness = np.array(free.stiffness)
@@ -102,8 +102,8 @@ def spindle_files() -> tuple[FrfSet, FrfSet]:
     alone = FrfSet(lines, exact, nose, nose)
     body = MeasuredBody.of(alone, np.zeros(exact.shape), "spindle")
     ports = Ports(lines, ("tool.tip:y", "holder.mouth:y"), ("tool.tip:y",))
-    taper, shrink = given.problem.joints.joints
-    recipe = given.problem.structure.recipe
+    taper, shrink = given.problem.test.joints.joints
+    recipe = given.problem.test.structure.recipe
     bodies = {name: each for name, each in recipe.bodies if name != "spindle"}
     rest = replace(recipe, bodies=bodies, supports=(), accelerometer_dofs=ports.outputs)
     rest = rest.structure(mesh=rest.mesh(top_hz=given.spec.data.f_max_hz))

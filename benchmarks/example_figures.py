@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from benchmarks import example_data, example_sketch
 from jointbayes.frf import Ports
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.canvas import extremes, logarithmic, panels, svg
@@ -69,16 +69,16 @@ def kept_of(posterior: Posterior) -> Kept:
     return {
         "prior": {k: _short(np.quantile(posterior.prior_values(k), [0.025, 0.975])) for k in names},
         "draws": {k: _short(stiffness[rows, i]) for i, k in enumerate(names)},
-        "frfs": [frf for part in problem.parts for frf in _frfs(posterior, part.setup)],
+        "frfs": [frf for part in problem.parts for frf in _frfs(posterior, part.test.name)],
     }
 
 
 def _frfs(posterior: Posterior, setup: str) -> list[Kept]:
     """Each FRF of a set-up at lines that show its peaks; none where the data are modes."""
     problem = posterior.problem.part(setup or None)
-    if not isinstance(problem.measurement, FrfMeasurement):
+    if not isinstance(problem.test.data, FrfData):
         return []
-    frf, prior, theta = problem.measurement.frf, problem.prior, posterior.estimate.theta
+    frf, prior, theta = problem.test.data.frf, problem.prior, posterior.estimate.theta
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     band = posterior.predict_frf(setup=setup or None)
     best = frfs_as_measured(problem, ports, frf.quantity, prior.values(theta)[None], prior.factors(theta)[None])[0]

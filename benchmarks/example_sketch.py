@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from jointbayes.inference import Problem
 from jointbayes.joint import Joint
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.report.canvas import svg
 from jointbayes.report.model import SERIES_COLOURS
 from jointbayes.structure import Body, Member, Section
@@ -76,13 +76,13 @@ class _Places:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self._structure = problem.structures.nominal
+        self._structure = problem.test.structures.nominal
         self._order = {dof.partition(":")[0]: i for i, dof in enumerate(self._structure.dofs)}
         self.known = all(self._structure.position(dof) is not None for dof in self._structure.dofs[:1])
 
     def joints(self) -> Iterator[tuple[Any, ...]]:
         """Each joint, at its own point, or between the masses that it connects."""
-        for joint in _each(self.problem.joints):
+        for joint in _each(self.problem.test.joints):
             sides = [self.at(labels[0], offset) for labels, offset in _sides(joint)]
             there = [side for side in sides if side is not None]
             if self.known:
@@ -94,8 +94,8 @@ class _Places:
 
     def sensors(self) -> Iterator[tuple[Any, ...]]:
         """Forces and measured motions of FRFs."""
-        measured = self.problem.measurement
-        if not isinstance(measured, FrfMeasurement):
+        measured = self.problem.test.data
+        if not isinstance(measured, FrfData):
             return
         for kind, labels in (("force", measured.frf.inputs), ("sensor", measured.frf.outputs)):
             for label in labels:
@@ -124,7 +124,7 @@ def _sides(joint: Joint) -> list[tuple[tuple[str, ...], tuple[float, float, floa
 
 def _shapes(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
     """Outlines on paper, each with what is written in it."""
-    recipe = problem.structures.recipe
+    recipe = problem.test.structures.recipe
     if isinstance(recipe, FrameRecipe):
         for name, body in recipe.bodies:
             for i, member in enumerate(body.members):
@@ -139,7 +139,7 @@ def _shapes(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
         return
     else:
         box = np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]])
-        for place, name in enumerate(problem.structures.nominal.dofs):
+        for place, name in enumerate(problem.test.structures.nominal.dofs):
             yield box + np.array([place, 0.0]), name
         yield box * [0.1, 2.0] - [1.0, 0.0], ""
 

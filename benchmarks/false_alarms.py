@@ -73,12 +73,12 @@ def problem_of(kind: str, index: int, case: jb.Case) -> jb.Problem:
     if kind != "several FRFs":
         return problem
     theta = problem.parametrisation.coordinates(_TRUTH)
-    density, measured = problem.log_posterior, problem.measurement
+    density, measured = problem.log_posterior, problem.test.data
     exact, variance = density.predicted(theta)[0], density.variance(theta)[0]
     shape = (len(exact), exact[0].size)
     z = density.likelihood.noise.draw(np.random.default_rng([8, index]), np.empty((1, 0)), *shape)[0]
     frf = replace(measured.frf, values=exact + np.sqrt(variance) * z.reshape(exact.shape))
-    return replace(problem, measurement=replace(measured, frf=frf, joint_frf=None))
+    return problem.with_test(data=replace(measured, frf=frf, joint_frf=None))
 
 
 def analyse(kind: str, index: int, settings: jb.SamplerSettings | None = None) -> Outcome:

@@ -22,7 +22,7 @@ import jointbayes as jb
 from benchmarks.calibration_data import case_of
 from jointbayes.case.simulated_test import simulate
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.measurement.formats import FORMATS, write_records
 
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=4000)
@@ -87,8 +87,8 @@ def analyse(index: int) -> Outcome:
             config = Path(folder) / f"{format}.toml"
             config.write_text(measured_text(text, format), encoding="utf-8")
             case = jb.load_case(config)
-            data = case.problem.measurement
-            assert isinstance(data, FrfMeasurement)
+            data = case.problem.test.data
+            assert isinstance(data, FrfData)
             arrays = (data.frf.frequency_hz, data.frf.values, data.variance)
             print_ = hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest()
             if print_ not in known:

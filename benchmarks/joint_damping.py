@@ -36,7 +36,7 @@ from benchmarks.page import table
 from jointbayes.frf import FrfSet
 from jointbayes.inference import JointPrior, Nuisance, Problem, Uniform
 from jointbayes.joint import Damped, Joint, parametrisation_named
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, Section
@@ -105,13 +105,15 @@ def data_set(study: str, index: int) -> tuple[Problem, Array]:
     size = np.abs(exact)
     sd = NOISE * (size + np.median(size, axis=0) / 3)
     values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    data = FrfMeasurement(FrfSet(LINES, values, OUTPUTS, INPUTS), 2 * sd**2, synthetic=True)
+    data = FrfData(FrfSet(LINES, values, OUTPUTS, INPUTS), 2 * sd**2, synthetic=True)
     around = float(np.log(EITHER_WAY))
     of_rod = Nuisance("loss_factor", "1", LOSS_FACTOR, Uniform(-around, around))
     prior = JointPrior(spec.kind, tuple(Uniform(*end) for end in ends[:3].tolist()), (of_rod,))
     recipe = BeamRecipe(LENGTH, Section.circle(DIAMETER), MATERIAL, LossFactor(LOSS_FACTOR), elements=POINTS)
     family = BeamFamily(recipe, {"loss_factor": (-around, around)})
-    return Problem(family, Joint(("1:y", "1:rz")), data, prior, name=f"{study} {index}"), truth
+    return Problem(
+        structure=family, joint=Joint(("1:y", "1:rz")), data=data, prior=prior, name=f"{study} {index}"
+    ), truth
 
 
 def analyse(study: str, index: int) -> tuple[Posterior, dict[str, float]]:

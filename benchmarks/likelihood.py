@@ -22,7 +22,7 @@ from benchmarks.timing import (
 from jointbayes.frf import receptance_model
 from jointbayes.inference import Likelihood, likelihood_of
 from jointbayes.joint import Joint, Joints
-from jointbayes.measurement import FrfMeasurement, RelativeNoise
+from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.structure import BeamMaterial, DampingLaw, LossFactor, ModalDamping, Section, Structure, beam
 
 BATCH = 64
@@ -71,7 +71,7 @@ def synthetic(structure: Structure, joint: Joint | Joints, true: np.ndarray, por
     rng = np.random.default_rng(1)
     noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
     frf = jb.FrfSet(ports.frequency_hz, exact + np.sqrt(variance / 2) * noise, ports.outputs, ports.inputs)
-    return likelihood_of(structure, joint, FrfMeasurement(frf, variance, synthetic=True))
+    return likelihood_of(structure, joint, FrfData(frf, variance, synthetic=True))
 
 
 def rod(law: str, dofs_per_node: int = 2) -> Structure:

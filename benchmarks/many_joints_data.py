@@ -1,7 +1,6 @@
 """The two problems with many joints: the portal frame of configs/portal_frame.toml, and one of six damped joints."""
 
 import re
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfMeasurement, RelativeNoise
+from jointbayes.measurement import FrfData, RelativeNoise
 
 ROOT = Path(__file__).resolve().parents[1]
 BASE = ROOT / "configs" / "portal_frame.toml"
@@ -39,10 +38,10 @@ def random_data(problem: Problem, seed: int) -> tuple[Array, Problem]:
     exact = problem.log_posterior.predicted(theta)[0]
     variance = RelativeNoise(0.03, 0.01).variance(exact)
     noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
-    assert isinstance(problem.measurement, FrfMeasurement)
-    old = problem.measurement.frf
+    assert isinstance(problem.test.data, FrfData)
+    old = problem.test.data.frf
     frf = FrfSet(old.frequency_hz, exact + np.sqrt(variance / 2) * noise, old.outputs, old.inputs, old.quantity)
-    return theta, replace(problem, measurement=FrfMeasurement(frf, variance, synthetic=True))
+    return theta, problem.with_test(data=FrfData(frf, variance, synthetic=True))
 
 
 #: Six columns of different distances, and the springs of their feet: kx, ky in N/m, krz in N·m/rad, and loss factors.

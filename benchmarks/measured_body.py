@@ -25,7 +25,7 @@ from benchmarks.page import table
 from jointbayes.frf import FrfSet, MeasuredBody, Substructures
 from jointbayes.inference import JointPrior, Problem, Uniform
 from jointbayes.joint import Damped, Joint, LogStiffness
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, LossFactor, Section, Structure, beam
@@ -114,10 +114,16 @@ def data_set(study: str, index: int) -> Problem:
     body = MeasuredBody.of(FrfSet(LINES, measured, NOSE, NOSE), variance, "spindle")
     added = np.array([[k11, k12], [k12, k22]]) * (1 + 1j * spec.loss_factor)
     frf, spread = noisy(exact_frf((tool(), spindle()), added, TIP, TIP[:1]), rng)
-    data = FrfMeasurement(FrfSet(LINES, frf, TIP, TIP[:1]), spread, synthetic=True)
+    data = FrfData(FrfSet(LINES, frf, TIP, TIP[:1]), spread, synthetic=True)
     kind = Damped(LogStiffness(), (), ("all",)) if spec.loss_factor else LogStiffness()
     prior = JointPrior(kind, tuple(Uniform(np.log(k / 30), np.log(30 * k)) for k in spec.truth))
-    return Problem(Substructures(tool(), (body,), spec.propagate), TAPER, data, prior, name=f"spindle {index}")
+    return Problem(
+        structure=Substructures(tool(), (body,), spec.propagate),
+        joint=TAPER,
+        data=data,
+        prior=prior,
+        name=f"spindle {index}",
+    )
 
 
 def analyse(study: str, index: int) -> tuple[Posterior, dict[str, float]]:

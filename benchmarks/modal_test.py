@@ -23,7 +23,7 @@ import numpy as np
 
 from jointbayes.case.case import case_from_text
 from jointbayes.case.case_text import read_case_text
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.measurement.formats import FORMATS, write_frf
 
 _CASE = Path(__file__).parent.parent / "configs" / "clamped_beam_midspan.toml"
@@ -83,8 +83,8 @@ def file_case(test: Test, directory: Path, form: str, variance: str) -> Path:
         ``"relative"`` or ``"coherence"``: where the case takes the variance from.
     """
     text = modal_test_text(test)
-    measurement = case_from_text("modal_test", text).problem.measurement
-    assert isinstance(measurement, FrfMeasurement)
+    measurement = case_from_text("modal_test", text).problem.test.data
+    assert isinstance(measurement, FrfData)
     frf = measurement.frf
     ratio = measurement.variance / np.abs(frf.values) ** 2
     frf = replace(frf, coherence=1 / (1 + ratio * (_AVERAGES - 1)), averages=_AVERAGES)

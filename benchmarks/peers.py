@@ -11,7 +11,7 @@ from scipy import linalg
 
 from jointbayes.frf import quantity_factor
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.structure import LossFactor, ModalDamping
 
 Array = NDArray[np.float64]
@@ -25,12 +25,12 @@ class Setup:
     """What does not depend on the joint: matrices, selections, data and weights of a problem with one FRF."""
 
     def __init__(self, problem: Problem) -> None:
-        measurement = problem.measurement
-        assert isinstance(measurement, FrfMeasurement)
+        measurement = problem.test.data
+        assert isinstance(measurement, FrfData)
         frf = measurement.frf
         # the elements of the package's own forward model, so that likelihoods can be compared to rounding
-        dofs = (*problem.joint.dofs, *problem.joint.against, *frf.outputs, *frf.inputs)
-        structure = problem.structures.at(dofs, measurement.top_hz).nominal
+        dofs = (*problem.test.joints.dofs, *problem.test.joints.against, *frf.outputs, *frf.inputs)
+        structure = problem.test.structures.at(dofs, measurement.top_hz).nominal
         if frf.values[0].size != 1:
             raise ValueError(f"peers: found {frf.values[0].size} FRFs; expected one")
         self.omega = 2 * np.pi * np.asarray(frf.frequency_hz)
@@ -40,7 +40,7 @@ class Setup:
         self.constant = -float(np.log(np.pi * measurement.variance).sum())
         self.structure = structure
         self.stiffness, self.mass, self.law = structure.stiffness, structure.mass, structure.damping
-        self.joined = problem.joint.selection(structure)
+        self.joined = problem.test.joints.selection(structure)
         self.out, self.into = (np.eye(structure.n_dofs)[:, structure.index(d)] for d in (frf.outputs, frf.inputs))
         self.modes = structure.modes
 

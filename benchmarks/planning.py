@@ -36,7 +36,7 @@ from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
 from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.studies.planning.candidates import Candidate
 from jointbayes.studies.planning.plan_report import PlannedMeasurement
 
@@ -153,9 +153,9 @@ def _draw(name: str, rng: np.random.Generator) -> float:
 def measured_together(drawn: RandomCase, candidate: Candidate, rng: np.random.Generator) -> jb.Case:
     """The case with the candidate really measured at the truth, as one set of FRFs with that in hand."""
     problem = drawn.case.problem
-    old, new = problem.measurement, candidate.problem(problem, drawn.truth, rng).measurement
-    assert isinstance(old, FrfMeasurement)
-    assert isinstance(new, FrfMeasurement)
+    old, new = problem.test.data, candidate.problem(problem, drawn.truth, rng).test.data
+    assert isinstance(old, FrfData)
+    assert isinstance(new, FrfData)
     if new.frf.outputs == old.frf.outputs:  # averages: the weighted mean says the same
         precision = 1 / old.variance + 1 / new.variance
         values = (old.frf.values / old.variance + new.frf.values / new.variance) / precision
@@ -166,7 +166,7 @@ def measured_together(drawn: RandomCase, candidate: Candidate, rng: np.random.Ge
             old.frf.outputs + new.frf.outputs, old.frf.inputs, old.frf.quantity,
         )  # fmt: skip
         variance = np.concatenate([old.variance, new.variance], axis=1)
-    together = replace(problem, measurement=FrfMeasurement(frf, variance, synthetic=True))
+    together = problem.with_test(data=FrfData(frf, variance, synthetic=True))
     return replace(drawn.case, problem=together)
 
 

@@ -31,7 +31,7 @@ from jointbayes.case.case_text import read_case_text
 from jointbayes.frf import FrfSet, Ports, ReceptanceModel
 from jointbayes.inference import Problem
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
 from jointbayes.sampling.density import newton_climb
@@ -79,28 +79,28 @@ def base_problem() -> Problem:
             raise ValueError(f"clamped_beam_loss_factor.toml: expected {old!r}")
         text = text.replace(old, new, 1)
     problem = jb.case_from_text("population", text).problem
-    assert isinstance(problem.measurement, FrfMeasurement)
-    return replace(problem, measurement=replace(problem.measurement, joint_frf=None))
+    assert isinstance(problem.test.data, FrfData)
+    return problem.with_test(data=replace(problem.test.data, joint_frf=None))
 
 
 @cache
 def _model() -> ReceptanceModel:
     base = base_problem()
-    assert isinstance(base.measurement, FrfMeasurement)
-    frf = base.measurement.frf
-    return base.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    assert isinstance(base.test.data, FrfData)
+    frf = base.test.data.frf
+    return base.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
 
 
 def measured(theta: Array, rng: np.random.Generator) -> Problem:
     """The problem with a measurement of the joint θ."""
     base = base_problem()
-    nominal = base.measurement
-    assert isinstance(nominal, FrfMeasurement)
+    nominal = base.test.data
+    assert isinstance(nominal, FrfData)
     exact = _model().receptance(LogStiffness().matrix(base.prior.values(theta))[None])[0]
     noise = rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)
     values = exact + np.sqrt(nominal.variance / 2) * noise
     frf = FrfSet(nominal.frf.frequency_hz, values, nominal.frf.outputs, nominal.frf.inputs, nominal.frf.quantity)
-    return replace(base, measurement=replace(nominal, frf=frf))
+    return base.with_test(data=replace(nominal, frf=frf))
 
 
 def posterior_draws(problem: Problem, theta: Array, rng: np.random.Generator) -> tuple[Array, float]:

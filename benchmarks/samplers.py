@@ -181,7 +181,7 @@ def compare(law: str, quick: bool) -> dict[str, Any]:
     rows += nested_rows(case, reference, quick)
     rows.append(nuts_row(case, reference, start, quick))
     rows.append(row("jointbayes", reference, reference, us, 0.0))
-    return {"law": law, "values": case.problem.measurement.frf.values.size, "rows": rows}
+    return {"law": law, "values": case.problem.test.data.frf.values.size, "rows": rows}
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -33,9 +33,9 @@ from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
 from benchmarks.record import environment, kept_lines
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Setup, Uniform
+from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Test, Uniform
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.sampling import SamplerSettings
@@ -61,7 +61,7 @@ SETTINGS = SamplerSettings().for_one_of_many()
 
 
 @dataclass(frozen=True, slots=True)
-class Test:
+class Overhang:
     """One test: overhang in mm, where the motion is measured, mass at the tip in kg, and a factor on the noise.
 
     The force acts at the tip.
@@ -80,22 +80,25 @@ class Test:
         return f"l{self.length_mm:g}" + ("heavy" if self.tip_kg else "")
 
 
-LONG, SHORT, BOTH = Test(383), Test(200), Test(383, (TIP, MID))
+LONG, SHORT, BOTH = Overhang(383), Overhang(200), Overhang(383, (TIP, MID))
 #: Tests, and sd of (ln k11, ln k12, ln k22) after them by an independent prototype.
-TABLE: dict[str, tuple[tuple[Test, ...], tuple[float, float, float]]] = {
+TABLE: dict[str, tuple[tuple[Overhang, ...], tuple[float, float, float]]] = {
     "383 mm alone": ((LONG,), (0.671, 1.640, 1.022)),
     "200 mm alone": ((SHORT,), (1.135, 1.360, 0.859)),
-    "383 mm, and with 2 kg at the tip": ((LONG, Test(383, tip_kg=2.0)), (0.663, 1.640, 1.022)),
+    "383 mm, and with 2 kg at the tip": ((LONG, Overhang(383, tip_kg=2.0)), (0.663, 1.640, 1.022)),
     "383 + 200 mm": ((LONG, SHORT), (0.475, 1.158, 0.768)),
-    "383 + 300 + 200 + 150 + 100 mm": ((LONG, Test(300), SHORT, Test(150), Test(100)), (0.414, 1.150, 0.764)),
+    "383 + 300 + 200 + 150 + 100 mm": (
+        (LONG, Overhang(300), SHORT, Overhang(150), Overhang(100)),
+        (0.414, 1.150, 0.764),
+    ),
     "383 mm with mid-span": ((BOTH,), (0.286, 0.157, 0.017)),
-    "383 mm with mid-span, + 150 mm": ((BOTH, Test(150)), (0.260, 0.111, 0.017)),
+    "383 mm with mid-span, + 150 mm": ((BOTH, Overhang(150)), (0.260, 0.111, 0.017)),
 }
 #: The two set-ups of the study of coverage.
 STUDIED = (BOTH, SHORT)
 
 
-def recipe(test: Test, length_mm: float, youngs_modulus: float = 1.0, density: float = 1.0) -> BeamRecipe:
+def recipe(test: Overhang, length_mm: float, youngs_modulus: float = 1.0, density: float = 1.0) -> BeamRecipe:
     """The bar in 24 spans, with factors on E and density."""
     steel = BeamMaterial(2.1e11 * youngs_modulus, 0.3, 7800.0 * density)
     return BeamRecipe(
@@ -114,7 +117,7 @@ def part_sd(values: ComplexArray) -> Array:
     return 0.03 * np.abs(values) + 0.01 * float(np.median(np.abs(values)))
 
 
-def receptance(test: Test, made: BeamRecipe, stiffness: Array = TRUTH) -> ComplexArray:
+def receptance(test: Overhang, made: BeamRecipe, stiffness: Array = TRUTH) -> ComplexArray:
     """Exact FRFs of a bar in a joint, the paper's by default, shape (lines, outputs, 1)."""
     ports = Ports(LINES, test.outputs, (TIP,))
     matrix = LogStiffness().matrix(stiffness)
@@ -122,7 +125,7 @@ def receptance(test: Test, made: BeamRecipe, stiffness: Array = TRUTH) -> Comple
 
 
 @cache
-def _family(test: Test) -> BeamFamily:
+def _family(test: Overhang) -> BeamFamily:
     ranges = dict.fromkeys(("youngs_modulus", "density"), (-0.12, 0.12))
     own, edge = 6 * OWN_MM / test.length_mm, 6 * EDGE_MM / 1000
     ranges |= {"length": (-own, own), "length_offset": (-edge, edge), "damping_ratio": (np.log(0.1), np.log(10.0))}
@@ -130,25 +133,25 @@ def _family(test: Test) -> BeamFamily:
 
 
 @cache
-def _exact(test: Test) -> FrfMeasurement:
+def _exact(test: Overhang) -> FrfData:
     values = receptance(test, recipe(test, test.length_mm))
     return measured(test, values, values)
 
 
-def measured(test: Test, values: ComplexArray, exact: ComplexArray) -> FrfMeasurement:
+def measured(test: Overhang, values: ComplexArray, exact: ComplexArray) -> FrfData:
     """Data of a test with the noise that its exact FRFs make."""
     frf = FrfSet(LINES, values, test.outputs, (TIP,))
-    return FrfMeasurement(frf, 2 * (test.noise * part_sd(exact)) ** 2, synthetic=True)
+    return FrfData(frf, 2 * (test.noise * part_sd(exact)) ** 2, synthetic=True)
 
 
 def problem_of(
-    tests: tuple[Test, ...],
-    data: tuple[FrfMeasurement, ...] | None = None,
+    tests: tuple[Overhang, ...],
+    data: tuple[FrfData, ...] | None = None,
     bounds: tuple[tuple[float, float], ...] = BOUNDS,
 ) -> Problem:
     """The joint from these tests, of exact data unless given; E, density, damping and the edge are common to all."""
     data = data or tuple(map(_exact, tests))
-    setups = [Setup(t.name, _family(t), CLAMP, one) for t, one in zip(tests, data, strict=True)]
+    setups = [Test(t.name, _family(t), CLAMP, one) for t, one in zip(tests, data, strict=True)]
     nuisances = (
         Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)),
         Nuisance("density", "kg/m³", 7800.0, Normal(0.0, 0.01)),
@@ -157,10 +160,10 @@ def problem_of(
         *(Nuisance(f"{t.name}.length", "mm", t.length_mm, Normal(0.0, OWN_MM / t.length_mm)) for t in tests),
     )
     priors = tuple(Uniform.of_logarithm(low, high) for low, high in bounds)
-    return Problem(setups=tuple(setups), prior=JointPrior(LogStiffness(), priors, nuisances), name="set-ups")
+    return Problem(tests=tuple(setups), prior=JointPrior(LogStiffness(), priors, nuisances), name="set-ups")
 
 
-def linearised(tests: tuple[Test, ...]) -> Array:
+def linearised(tests: tuple[Overhang, ...]) -> Array:
     """Linearised sd of (ln k11, ln k12, ln k22) at the truth, shape (3,)."""
     problem = problem_of(tests)
     point = np.concatenate([np.log(TRUTH), np.zeros(len(problem.names) - 3)])
@@ -177,7 +180,7 @@ def drawn_joint(seed: int) -> Array:
             return stiffness
 
 
-def data_set(seed: int, tests: tuple[Test, ...] = STUDIED, *, fixed: bool = False) -> tuple[Problem, Array]:
+def data_set(seed: int, tests: tuple[Overhang, ...] = STUDIED, *, fixed: bool = False) -> tuple[Problem, Array]:
     """Noisy data of a beam and a joint drawn from the priors, or in the paper's joint; and the true joint."""
     rng = np.random.default_rng([seed, 14])
     stiffness = TRUTH if fixed else drawn_joint(seed)

@@ -56,7 +56,7 @@ def problem(law: DampingLaw, names: tuple[str, ...], noise: NoiseModel | None = 
     marginals = tuple(Normal(m, 1.0) for m in np.log(TRUTH))
     prior = JointPrior(LogStiffness(), marginals, (*structural, *rest, *hyper))
     family = BeamFamily(recipe, {n.name: n.range for n in structural}) if structural else recipe.structure()
-    return Problem(family, JOINT, data, prior, noise)
+    return Problem(structure=family, joint=JOINT, data=data, prior=prior, noise=noise)
 
 
 def problems() -> dict[str, Problem]:

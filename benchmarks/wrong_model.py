@@ -66,21 +66,21 @@ def analyse(wrong: str, model: str, index: int) -> Outcome:
     rng = np.random.default_rng([WRONGS.index(wrong), index])
     stiffness = _joint(rng)
     true = _structure(case, wrong, rng)
-    problem, old = case.problem, case.problem.measurement.joint_frf
+    problem, old = case.problem, case.problem.test.data.joint_frf
     assert old is not None
     ports = Ports(old.frequency_hz, old.outputs, old.inputs)
     data = synthesise_frf(
-        true, problem.joint, LogStiffness().matrix(stiffness), ports, RelativeNoise(0.03, 0.01), rng=rng
+        true, problem.test.joints, LogStiffness().matrix(stiffness), ports, RelativeNoise(0.03, 0.01), rng=rng
     )
     used = replace(data.select(("11:y", "6:y"), ("11:y",)), joint_frf=data.frf)
-    made = replace(case, problem=replace(problem, measurement=used))
+    made = replace(case, problem=problem.with_test(data=used))
     posterior = jb.sample(made, seed=index, settings=SETTINGS)
 
     def holds(frequency: Array, *, of_model: bool) -> bool:
         return in_band(posterior.predict_natural_frequencies(MODES, 2000, of_model=of_model), frequency)
 
     by_model = problem.natural_frequencies_hz(stiffness, MODES)[0]
-    of_truth = NaturalFrequencies(true, problem.joint, MODES).frequency_hz(LogStiffness().matrix(stiffness))[0]
+    of_truth = NaturalFrequencies(true, problem.test.joints, MODES).frequency_hz(LogStiffness().matrix(stiffness))[0]
     return Outcome(
         wrong,
         model,

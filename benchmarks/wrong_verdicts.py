@@ -99,14 +99,14 @@ def analyse(
     case = case_of(band)
     rng = np.random.default_rng([WRONGS.index(wrong), NOISES.index(noise), list(BANDS).index(band), index])
     truth = BANDS[band]
-    true, problem, measured = _structure(case, wrong, rng), case.problem, case.problem.measurement
+    true, problem, measured = _structure(case, wrong, rng), case.problem, case.problem.test.data
     ports = Ports(measured.frf.frequency_hz, measured.frf.outputs, measured.frf.inputs)
     matrix = problem.parametrisation.matrix(np.array(list(truth.values())))
-    data = synthesise_frf(true, problem.joint, matrix, ports, RelativeNoise(noise, noise / 3), rng=rng)
+    data = synthesise_frf(true, problem.test.joints, matrix, ports, RelativeNoise(noise, noise / 3), rng=rng)
     # the case as if its text stated these data, so that it also states the workshop's uncertainties for them
     (setup,) = case.setups
-    made = replace(problem, measurement=data)
-    case = replace(case, problem=made, stated=made, setups=(replace(setup, measurement=data),))
+    made = problem.with_test(data=data)
+    case = replace(case, problem=made, stated=made, setups=(replace(setup, data=data),))
     posterior = jb.sample(case, seed=index, settings=settings or case.sampler)
     exact = gather_knowledge(posterior, case.workshop_problem).exact
     known = {name: posterior.identifiability(name) for name in truth}

@@ -3,7 +3,6 @@
 import argparse
 import json
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,9 +52,9 @@ def some_joints(case):
 @pytest.mark.parametrize(("law", "peer"), PEERS, ids=lambda value: getattr(value, "__name__", value))
 def test_a_peer_computes_the_same_likelihood(quick, law, peer):
     matrices, problem = some_joints(quick[law]), quick[law].problem
-    setup = peers.Setup(problem)
+    setup = peers.Test(problem)
     # every mode of the same elements, as the peers have them; to a sampler the reduced model is the same
-    whole = replace(problem, structure=FixedFamily(setup.structure).reference())
+    whole = problem.with_test(structure=FixedFamily(setup.structure).reference())
     likelihood = whole.log_posterior.likelihood
     expected = likelihood.log_likelihood(matrices)
     # ln L is the difference of its constant and χ²/2: digits are lost from those, not from what is left
@@ -108,7 +107,7 @@ def test_nested_samplers_see_the_likelihood_on_the_box_of_the_prior(quick):
 
 def test_a_case_at_other_lines_is_the_case_otherwise():
     short = cases.case_with_lines("loss_factor", f_min_hz=2.0, f_step_hz=50.0)
-    lines = short.problem.measurement.frf.frequency_hz
+    lines = short.problem.test.data.frf.frequency_hz
     assert (lines[0], lines[1], lines.size) == (2.0, 52.0, 50)
     assert short.reference.tolist() == cases.quick_case("modal").reference.tolist()
 

@@ -35,7 +35,7 @@ def clone(tmp_path, monkeypatch):
     """A directory with what the pages name: the shipped cases, a measurement, a table of two joints."""
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     (tmp_path / "tip.uff").symlink_to(ROOT / "configs" / "data" / "virtual_test.uff")
-    (tmp_path / "joints.csv").write_text("key,sampling.seed\nSN-20007,1\nSN-20008,2\n", encoding="utf-8")
+    (tmp_path / "joints.csv").write_text("key,sampling.seed,sampling.max_steps\nSN-20007,1,60\nSN-20008,2,60\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -49,15 +49,17 @@ def spindle_and_tool() -> dict[str, object]:
     prior = jb.JointPrior(jb.LogStiffness(), tuple(jb.Normal.from_decades(k, 0.3) for k in (1e8, 1e6, 1e5)))
     tip = jb.FrfSet(lines, np.full((lines.size, 1, 1), 1e-7 + 0j), ("11:y",), ("11:y",), "receptance")
     bodies = jb.Substructures(tool, (jb.MeasuredBody.of(frfs, np.abs(frfs.values) ** 2 * 1e-4, "spindle"),))
-    guessed = jb.Problem(bodies, joint, jb.FrfMeasurement(tip, np.abs(tip.values) ** 2), prior)
-    values = guessed.receptance_model(jb.Ports(lines, ("11:y",), ("11:y",))).receptance(prior.matrix(prior.mean[None]))
+    guessed = jb.Problem(structure=bodies, joint=joint, data=jb.FrfData(tip, np.abs(tip.values) ** 2), prior=prior)
+    values = guessed.test.receptance_model(jb.Ports(lines, ("11:y",), ("11:y",))).receptance(
+        prior.matrix(prior.mean[None])
+    )
     measured = jb.FrfSet(lines, values[0], ("11:y",), ("11:y",), "receptance")
     return {
         "jb": jb,
         "frfs": frfs,
         "variance": np.abs(frfs.values) ** 2 * 1e-4,
         "tool": tool,
-        "measurement": jb.FrfMeasurement(measured, np.abs(values[0]) ** 2 * 1e-3),
+        "data": jb.FrfData(measured, np.abs(values[0]) ** 2 * 1e-3),
         "prior": prior,
     }
 
@@ -78,7 +80,7 @@ FILLED_IN = {
     "jb.FrameFamily(jb.FrameRecipe(...), {})": "jb.FrameFamily(jb.FrameRecipe(strip, law), {})",
     "jb.chain(...)": "jb.chain([1.0, 2.0], [('1', '2', 1e3)], law)",
     'jb.blocks_of({"left": ..., "right": ...})': 'jb.blocks_of({"left": joint, "right": joint})',
-    "jb.Problem(setups=[…], prior=…)": "jb.Problem(setups=setups, prior=torques.prior)",
+    "jb.Problem([…], prior)": "jb.Problem(tests, torques.prior)",
     "jb.calibrate(case, 1000)": "jb.calibrate(case, 4)",
     'posterior.interval("k11")': 'posterior.interval("loose.k11")',
     'posterior.predict_frf(setup="short")': 'posterior.predict_frf(setup="loose")',
@@ -87,17 +89,18 @@ FILLED_IN = {
 
 
 @pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 def test_every_call_in_a_line_of_text_is_run(clone):
     case = jb.load_case("configs/two_storeys.toml")
     torques = jb.case_from_text("torques", OWN + TORQUES).problem
     jb.campaign("joints.csv", "reports/joints", base="configs/two_storeys.toml")
-    frf = torques.parts[0].measurement.frf
+    frf = torques.parts[0].test.data.frf
     section = jb.Section.circle(0.02)
     names = {
         "jb": jb,
         "case": case,
         "torques": torques,
-        "setups": torques.setups,
+        "tests": torques.tests,
         "joint": jb.LogStiffness(),
         "posterior": jb.sample(torques, settings=jb.SamplerSettings(walkers=20, max_steps=100)),
         "path": "fewer.nc",

@@ -1,7 +1,6 @@
 """The pages of the examples: their cases, figures and numbers."""
 
 import json
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -128,7 +127,7 @@ def test_both_joints_of_the_spindle_come_back_at_the_map(name):
 def test_a_model_with_rigid_bearings_would_not_explain_the_measured_spindle():
     case = jb.load_case(numbers.CONFIGS / "spindle_tool.toml").problem
     measured = jb.load_case(numbers.CONFIGS / "spindle_measured.toml").problem
-    wrong = replace(case, measurement=measured.measurement)
+    wrong = case.with_test(data=measured.test.data)
     matrix = wrong.parametrisation.matrix(list(numbers.truth(numbers.shipped()["spindle_tool"]).values()))[None]
     here, there = (np.mean(np.abs(p.log_posterior.likelihood.standardised(matrix)) ** 2) for p in (measured, wrong))
     assert there > 100 * here

@@ -29,7 +29,12 @@ COMMANDS = {
     "campaign": ("campaign", "clamp.toml", "--workers", "1", "--out", "out"),
     "plan": ("plan", "frf.toml", "--out", "out"),
 }
-LONG = [pytest.param(name, marks=pytest.mark.science) for name in COMMANDS if name != "sample"]
+#: What `calibrate` writes its directory with is what `plan` does; CI takes the cheaper one.
+LONG = [
+    pytest.param(name, marks=(pytest.mark.science, *([pytest.mark.long] if name == "calibrate" else [])))
+    for name in COMMANDS
+    if name != "sample"
+]
 
 
 def cli(*arguments):
@@ -140,8 +145,8 @@ def calls_that_need_room(place, arguments):
 
 @pytest.mark.parametrize(
     ("command", "sampled"),
-    [("sample", 8), pytest.param("sample", None, marks=pytest.mark.science),
-     pytest.param("run", None, marks=pytest.mark.science)],
+    [("sample", 8), pytest.param("run", 8, marks=pytest.mark.science),
+     *(pytest.param(command, None, marks=(pytest.mark.science, pytest.mark.long)) for command in ("sample", "run"))],
 )  # fmt: skip
 def test_a_disk_that_is_full_from_any_write_on_costs_a_line_and_no_draws(tmp_path, monkeypatch, command, sampled):
     elsewhere = tmp_path / "temporary"

@@ -50,6 +50,7 @@ def test_growth_is_the_slope_and_one_look_that_is_off_does_not_matter():
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_posteriors_one_after_the_other_leave_nothing_behind(tmp_path, monkeypatch):
     place = tmp_path / "temporary"
     place.mkdir()

@@ -152,13 +152,13 @@ def test_any_arrays_are_frfs_or_an_error(lines, values, outputs, inputs, coheren
 @given(variance=ANY_ARRAY)
 def test_any_variance_is_that_of_frfs_or_an_error(variance):
     frf = jb.FrfSet([10.0, 20.0], np.ones((2, 1, 1)), ["2:y"], ["2:y"])
-    assert_sound(made(jb.FrfMeasurement, frf, variance))
+    assert_sound(made(jb.FrfData, frf, variance))
 
 
 @EASY
 @given(lines=ANY_ARRAY, sd=ANY_ARRAY)
 def test_any_arrays_are_natural_frequencies_or_an_error(lines, sd):
-    assert_sound(made(jb.FrequencyMeasurement, lines, sd))
+    assert_sound(made(jb.FrequencyData, lines, sd))
 
 
 @EASY
@@ -166,9 +166,9 @@ def test_any_arrays_are_natural_frequencies_or_an_error(lines, sd):
 def test_any_arrays_are_modes_or_an_error(values, sd, dofs):
     shapes = made(jb.ModeShapes, dofs, "9:x", jb.Observed(values, sd))
     for found in (
-        made(lambda: jb.ModeMeasurement(jb.Observed(values, sd))),
-        made(lambda: jb.ModeMeasurement(jb.Observed([10.0], 0.1), jb.Observed(values, sd))),
-        made(lambda: jb.ModeMeasurement(jb.Observed([10.0], 0.1), shapes=shapes)),
+        made(lambda: jb.ModeData(jb.Observed(values, sd))),
+        made(lambda: jb.ModeData(jb.Observed([10.0], 0.1), jb.Observed(values, sd))),
+        made(lambda: jb.ModeData(jb.Observed([10.0], 0.1), shapes=shapes)),
     ):
         if found is not None:
             assert repr(found).isprintable()
@@ -298,9 +298,7 @@ def test_any_theta_has_a_density_or_is_an_error(theta):
 @given(initial=ANY_ARRAY)
 def test_any_first_guess_is_taken_or_is_an_error(initial):
     problem = cheap_problem()
-    found = made(
-        jb.Problem, problem.structure, problem.joint, problem.measurement, problem.prior, initial=initial
-    )  # fmt: skip
+    found = made(jb.Problem, problem.tests, problem.prior, initial=initial)
     assert found is None or np.isfinite(found.first_guess).all()
 
 

@@ -24,7 +24,7 @@ case = jb.load_case(sys.argv[1])
 _DENSITY = """
 theta = case.problem.prior.sample(np.random.default_rng(1), 20)
 short = jb.sample(jb.load_case(sys.argv[1].replace("clamped_beam_uncertain", "two_storeys_shape")))
-numbers = case.problem.measurement.frf.values, case.problem.log_posterior(theta), short.theta
+numbers = case.problem.test.data.frf.values, case.problem.log_posterior(theta), short.theta
 """
 _DRAWS = """
 numbers = jb.sample(case).theta,
@@ -58,6 +58,7 @@ def test_data_density_and_draws_are_those_of_one_thread_with_any_number():
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_draws_of_a_long_curved_posterior_are_those_of_one_thread_with_any_number():
     assert len(digests("clamped_beam_uncertain", _DRAWS)) == 1
 

@@ -15,7 +15,7 @@ import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, PlainSprings, SignedCoupling
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
@@ -60,7 +60,7 @@ def measured():
     exact = receptances(*TRUTH)
     sd = 0.02 * np.abs(exact) + 0.005 * np.median(np.abs(exact))
     noise = sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)) / np.sqrt(2)
-    return FrfMeasurement(jb.FrfSet(LINES, exact + noise, ("7:y", "4:y"), ("7:y",)), sd**2)
+    return FrfData(jb.FrfSet(LINES, exact + noise, ("7:y", "4:y"), ("7:y",)), sd**2)
 
 
 def from_arrays(marginals=None, **changes):
@@ -69,7 +69,7 @@ def from_arrays(marginals=None, **changes):
     parts = {
         "structure": Structure(stiffness, mass, LossFactor(LOSS), labels),
         "joint": Joint(("1:y", "1:rz")),
-        "measurement": measured(),
+        "data": measured(),
         "prior": JointPrior(LogStiffness(), marginals or wide),
         "name": "rod",
     }
@@ -83,7 +83,7 @@ def sampled():
 
 def test_a_problem_of_arrays_has_the_density_of_a_dense_solution():
     problem = from_arrays()
-    data = problem.measurement
+    data = problem.test.data
     theta = np.log(TRUTH) + np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.05]])
     for row, found in zip(theta, problem.log_posterior.log_likelihood(theta), strict=True):
         misfit = np.abs(receptances(*np.exp(row)) - data.frf.values) ** 2 / data.variance
@@ -131,9 +131,7 @@ def test_a_first_guess_is_the_middle_of_the_prior_unless_one_is_given():
 def test_the_papers_iteration_runs_on_a_problem_with_frfs_at_the_joint():
     labels, numbers = ("7:y", "4:y", "1:y", "1:rz"), (12, 6, 0, 1)
     whole = jb.FrfSet(LINES, receptances(*TRUTH, outputs=numbers), labels, ("7:y",))
-    history = jb.identify(
-        from_arrays(measurement=dataclasses.replace(measured(), joint_frf=whole), initial=[1e7, 0.0, 1e4])
-    )
+    history = jb.identify(from_arrays(data=dataclasses.replace(measured(), joint_frf=whole), initial=[1e7, 0.0, 1e4]))
     np.testing.assert_allclose(history.stiffness, TRUTH, rtol=0.05)
     with pytest.raises(ModelError, match="rod: found no FRFs at the joint"):
         jb.identify(from_arrays())
@@ -155,7 +153,7 @@ def beam_with_uncertain_quantities():
     )
     ranges = {n.name: n.range for n in nuisances[:2]}
     frf = measured().frf
-    data = FrfMeasurement(
+    data = FrfData(
         jb.FrfSet(
             LINES, frf.values[:, :1], ("11:y",), ("11:y",), coherence=np.full((LINES.size, 1, 1), 0.9), averages=8
         ),
@@ -163,16 +161,21 @@ def beam_with_uncertain_quantities():
     )
     marginals = Normal(17.0, 1.0), stats.t(4, loc=10.0, scale=0.8), Uniform(-0.9, 0.9)
     prior = JointPrior(SignedCoupling(), marginals, nuisances)
-    return Problem(BeamFamily(recipe, ranges), Joint(("1:y", "1:rz")), data, prior, ScaledNoise(), initial=TRUTH)
+    return Problem(
+        structure=BeamFamily(recipe, ranges),
+        joint=Joint(("1:y", "1:rz")),
+        data=data,
+        prior=prior,
+        noise=ScaledNoise(),
+        initial=TRUTH,
+    )
 
 
 PROBLEMS = {
     "matrices": from_arrays,
     "uncertain beam": beam_with_uncertain_quantities,
     "two sides": lambda: from_arrays(joint=Joint(("1:y", "1:rz"), ("2:y", "2:rz"))),
-    "frequencies": lambda: from_arrays(
-        measurement=FrequencyMeasurement(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))
-    ),
+    "frequencies": lambda: from_arrays(data=FrequencyData(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))),
     "springs": lambda: from_arrays(prior=JointPrior(PlainSprings(("k22",)), (Normal(10.0, 1.0),))),
     "magnitude": lambda: from_arrays(residual_kind="log_magnitude"),
 }
@@ -236,8 +239,7 @@ def test_a_replaced_problem_is_saved_as_it_was_sampled(tmp_path):
     softer = dataclasses.replace(
         problem,
         prior=dataclasses.replace(problem.prior, marginals=(Normal(22.0, 0.5), *problem.prior.marginals[1:])),
-        measurement=dataclasses.replace(problem.measurement, variance=2 * problem.measurement.variance),
-    )
+    ).with_test(data=dataclasses.replace(problem.test.data, variance=2 * problem.test.data.variance))
     posterior = jb.sample(dataclasses.replace(case, problem=softer), seed=1, settings=QUICK)
     posterior.save(tmp_path / "kept.nc")
     loaded = jb.load_posterior(tmp_path / "kept.nc")
@@ -288,8 +290,8 @@ class Triangle:
 
 def one_spring(prior, extra=None):
     """One coordinate, so that a grid gives the posterior; the data are three natural frequencies, roughly measured."""
-    data = FrequencyMeasurement(np.array([78.0]), np.array([4.0]))
-    return from_arrays(measurement=data, prior=JointPrior(PlainSprings(("k22",)), (prior,)), extra_log_likelihood=extra)
+    data = FrequencyData(np.array([78.0]), np.array([4.0]))
+    return from_arrays(data=data, prior=JointPrior(PlainSprings(("k22",)), (prior,)), extra_log_likelihood=extra)
 
 
 def static_test(theta):
@@ -381,11 +383,11 @@ def test_parts_that_no_file_can_hold_are_named_and_asked_for(sampled, tmp_path):
     other = dataclasses.replace(problem, extra_log_likelihood=lambda theta: -2 * theta[:, 0])
     with pytest.raises(ModelError, match=r"found draws of another density"):
         jb.load_posterior(path, problem=other)
-    data = dataclasses.replace(problem.measurement, variance=2 * problem.measurement.variance)
+    data = dataclasses.replace(problem.test.data, variance=2 * problem.test.data.variance)
     with pytest.raises(ModelError, match=r"of another problem .*: other numbers in its arrays"):
-        jb.load_posterior(path, problem=dataclasses.replace(problem, measurement=data))
+        jb.load_posterior(path, problem=problem.with_test(data=data))
     with pytest.raises(ModelError, match=r"of another problem .*: other joint"):
-        jb.load_posterior(path, problem=dataclasses.replace(problem, joint=Joint(("2:y", "2:rz"))))
+        jb.load_posterior(path, problem=problem.with_test(joints=Joint(("2:y", "2:rz"))))
 
 
 def test_a_file_cannot_name_what_is_called_for_a_prior():

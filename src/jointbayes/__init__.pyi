@@ -30,8 +30,8 @@ from jointbayes.inference import OfStiffness as OfStiffness
 from jointbayes.inference import Problem as Problem
 from jointbayes.inference import ProportionalNoise as ProportionalNoise
 from jointbayes.inference import ScaledNoise as ScaledNoise
-from jointbayes.inference import Setup as Setup
 from jointbayes.inference import StudentNoise as StudentNoise
+from jointbayes.inference import Test as Test
 from jointbayes.inference import Uniform as Uniform
 from jointbayes.joint import Damped as Damped
 from jointbayes.joint import ElasticCentre as ElasticCentre
@@ -44,9 +44,9 @@ from jointbayes.joint import Rigid as Rigid
 from jointbayes.joint import SignedCoupling as SignedCoupling
 from jointbayes.joint import blocks_of as blocks_of
 from jointbayes.joint import parametrisation_named as parametrisation_named
-from jointbayes.measurement import FrequencyMeasurement as FrequencyMeasurement
-from jointbayes.measurement import FrfMeasurement as FrfMeasurement
-from jointbayes.measurement import ModeMeasurement as ModeMeasurement
+from jointbayes.measurement import FrequencyData as FrequencyData
+from jointbayes.measurement import FrfData as FrfData
+from jointbayes.measurement import ModeData as ModeData
 from jointbayes.measurement import ModeShapes as ModeShapes
 from jointbayes.measurement import Observed as Observed
 from jointbayes.measurement.assemble import mean_of_repeats as mean_of_repeats

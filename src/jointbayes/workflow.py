@@ -24,7 +24,7 @@ from jointbayes.identification import (
     why_not_iterated,
 )
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.run_record import run_fingerprint, sampler_figures
@@ -84,20 +84,20 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
     part = part_to_iterate(problem)
     if part is None:
         raise ModelError(f"{problem.name}: {why_not_iterated(problem)}; use find_map instead")
-    assert isinstance(part.measurement, FrfMeasurement)
-    assert part.joint_frf is not None
+    assert isinstance(part.test.data, FrfData)
+    assert part.test.joint_frf is not None
     start = part.first_guess if initial is None else np.asarray(initial, dtype=float)
     part.parametrisation.check(start)
     history = sensitivity_iteration(
-        part.structures,
-        part.joints,
-        part.joint_frf,
-        part.measurement.frf.outputs,
+        part.test.structures,
+        part.test.joints,
+        part.test.joint_frf,
+        part.test.data.frf.outputs,
         start,
         parametrisation=part.parametrisation,
         **(whole.spec.identification.model_dump() if whole is not None else {}),
     )
-    return replace(history, setup=part.setup)
+    return replace(history, setup=part.test.name)
 
 
 def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:
@@ -157,11 +157,11 @@ def find_map(
     starts: dict[str, Array] = {"first guess": guess}
     for part in problem.parts:
         own = part.parametrisation
-        if not isinstance(part.measurement, FrfMeasurement) or part.joints.size != _PAIR or own.unused or own.damped:
+        if not isinstance(part.test.data, FrfData) or part.test.joints.size != _PAIR or own.unused or own.damped:
             continue
-        fitted = compliance_start(part.structure, part.joints, part.measurement)
+        fitted = compliance_start(part.test.structure, part.test.joints, part.test.data)
         name = "compliance fit without a guess"
-        starts[f"{part.setup}: {name}" if part.setup else name] = own.from_matrix(fitted)
+        starts[f"{part.test.name}: {name}" if part.test.name else name] = own.from_matrix(fitted)
     iteration = identify(whole or problem, guess) if part_to_iterate(problem) is not None else None
     if iteration is not None:
         name = "paper's iteration"
@@ -238,8 +238,8 @@ def sample(
             return sample(case, seed, settings=settings, progress=progress, tell=tell, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
     for part in problem.parts:
-        if isinstance(part.measurement, FrfMeasurement):
-            part.measurement.require_lines()
+        if isinstance(part.test.data, FrfData):
+            part.test.data.require_lines()
     seed = _seed(whole, seed)
     tell = tell or (lambda _line: None)
     dimension = len(problem.prior.names)

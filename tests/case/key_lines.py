@@ -207,7 +207,7 @@ def count_to(top: float, low: float = 20.0, step: float = 5.0) -> float:
 def of_data() -> list[tuple[str, str, Value]]:
     """Lines of data that a case states or makes, and of the noise model."""
     synthetic, truth, modes = "data{synthetic_frf}.", "data{synthetic_frf}.truth.", "data{modes}."
-    lines = "(measurement|truth.ports)."
+    lines = "(data|truth.ports)."
     natural = "data{natural_frequencies}."
     return [
         (f"{synthetic}f_min_hz", f"{lines}first", 1),
@@ -233,15 +233,15 @@ def of_data() -> list[tuple[str, str, Value]]:
         (f"{truth}accelerometer_mass_g", "truth.structure.recipe.accelerometer_mass", GRAM),
         (f"{truth}gain", "truth.gain", 1),
         (f"{truth}damping_ratio[*]", "truth.structure.recipe.damping.ratios[{0}]", 1),
-        (f"{natural}frequencies_hz[*]", "measurement.frequency_hz[{0}]", 1),
-        (f"{natural}frequencies_hz[*]", "measurement.sd_hz[{0}]", lambda f: math.hypot(0.01 * f, 0.5)),
-        *((f"{natural}sd_relative", f"measurement.sd_hz[{i}]", lambda r, f=f: math.hypot(r * f, 0.5))
+        (f"{natural}frequencies_hz[*]", "data.frequency_hz[{0}]", 1),
+        (f"{natural}frequencies_hz[*]", "data.sd_hz[{0}]", lambda f: math.hypot(0.01 * f, 0.5)),
+        *((f"{natural}sd_relative", f"data.sd_hz[{i}]", lambda r, f=f: math.hypot(r * f, 0.5))
           for i, f in enumerate((31.0, 210.0))),
-        *((f"{natural}sd_hz", f"measurement.sd_hz[{i}]", lambda s, f=f: math.hypot(0.01 * f, s))
+        *((f"{natural}sd_hz", f"data.sd_hz[{i}]", lambda s, f=f: math.hypot(0.01 * f, s))
           for i, f in enumerate((31.0, 210.0))),
-        (f"{modes}numbers[*]", "measurement.numbers[{0}]", 1),
-        (f"{modes}shapes.components[*][*][*]", "measurement.shapes.components.values[{0},{1},{2}]", 1),
-        (f"{modes}shapes.sd[*]", "measurement.shapes.components.sd[*,{0},*]", 1),
+        (f"{modes}numbers[*]", "data.numbers[{0}]", 1),
+        (f"{modes}shapes.components[*][*][*]", "data.shapes.components.values[{0},{1},{2}]", 1),
+        (f"{modes}shapes.sd[*]", "data.shapes.components.sd[*,{0},*]", 1),
         ("noise.dof", "noise.dof", 1),
         ("noise.scale_dof", "noise.dof", 1),
         ("noise.scale_guess", "noise.scale", 1),
@@ -264,14 +264,14 @@ def of_repeated() -> list[tuple[str, str, Value]]:
     """Lines of repeated values, whose relative standard deviation is one of their mean."""
     lines: list[tuple[str, str, Value]] = []
     for key, (name, values, relative, absolute) in REPEATED.items():
-        lines.append((f"data{{modes}}.{key}[*][*]", f"measurement.{name}.values[{{0}},{{1}}]", 1))
+        lines.append((f"data{{modes}}.{key}[*][*]", f"data.{name}.values[{{0}},{{1}}]", 1))
         relative_key, absolute_key = {
             "damping_ratios": ("damping_sd_relative", "damping_sd"),
             "frequencies_hz": ("sd_relative", "sd_hz"),
             "eigenvalues": ("sd_relative", "eigenvalue_sd"),
         }[key]
         for mode, (one, other) in enumerate(zip(*values, strict=True)):
-            sd, r, s = f"measurement.{name}.sd[*,{mode}]", relative[mode], absolute[mode]
+            sd, r, s = f"data.{name}.sd[*,{mode}]", relative[mode], absolute[mode]
             for row, rest in enumerate((other, one)):
                 mean_of = f"data{{modes}}.{key}[{row}][{mode}]"
                 lines.append((mean_of, sd, lambda v, rest=rest, r=r, s=s: math.hypot(r * (v + rest) / 2, s)))

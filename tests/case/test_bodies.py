@@ -1,7 +1,6 @@
 """Measured bodies of a case file: read through channels, rotations and offsets, and what is refused in one line."""
 
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +74,17 @@ def case_of(directory: Path, *changes: tuple[str, str]) -> Case:
 
 def test_a_body_is_read_through_its_channels_and_rotations(directory):
     case = case_of(directory)
-    assert isinstance(case.problem.structure, Substructures)
+    assert isinstance(case.problem.test.structure, Substructures)
     assert isinstance(case.problem.log_posterior, LogPosterior)
-    (body,) = case.problem.measured_bodies
+    (body,) = case.problem.test.measured_bodies
     assert (body.name, body.dofs) == ("spindle", ("nose:y", "nose:rz"))
     exact = frfs_of(spindle(), ("s4:y", "s5:y")).values
     turn = np.array([[0.0, 1.0], [-1 / 0.0625, 1 / 0.0625]])
     want = turn @ exact @ turn.T
     size = np.sqrt(np.abs(want[:, [0, 1], [0, 1]]))
     assert (np.abs(body.receptance - want) / (size[:, :, None] * size[:, None, :])).max() < 1e-5
-    assert case.problem.structure.propagate
-    assert case.problem.joint_frf is None
+    assert case.problem.test.structure.propagate
+    assert case.problem.test.joint_frf is None
     content = (directory / "spindle.uff").read_bytes()
     assert body.files == (MeasuredFile("spindle.uff", len(content), hashlib.sha256(content).hexdigest()),)
 
@@ -103,16 +102,16 @@ def test_a_rotation_about_y_has_the_sign_of_the_right_hand_rule(directory):
         ("elements = 6\n", "elements = 6\ndofs_per_node = 5\n"),
         (TEXT[TEXT.index("[prior]") : TEXT.index("[data]")], "[uncertain]\nloss_factor = { sd_percent = 5.0 }\n\n"),
     )
-    (body,) = upright.problem.measured_bodies
-    (across,) = case_of(directory).problem.measured_bodies
+    (body,) = upright.problem.test.measured_bodies
+    (across,) = case_of(directory).problem.test.measured_bodies
     np.testing.assert_allclose(body.receptance, across.receptance * np.array([[1, -1], [-1, 1]]), rtol=1e-12)
 
 
 def test_the_noise_of_a_body_may_be_ignored_and_the_workshop_problem_keeps_the_body(directory):
     case = case_of(directory, ('file = "spindle.uff"', 'file = "spindle.uff"\npropagate = false'))
-    assert case.problem.ignores_noise_of_bodies
+    assert case.problem.test.ignores_noise_of_bodies
     assert case.workshop_problem is not None
-    assert case.workshop_problem.measured_bodies == case.problem.measured_bodies
+    assert case.workshop_problem.test.measured_bodies == case.problem.test.measured_bodies
 
 
 @pytest.mark.parametrize(
@@ -163,9 +162,9 @@ def test_a_sensor_off_the_joint_is_stated_by_the_joints_offset(directory):
     here = case_of(directory)
     theta = here.problem.prior.mean[None]
     assert moved.problem.log_posterior(theta) != here.problem.log_posterior(theta)
-    (body,) = here.problem.measured_bodies
+    (body,) = here.problem.test.measured_bodies
     link = body.seen_at({"nose:y": {"nose:y": 1.0, "nose:rz": 0.02}, "nose:rz": {"nose:rz": 1.0}})
-    by_hand = replace(here.problem, structure=Substructures(here.problem.structures, (link,)))
+    by_hand = here.problem.with_test(structure=Substructures(here.problem.test.structures, (link,)))
     assert moved.problem.log_posterior(theta) == pytest.approx(by_hand.log_posterior(theta), rel=1e-9)
 
 

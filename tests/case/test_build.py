@@ -63,9 +63,9 @@ def case_of(*changes: tuple[str, str]) -> jb.Case:
 
 def receptance(case: jb.Case, stiffness, dof: str = "5:y", f_hz: float = 0.01) -> complex:
     """Drive-point receptance at one low frequency."""
-    return case.problem.receptance_model(Ports(np.array([f_hz]), (dof,), (dof,))).receptance(pair_matrix(stiffness))[
-        0, 0, 0, 0
-    ]
+    return case.problem.test.receptance_model(Ports(np.array([f_hz]), (dof,), (dof,))).receptance(
+        pair_matrix(stiffness)
+    )[0, 0, 0, 0]
 
 
 def cantilever(area: float, inertia: float, modulus: float = E, length: float = L) -> float:
@@ -203,7 +203,7 @@ LINES = ("f_min_hz = 20.0\nf_max_hz = 2500.0\nf_step_hz = 10.0", "frequencies_hz
 
 
 def measured(*changes: tuple[str, str]) -> np.ndarray:
-    return case_of(EXACT, STATED_SHEAR, LINES, *changes).problem.measurement.frf.values[:, 0, 0]
+    return case_of(EXACT, STATED_SHEAR, LINES, *changes).problem.test.data.frf.values[:, 0, 0]
 
 
 def test_the_data_are_made_with_what_the_truth_states_otherwise():
@@ -265,17 +265,17 @@ MORE = (
 )
 def test_the_noise_table_chooses_the_distribution_with_its_numbers(lines, expected):
     problem = case_of((MORE[0], MORE[1].format(lines=lines))).problem
-    assert (problem.noise or GaussianNoise(2)) == expected
+    assert (problem.test.noise or GaussianNoise(2)) == expected
     if "sampled" in lines:
         assert np.exp(problem.prior.nuisances[-1].prior.support) == pytest.approx((0.5, 3.0))
 
 
 def test_the_noise_of_synthetic_data_is_that_of_the_case_file():
     case = case_of(EXACT)
-    frf = np.abs(case.problem.measurement.frf.values[:, 0, 0])
+    frf = np.abs(case.problem.test.data.frf.values[:, 0, 0])
     expected = 2 * (0.008 * frf + 0.0016 * np.median(frf)) ** 2
-    np.testing.assert_allclose(case.problem.measurement.variance[:, 0, 0], expected, rtol=1e-12)
-    coherent = case_of(EXACT, ("relative = 0.008", "coherence = 0.98\naverages = 8")).problem.measurement
+    np.testing.assert_allclose(case.problem.test.data.variance[:, 0, 0], expected, rtol=1e-12)
+    coherent = case_of(EXACT, ("relative = 0.008", "coherence = 0.98\naverages = 8")).problem.test.data
     expected = 2 * (np.sqrt(0.02 / (2 * 8 * 0.98)) * frf + 0.0016 * np.median(frf)) ** 2
     np.testing.assert_allclose(coherent.variance[:, 0, 0], expected, rtol=1e-12)
 
@@ -286,7 +286,7 @@ def test_the_standard_deviation_of_frequencies_adds_in_squares():
     start, end = whole.index('kind = "synthetic_frf"'), whole.index("[identification]")
     case = jb.case_from_text("wiring", whole[:start] + text + whole[end:])
     np.testing.assert_allclose(
-        case.problem.measurement.sd_hz, [math.sqrt(0.6**2 + 0.5**2), math.sqrt(3.81**2 + 0.5**2)], rtol=1e-12
+        case.problem.test.data.sd_hz, [math.sqrt(0.6**2 + 0.5**2), math.sqrt(3.81**2 + 0.5**2)], rtol=1e-12
     )
 
 
@@ -353,5 +353,5 @@ def test_a_case_without_title_is_named_after_its_file_and_a_band_without_lower_e
     text = cheap_text()
     case = jb.case_from_text("unnamed", edited(text, ("title = ", "# "), ("f_min_hz = 20.0", "")))
     assert case.title == "unnamed"
-    frequency = case.problem.measurement.frf.frequency_hz
+    frequency = case.problem.test.data.frf.frequency_hz
     assert (frequency[0], frequency[1], frequency[-1]) == (10.0, 20.0, 2500.0)

@@ -157,7 +157,7 @@ def test_a_joint_far_softer_than_its_structure_is_inside_the_default_range(coupl
     """Two masses that move as one on 2000 N/m at 0.88 Hz, however stiff the spring between them is."""
     case = hung(coupling, 2e3)
     low, high = np.exp(case.problem.prior.marginals[0].support)
-    first = case.problem.measurement.frequency_hz[0]
+    first = case.problem.test.data.frequency_hz[0]
     assert first == pytest.approx(0.88, abs=0.01)
     spring = 50 * (2 * np.pi * first) ** 2
     assert low == pytest.approx(0.1 * (coupling if 0.1 * coupling < spring else spring))
@@ -171,7 +171,7 @@ def test_a_mass_that_nothing_holds_takes_its_range_from_the_measured_frequency()
     text = re.sub(r"frequencies_hz = .*", "frequencies_hz = [1.8]", text)
     problem = case_from_text("loose", text).problem
     low, high = np.exp(problem.prior.marginals[0].support)
-    spring = 15.0 * (2 * np.pi * problem.measurement.frequency_hz[0]) ** 2
+    spring = 15.0 * (2 * np.pi * problem.test.data.frequency_hz[0]) ** 2
     assert (low, high) == pytest.approx((0.1 * spring, 1e6 * spring))
 
 
@@ -187,7 +187,7 @@ def test_a_case_knows_which_priors_no_one_stated():
 def test_a_limit_set_by_a_default_range_is_not_called_the_users():
     """A joint so stiff that the data say no more than that: the upper end of the range is nobody's statement."""
     both = hung(8e3, 5e8)
-    first = both.problem.measurement.frequency_hz[0]
+    first = both.problem.test.data.frequency_hz[0]
     case = case_from_text("hung", re.sub(r"frequencies_hz = .*", f"frequencies_hz = [{first}]", both.text))
     posterior = sample(case, settings=SamplerSettings(walkers=16, max_steps=800, end_tolerance=0.2), seed=1)
     known = posterior.identifiability("kx")

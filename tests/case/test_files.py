@@ -47,7 +47,7 @@ def virtual(
     """Noisy FRFs with coherence of the small beam with the published joint, at DOFs of the model."""
     case = truth(*changes)
     lines = np.array(case.spec.data.lines_hz())
-    model = case.problem.receptance_model(Ports(lines, outputs, inputs))
+    model = case.problem.test.receptance_model(Ports(lines, outputs, inputs))
     exact = FrfSet(lines, model.receptance(pair_matrix(TABLE_3))[0], outputs, inputs).converted("accelerance")
     noisy = noisy_frf(exact, CoherenceNoise(coherence, averages), averages, np.random.default_rng(seed))
     return noisy.converted(quantity)
@@ -108,13 +108,13 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     frf = virtual()
     stored(frf, tmp_path / "tip.npz", kind)  # the ending says nothing
     case = loaded(tmp_path, TIP)
-    measured = case.problem.measurement
+    measured = case.problem.test.data
     assert (measured.frf.outputs, measured.frf.inputs, measured.frf.quantity) == (("5:y",), ("5:y",), "accelerance")
     np.testing.assert_allclose(measured.frf.values, frf.values[:, :1], rtol=1e-12)
     np.testing.assert_allclose(measured.variance, coherence_variance(frf)[:, :1], rtol=1e-9)
     assert measured.synthetic is False
-    assert case.problem.measurement.joint_frf.outputs == ("5:y", "1:y", "1:rz")
-    np.testing.assert_allclose(case.problem.measurement.joint_frf.values, frf.values, rtol=1e-12)
+    assert case.problem.test.data.joint_frf.outputs == ("5:y", "1:y", "1:rz")
+    np.testing.assert_allclose(case.problem.test.data.joint_frf.values, frf.values, rtol=1e-12)
 
 
 def test_file_to_posterior_finds_the_joint_of_the_virtual_test(tmp_path):
@@ -137,7 +137,7 @@ def test_the_posterior_does_not_depend_on_the_quantity_of_the_file(tmp_path, var
         stored(virtual(quantity=quantity), folder / "tip.npz")
         data = frf_data('outputs = ["5:y"]', variance=variance)
         case = loaded(folder, data, ("ratio = 0.01", 'ratio = "measured"'))
-        assert case.problem.measurement.frf.quantity == quantity
+        assert case.problem.test.data.frf.quantity == quantity
         prior = case.problem.prior
         theta = prior.sample(np.random.default_rng(2), 200)
         values = case.problem.log_posterior(theta)
@@ -166,8 +166,8 @@ def test_signs_and_gains_of_channels_reach_the_data_and_are_reported(tmp_path):
     channels = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = { dof = "1:y", gain = 1.02 }\n"Point:1:RZ+" = "-1:rz"\n'
     case = loaded(tmp_path, frf_data(channels=channels))
     expected = frf.values * np.array([1.0, -1.02, -1.0])[:, None]
-    np.testing.assert_allclose(case.problem.measurement.frf.values, expected, rtol=1e-12)
-    assert any("Point:1:Y- points the other way" in note for note in case.problem.measurement.provenance.notes)
+    np.testing.assert_allclose(case.problem.test.data.frf.values, expected, rtol=1e-12)
+    assert any("Point:1:Y- points the other way" in note for note in case.problem.test.data.provenance.notes)
 
 
 def test_band_and_thinning_choose_the_lines(tmp_path):
@@ -175,15 +175,15 @@ def test_band_and_thinning_choose_the_lines(tmp_path):
     stored(frf, tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data("f_min_hz = 100.0\nf_max_hz = 1000.0\nthin = 3"))
     lines = frf.frequency_hz[(frf.frequency_hz >= 100) & (frf.frequency_hz <= 1000)][::3]
-    np.testing.assert_array_equal(case.problem.measurement.frf.frequency_hz, lines)
-    assert "Of 3 lines one was kept." in case.problem.measurement.provenance.notes
+    np.testing.assert_array_equal(case.problem.test.data.frf.frequency_hz, lines)
+    assert "Of 3 lines one was kept." in case.problem.test.data.provenance.notes
 
 
 def test_the_quantity_of_the_case_wins_and_the_contradiction_is_said(tmp_path):
     frf = virtual()
     stored(frf, tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data('quantity = "mobility"'))
-    assert case.problem.measurement.frf.quantity == "mobility"
+    assert case.problem.test.data.frf.quantity == "mobility"
     assert any("the file says accelerance" in str(w) and "the case mobility" in str(w) for w in case.warnings)
     agreeing = loaded(tmp_path, frf_data('quantity = "accelerance"'))
     assert not any("the file says" in str(warning) for warning in agreeing.warnings)
@@ -193,12 +193,12 @@ def test_warnings_about_the_file_are_kept_and_a_sign_put_right_by_the_mapping_is
     frf = virtual(("5:y",))
     stored(replace(frf, values=-frf.values), tmp_path / "tip.npz")
     wrong = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
-    assert any("5:y/5:y" in warning.where for warning in wrong.problem.measurement.provenance.warnings)
+    assert any("5:y/5:y" in warning.where for warning in wrong.problem.test.data.provenance.warnings)
     records = [replace(r, response="acc", reference="hammer") for r in records_of_frf(frf)]
     write_records([replace(r, values=-r.values) for r in records], tmp_path / "tip.npz", "npz")
     right = loaded(tmp_path, frf_data(channels='"acc" = "-5:y"\n"hammer" = "5:y"\n'))
-    assert right.problem.measurement.provenance.warnings == ()
-    np.testing.assert_allclose(right.problem.measurement.frf.values, frf.values, rtol=1e-12)
+    assert right.problem.test.data.provenance.warnings == ()
+    np.testing.assert_allclose(right.problem.test.data.frf.values, frf.values, rtol=1e-12)
 
 
 def test_a_file_that_does_not_say_its_quantity_needs_one(tmp_path):
@@ -209,7 +209,7 @@ def test_a_file_that_does_not_say_its_quantity_needs_one(tmp_path):
     write_records(records, tmp_path / "tip.npz", "npz")
     with pytest.raises(CaseError, match=r'does not say what it is.*write for example quantity = "accelerance"'):
         loaded(tmp_path, TIP)
-    assert loaded(tmp_path, frf_data('quantity = "accelerance"')).problem.measurement.frf.quantity == "accelerance"
+    assert loaded(tmp_path, frf_data('quantity = "accelerance"')).problem.test.data.frf.quantity == "accelerance"
 
 
 def test_repeated_measurements_are_averaged_and_give_the_variance(tmp_path):
@@ -219,9 +219,9 @@ def test_repeated_measurements_are_averaged_and_give_the_variance(tmp_path):
     files = '["run0.npz", "run1.npz", "run2.npz", "run3.npz"]'
     case = loaded(tmp_path, frf_data(variance='[data.variance]\nsource = "repeats"\n', file=files))
     mean = mean_of_repeats(repeats, RelativeNoise(1e-3, 0.0))
-    np.testing.assert_allclose(case.problem.measurement.frf.values, mean.frf.values, rtol=1e-12)
-    np.testing.assert_allclose(case.problem.measurement.variance, mean.variance, rtol=1e-9)
-    assert [f.name for f in case.problem.measurement.provenance.files] == [
+    np.testing.assert_allclose(case.problem.test.data.frf.values, mean.frf.values, rtol=1e-12)
+    np.testing.assert_allclose(case.problem.test.data.variance, mean.variance, rtol=1e-9)
+    assert [f.name for f in case.problem.test.data.provenance.files] == [
         "run0.npz",
         "run1.npz",
         "run2.npz",
@@ -236,7 +236,7 @@ def test_several_files_make_one_set(tmp_path):
     stored(frf.select(("5:y",), ("5:y",)), tmp_path / "tip.npz")
     stored(frf.select(("1:y", "1:rz"), ("5:y",)), tmp_path / "joint.uff", "uff58b")
     case = loaded(tmp_path, frf_data(file='["tip.npz", "joint.uff"]'))
-    np.testing.assert_allclose(case.problem.measurement.frf.values, frf.values, rtol=1e-12)
+    np.testing.assert_allclose(case.problem.test.data.frf.values, frf.values, rtol=1e-12)
 
 
 def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
@@ -248,37 +248,37 @@ def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
     case = loaded(tmp_path, frf_data(variance=stated))
     magnitude = np.abs(frf.values)
     expected = 2 * (0.02 * magnitude + 0.01 * np.median(magnitude, axis=0)) ** 2
-    ratio = case.problem.measurement.variance / expected  # that of a modal fit over that of the noisy |H|
+    ratio = case.problem.test.data.variance / expected  # that of a modal fit over that of the noisy |H|
     assert np.median(ratio) == pytest.approx(1.0, abs=0.01)
     assert ratio.std() < 0.05
-    assert "of one average coherence says nothing" in case.problem.measurement.provenance.variance
+    assert "of one average coherence says nothing" in case.problem.test.data.provenance.variance
 
 
 def test_a_coherence_of_nearly_1_is_not_believed_beyond_the_floor(tmp_path):
     frf = virtual(coherence=1 - 1e-9)
     stored(frf, tmp_path / "tip.npz")
-    measured = loaded(tmp_path, TIP).problem.measurement
+    measured = loaded(tmp_path, TIP).problem.test.data
     np.testing.assert_allclose(measured.variance, 2 * (1e-3 * np.abs(measured.frf.values)) ** 2, rtol=1e-9)
 
 
 def test_a_variance_estimated_from_few_averages_makes_residuals_student_t(tmp_path):
     stored(virtual(averages=10), tmp_path / "tip.npz")
-    assert loaded(tmp_path, TIP).problem.noise == StudentNoise(2, 18.0)
+    assert loaded(tmp_path, TIP).problem.test.noise == StudentNoise(2, 18.0)
     stated = TIP + '\n[noise]\ndistribution = "gaussian"\n'
-    assert isinstance(loaded(tmp_path, stated).problem.noise, GaussianNoise)
+    assert isinstance(loaded(tmp_path, stated).problem.test.noise, GaussianNoise)
     correlated = TIP + "\n[noise.discrepancy]\nlength_low_hz = 5.0\nlength_high_hz = 500.0\n"
-    assert isinstance(loaded(tmp_path, correlated).problem.noise, CorrelatedNoise)
+    assert isinstance(loaded(tmp_path, correlated).problem.test.noise, CorrelatedNoise)
     relative = frf_data(variance='[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01\n')
-    assert isinstance(loaded(tmp_path, relative).problem.noise, GaussianNoise)
+    assert isinstance(loaded(tmp_path, relative).problem.test.noise, GaussianNoise)
     stored(virtual(averages=300), tmp_path / "tip.npz")
-    assert isinstance(loaded(tmp_path, TIP).problem.noise, GaussianNoise)
+    assert isinstance(loaded(tmp_path, TIP).problem.test.noise, GaussianNoise)
 
 
 def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
-    assert case.problem.measurement.joint_frf is None
-    assert "no FRF of 1:y" in case.problem.measurement.provenance.iteration
+    assert case.problem.test.data.joint_frf is None
+    assert "no FRF of 1:y" in case.problem.test.data.provenance.iteration
     with pytest.raises(ModelError, match="no FRF of 1:y, a DOF of the joint"):
         jb.identify(case)
     result = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml")])
@@ -294,11 +294,11 @@ def test_stations_give_the_rotation_that_the_iteration_needs_and_stay_in_the_lik
     stored(frf, tmp_path / "tip.npz")
     rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\n'
     case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
-    assert case.problem.measurement.frf.outputs == ("5:y", "1:y", "2:y")
-    assert case.problem.measurement.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
+    assert case.problem.test.data.frf.outputs == ("5:y", "1:y", "2:y")
+    assert case.problem.test.data.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
     spacing = 0.383 / 4
     derived = (frf.frf("2:y", "5:y") - frf.frf("1:y", "5:y")) / spacing
-    np.testing.assert_allclose(case.problem.measurement.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
+    np.testing.assert_allclose(case.problem.test.data.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
     assert jb.identify(case).steps > 0
 
 
@@ -307,7 +307,7 @@ def test_a_rotation_in_the_likelihood_replaces_its_stations(tmp_path):
     stored(frf, tmp_path / "tip.npz")
     rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\nspacing_mm = 50.0\nin_likelihood = true\n'
     case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
-    measured = case.problem.measurement
+    measured = case.problem.test.data
     assert measured.frf.outputs == ("5:y", "1:rz")
     variance = coherence_variance(frf)[:, 1:, 0].sum(axis=1) / 0.05**2
     np.testing.assert_allclose(measured.variance[:, 1, 0], variance, rtol=1e-9)
@@ -331,8 +331,7 @@ def test_accelerometers_are_taken_out_of_the_data_or_put_into_the_model_with_the
     assert k22["data"] == pytest.approx(TABLE_3[2], rel=0.02)
     assert abs(k22["neither"] / TABLE_3[2] - 1) > 0.03
     assert any(
-        "mass of the accelerometers was taken out" in note
-        for note in found["data"].problem.measurement.provenance.notes
+        "mass of the accelerometers was taken out" in note for note in found["data"].problem.test.data.provenance.notes
     )
     with pytest.raises(CaseError, match="the mass taken out of the data or put into the model, not both"):
         loaded(tmp_path, frf_data(channels=removed), *loading)
@@ -346,11 +345,11 @@ FREQUENCIES = (
 def test_natural_frequencies_are_found_in_a_file_and_feed_the_frequency_likelihood(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
     case = loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nsd_relative = 0.001\n\n[data.ch"))
-    measured = case.problem.measurement
+    measured = case.problem.test.data
     true = truth().problem.natural_frequencies_hz(TABLE_3, 3)[0]
     assert np.abs((measured.frequency_hz - true) / measured.sd_hz).max() < 3
     assert measured.sd_hz[2] >= 0.001 * measured.frequency_hz[2]
-    assert case.problem.measurement.joint_frf is None
+    assert case.problem.test.data.joint_frf is None
     assert jb.find_map(case).values[2] == pytest.approx(TABLE_3[2], rel=0.5)
 
 
@@ -365,7 +364,7 @@ def test_a_missed_first_mode_is_noticed(tmp_path):
 def test_what_the_modal_fit_cannot_know_adds_in_squares_to_the_deviations_of_frequencies(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
     bare, more = (
-        loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", f"\n{lines}\n\n[data.ch")).problem.measurement
+        loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", f"\n{lines}\n\n[data.ch")).problem.test.data
         for lines in ("sd_relative = 0.0\nsd_hz = 0.0", "sd_relative = 0.002\nsd_hz = 0.7")
     )
     added = np.sqrt(more.sd_hz**2 - bare.sd_hz**2)
@@ -382,7 +381,7 @@ def test_a_mode_counts_as_missed_from_15_percent_above_that_of_a_rigid_joint(tmp
         with pytest.raises(CaseError, match=r"found mode 1 at .* a lower mode was missed"):
             loaded(tmp_path, FREQUENCIES)
     else:
-        assert loaded(tmp_path, FREQUENCIES).problem.measurement.frequency_hz[0] > 1.08 * rigid
+        assert loaded(tmp_path, FREQUENCIES).problem.test.data.frequency_hz[0] > 1.08 * rigid
 
 
 def test_damping_ratios_come_from_the_data_and_stay_uncertain(tmp_path):
@@ -390,7 +389,7 @@ def test_damping_ratios_come_from_the_data_and_stay_uncertain(tmp_path):
     channels = '"Point:5:Y+" = "5:y"\n'
     case = loaded(tmp_path, frf_data(channels=channels), ("ratio = 0.01", 'ratio = "measured"'))
     ratios = case.spec.structure.damping.ratio
-    assert ratios == tuple(mode.damping_ratio for mode in case.problem.measurement.provenance.modes)
+    assert ratios == tuple(mode.damping_ratio for mode in case.problem.test.data.provenance.modes)
     assert np.allclose(ratios, 0.01, rtol=0.05)
     ranges = {n.name: np.exp(n.range) for n in case.problem.prior.nuisances}
     assert list(ranges) == ["damping_ratio_1", "damping_ratio_2", "damping_ratio_3"]
@@ -417,9 +416,9 @@ def test_the_file_of_the_repository_is_what_its_virtual_test_writes(configs, tmp
 def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(configs):
     start = {"published": TABLE_3}
     stations, rotation = (jb.load_case(configs / f"measured_{name}.toml") for name in ("stations", "rotation"))
-    assert stations.problem.measurement.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
-    assert rotation.problem.measurement.frf.outputs == ("11:y", "1:rz")
-    assert stations.problem.measurement.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
+    assert stations.problem.test.data.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
+    assert rotation.problem.test.data.frf.outputs == ("11:y", "1:rz")
+    assert stations.problem.test.data.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
     found = best_of(stations.problem.log_posterior, start).values
     np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
     biased = best_of(rotation.problem.log_posterior, start).values
@@ -443,7 +442,7 @@ def test_draws_are_loaded_and_reported_without_the_file(run, monkeypatch):
     posterior, folder = run
     monkeypatch.chdir("/")
     again = jb.load_posterior(folder / "posterior.nc")
-    first, second = posterior.problem.measurement, again.problem.measurement
+    first, second = posterior.problem.test.data, again.problem.test.data
     np.testing.assert_array_equal(first.frf.values, second.frf.values)
     np.testing.assert_array_equal(first.variance, second.variance)
     assert second.provenance == first.provenance
@@ -603,7 +602,7 @@ def test_bad_lines_are_left_out_and_named(tmp_path):
     write_records(spoilt(frf, *bad), tmp_path / "tip.npz", "npz")
     case = loaded(tmp_path, frf_data())
     good = np.delete(np.arange(frf.n_lines), [3, 7, 11, 15, 19])
-    measured = case.problem.measurement
+    measured = case.problem.test.data
     np.testing.assert_array_equal(measured.frf.frequency_hz, frf.frequency_hz[good])
     np.testing.assert_array_equal(measured.frf.values, frf.values[good])
     note = next(note for note in measured.provenance.notes if "left out" in note)
@@ -616,7 +615,7 @@ def test_a_bad_coherence_that_nobody_asks_for_costs_no_line(tmp_path):
     frf = virtual()
     write_records(spoilt(frf, {}, {11: 0.0, 15: 1.2}), tmp_path / "tip.npz", "npz")
     case = loaded(tmp_path, frf_data(variance='[data.variance]\nsource = "relative"\nrelative = 0.01\nfloor = 0.0\n'))
-    assert case.problem.measurement.frf.n_lines == frf.n_lines
+    assert case.problem.test.data.frf.n_lines == frf.n_lines
 
 
 @pytest.mark.parametrize(
@@ -642,7 +641,7 @@ def test_bands_can_be_left_out_of_the_middle(tmp_path):
     bands = f"exclude_hz = [[{f[4]}, {f[6]}], [{f[9]}, {f[9]}], [0.0, {f[0]}]]".replace(
         f"[{f[9]}, {f[9]}]", f"[{f[9] - 1e-3}, {f[9] + 1e-3}]"
     )
-    measured = loaded(tmp_path, frf_data(bands)).problem.measurement
+    measured = loaded(tmp_path, frf_data(bands)).problem.test.data
     np.testing.assert_array_equal(measured.frf.frequency_hz, np.delete(f, [0, 4, 5, 6, 9]))
     assert any("5 were left out, as exclude_hz asks" in note for note in measured.provenance.notes)
     assert not any(w.key == "uneven_lines" for w in measured.provenance.warnings)
@@ -659,9 +658,9 @@ def test_one_line_is_refused_before_any_work(tmp_path):
     with pytest.raises(CaseError, match=r"case\.toml:\d+: data: FRFs: found 1 line, at .* expected two or more"):
         loaded(tmp_path, frf_data(f"f_max_hz = {f[0] + 1e-3}"))
     problem = truth().problem
-    one = replace(problem.measurement, frf=problem.measurement.frf.at_lines([0]), variance=np.ones((1, 1, 1)))
+    one = replace(problem.test.data, frf=problem.test.data.frf.at_lines([0]), variance=np.ones((1, 1, 1)))
     with pytest.raises(MeasurementError, match="found 1 line"):
-        jb.sample(replace(problem, measurement=one))
+        jb.sample(problem.with_test(data=one))
 
 
 @pytest.mark.parametrize("quantity", ["accelerance", "receptance"])
@@ -679,8 +678,8 @@ def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_da
         assert "complex conjugate" in told.stderr
     right = loaded(tmp_path, frf_data("conjugate = true"))
     assert not right.warnings
-    np.testing.assert_allclose(right.problem.measurement.frf.values, frf.values, rtol=1e-12)
-    assert any("complex conjugates" in note for note in right.problem.measurement.provenance.notes)
+    np.testing.assert_allclose(right.problem.test.data.frf.values, frf.values, rtol=1e-12)
+    assert any("complex conjugates" in note for note in right.problem.test.data.provenance.notes)
 
 
 def test_a_turned_drive_point_is_said_before_a_run(tmp_path):

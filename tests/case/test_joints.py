@@ -59,7 +59,7 @@ def changed(text, *changes):
 def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
     case = case_from_text("two", TWO)
     problem = case.problem
-    assert problem.joints == Joints((Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")))
+    assert problem.test.joints == Joints((Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")))
     assert problem.names == ("left.k11", "left.k12", "left.k22", "right.ky", "right.krz")
     assert case.spec.all_quantities == problem.parametrisation.stiffness_names
     low, high = problem.prior.support
@@ -94,7 +94,7 @@ def test_joints_may_share_their_quantities():
 
 def test_own_axes_and_offsets_of_a_case_are_those_of_its_joint():
     text = changed(LONE, ('dofs = ["1:y", "1:rz"]\n', 'dofs = ["1:y", "1:rz"]\noffset_mm = [10.0, 0.0, 0.0]\n'))
-    joint = case_from_text("offset", text).problem.joints
+    joint = case_from_text("offset", text).problem.test.joints
     assert joint.offset_m == (0.01, 0.0, 0.0)
     assert joint.labels == ("1:y", "1:rz")
 

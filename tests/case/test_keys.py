@@ -34,7 +34,7 @@ from jointbayes.frf import FrfSet, Ports, Substructures
 from jointbayes.inference import Problem
 from jointbayes.inference.noise.correlated import CorrelatedNoise
 from jointbayes.joint import Joints
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, assemble, formats
+from jointbayes.measurement import FrequencyData, FrfData, assemble, formats
 from jointbayes.measurement.measurement_plan import MeasurementPlan
 from jointbayes.measurement.provenance import Provenance
 from jointbayes.measurement.rotations import Rotation
@@ -103,7 +103,10 @@ def lines_of(frequency_hz: Any) -> dict[str, float]:
 
 
 def _of_problem(problem: Problem) -> dict[str, Any]:
-    parts = {"setups": problem.setups} if problem.setups else {key: getattr(problem, key) for key in _OF_A_TEST}
+    several = len(problem.tests) > 1
+    parts = (
+        {"setups": problem.tests} if several else {key: getattr(problem.test, name) for key, name in _OF_A_TEST.items()}
+    )
     first_guess = dict(zip(problem.parametrisation.stiffness_names, np.asarray(problem.initial), strict=True))
     prior = dict(zip(problem.prior.parametrisation.names, problem.prior.marginals, strict=True))
     return parts | {"initial": first_guess, "prior": prior, "nuisance": problem.prior.nuisances}
@@ -111,7 +114,7 @@ def _of_problem(problem: Problem) -> dict[str, Any]:
 
 #: Numbers that follow from several keys: how long a shaker runs, and first guesses where none is stated.
 DERIVED = r"shaker_records\[1\]"
-_OF_A_TEST = ("structure", "joint", "measurement", "noise")
+_OF_A_TEST = {"structure": "structure", "joint": "joints", "data": "data", "noise": "noise"}
 #: What is looked at of an object, where not all of its fields: what is left out follows from the rest, or was made up.
 VIEWS: dict[type, Callable[[Any], Any]] = {
     Joints: lambda joints: {joint.name: joint for joint in joints.joints},
@@ -121,7 +124,7 @@ VIEWS: dict[type, Callable[[Any], Any]] = {
     Ports: lambda ports: lines_of(ports.frequency_hz),
     FrfSet: lambda frf: lines_of(frf.frequency_hz),
     CorrelatedNoise: lambda noise: lines_of(noise.frequency_hz),
-    FrfMeasurement: lambda measured: measured.frf,
+    FrfData: lambda measured: measured.frf,
     StatedVariance: lambda law: float(law.stated[0, 0, 0]),
     Rig: lambda rig: {"sample_rate_hz": rig.sample_rate_hz, "block": rig.block},
     Candidate: lambda candidate: {key: getattr(candidate, key) for key in ("structure", "ports", "law")},
@@ -215,21 +218,21 @@ class Bench:
 
     def _synthesised(
         self, family: Any, joint: Any, matrix: Any, ports: Ports, law: Any, quantity: Any, rng: Any, gain: float
-    ) -> FrfMeasurement:
+    ) -> FrfData:
         self.seen["truth"] = {"structure": family, "matrix": matrix, "ports": ports, "law": law, "gain": gain}
         self.seen["truth"]["rng"] = deepcopy(rng)
         return self._measured(ports.frequency_hz, ports.outputs, ports.inputs)
 
-    def _measured(self, lines: Any, outputs: tuple[str, ...], inputs: tuple[str, ...]) -> FrfMeasurement:
+    def _measured(self, lines: Any, outputs: tuple[str, ...], inputs: tuple[str, ...]) -> FrfData:
         shape = (len(lines), len(outputs), len(inputs))
         provenance = Provenance((), "receptance", len(lines), (1.0, 2.0), None, (), (), "")
         frf = FrfSet(np.asarray(lines), np.ones(shape, dtype=complex), outputs, inputs)
-        return FrfMeasurement(frf, np.ones(shape), provenance=provenance)
+        return FrfData(frf, np.ones(shape), provenance=provenance)
 
     def _read(self, file: tuple[str, ...], directory: Path, asked: MeasurementPlan) -> Any:
         self.seen.setdefault("files", {})[file[0].partition(".")[0]] = asked
         if asked.frequencies:
-            return FrequencyMeasurement(np.array([30.0, 200.0]), np.array([1.0, 2.0]))
+            return FrequencyData(np.array([30.0, 200.0]), np.array([1.0, 2.0]))
         labels = tuple(channel.dof for channel in asked.channels.values())
         return self._measured([10.0, 20.0], asked.outputs or labels, asked.inputs or labels)
 

@@ -41,7 +41,7 @@ def changed(*changes: tuple[str, str]) -> str:
 
 
 def test_a_case_states_modes_as_python_does():
-    measured = jb.case_from_text("modes", BASE).problem.measurement
+    measured = jb.case_from_text("modes", BASE).problem.test.data
     np.testing.assert_array_equal(measured.frequency.values, [[118.0, 750.0], [122.0, math.nan]])
     # fractions of the mean over repetitions
     np.testing.assert_allclose(measured.frequency.sd[0], np.hypot([1.2, 15.0], 0.5))
@@ -63,7 +63,7 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
         ('reference = "11:y"', 'reference = ["11:y", "10:y"]'),
         ("numbers = [1, 2]", 'match = "shape"'),
     )
-    measured = jb.case_from_text("modes", text).problem.measurement
+    measured = jb.case_from_text("modes", text).problem.test.data
     np.testing.assert_allclose(measured.frequency_hz, [118.0, 750.0])
     np.testing.assert_allclose(measured.frequency.sd[0], np.multiply(eigenvalue, [0.01, 0.02]))
     assert measured.references == ("11:y", "10:y")
@@ -142,11 +142,11 @@ def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
     posterior = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=16, max_steps=200))
     posterior.save(tmp_path / "modes.nc")
     again = jb.load_posterior(tmp_path / "modes.nc")
-    np.testing.assert_array_equal(again.problem.measurement.values, case.problem.measurement.values)
+    np.testing.assert_array_equal(again.problem.test.data.values, case.problem.test.data.values)
     np.testing.assert_array_equal(again.theta, posterior.theta)
     summary = posterior.summary()
-    assert summary.natural_frequencies_hz.measured == tuple(case.problem.measurement.frequency_hz)
-    assert len(posterior.check.chi2_by_line) == len(case.problem.measurement.values)
+    assert summary.natural_frequencies_hz.measured == tuple(case.problem.test.data.frequency_hz)
+    assert len(posterior.check.chi2_by_line) == len(case.problem.test.data.values)
     jb.write_report(again, tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert "Modes, measured and predicted" in page

@@ -46,7 +46,7 @@ def case_in(home, file):
     ],
 )
 def test_files_in_the_directory_of_the_case_or_below_are_read(home, name):
-    assert jb.load_case(case_in(home, f'"{name}"')).problem.measurement.frf.outputs == ("5:y",)
+    assert jb.load_case(case_in(home, f'"{name}"')).problem.test.data.frf.outputs == ("5:y",)
 
 
 @pytest.mark.parametrize("name", ["../tip.npz", "{home}/../tip.npz", "link.npz", "folder/tip.npz", "../cases2/tip.npz"])
@@ -60,17 +60,17 @@ def test_files_elsewhere_are_refused_in_one_line_and_read_where_that_is_allowed(
     assert "--allow-outside" in message
     assert "\n" not in message
     path = case_in(home, f'"{name.format(home=home)}"')
-    assert jb.load_case(path, allow_outside=True).problem.measurement.frf.outputs == ("5:y",)
+    assert jb.load_case(path, allow_outside=True).problem.test.data.frf.outputs == ("5:y",)
 
 
 def test_an_absolute_path_into_the_directory_of_the_case_is_inside(home):
-    assert jb.load_case(case_in(home, f'"{home}/data/tip.npz"')).problem.measurement.frf.outputs == ("5:y",)
+    assert jb.load_case(case_in(home, f'"{home}/data/tip.npz"')).problem.test.data.frf.outputs == ("5:y",)
 
 
 def test_a_case_reached_by_a_link_has_the_directory_it_is_reached_in(home, tmp_path):
     (tmp_path / "short").symlink_to(home)
     case_in(home, '"tip.npz"')
-    assert jb.load_case(tmp_path / "short" / "case.toml").problem.measurement.frf.outputs == ("5:y",)
+    assert jb.load_case(tmp_path / "short" / "case.toml").problem.test.data.frf.outputs == ("5:y",)
 
 
 def test_a_case_from_text_is_confined_to_the_directory_given(home):
@@ -78,11 +78,9 @@ def test_a_case_from_text_is_confined_to_the_directory_given(home):
     with pytest.raises(CaseError, match="leads out"):
         jb.case_from_text("case", outside, directory=home)
     case = jb.case_from_text("case", outside, directory=home, allow_outside=True)
-    measured = case.problem.measurement
-    again = jb.case_from_text(
-        "case", outside, directory=home, measurement=measured
-    )  # as a report does: no file is read
-    assert again.problem.measurement is measured
+    measured = case.problem.test.data
+    again = jb.case_from_text("case", outside, directory=home, data=measured)  # as a report does: no file is read
+    assert again.problem.test.data is measured
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -45,10 +45,10 @@ def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
     table = 'method = "impact"\nwrites = "time"\naverages = 6\ndouble_hits = 1\noverloads = 1'
     virtual_records(tmp_path / "hits.npz", table, "uff58b")
     case = loaded(tmp_path, '[data.records]\nmethod = "impact"\nforce_window_s = 0.004')
-    assert case.problem.measurement.frf.averages == 6
-    assert any("from 6 of 8 hits" in note for note in case.problem.measurement.provenance.notes)
+    assert case.problem.test.data.frf.averages == 6
+    assert any("from 6 of 8 hits" in note for note in case.problem.test.data.provenance.notes)
     assert any(
-        "Left out of the hits on Point:5:Y+" in n and "double" in n for n in case.problem.measurement.provenance.notes
+        "Left out of the hits on Point:5:Y+" in n and "double" in n for n in case.problem.test.data.provenance.notes
     )
     off, sd = k22_of(case)
     assert abs(off) < 4 * sd
@@ -60,8 +60,8 @@ def test_the_damping_of_an_exponential_window_is_taken_out(tmp_path):
     virtual_records(tmp_path / "hits.npz", table)
     windowed = loaded(tmp_path, '[data.records]\nmethod = "impact"\nexponential_end = 0.02')
     plain = loaded(tmp_path, '[data.records]\nmethod = "impact"')
-    assert any("damping of the exponential window" in note for note in windowed.problem.measurement.provenance.notes)
-    damping = [[mode.damping_ratio for mode in case.problem.measurement.provenance.modes] for case in (windowed, plain)]
+    assert any("damping of the exponential window" in note for note in windowed.problem.test.data.provenance.notes)
+    damping = [[mode.damping_ratio for mode in case.problem.test.data.provenance.modes] for case in (windowed, plain)]
     np.testing.assert_allclose(damping[0], damping[1], rtol=0.03)
     np.testing.assert_allclose(damping[0], 0.01, rtol=0.05)
 
@@ -69,9 +69,9 @@ def test_the_damping_of_an_exponential_window_is_taken_out(tmp_path):
 def test_shaker_records_become_frfs(tmp_path):
     virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 40\nblock_s = 4.0')
     case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
-    assert np.diff(case.problem.measurement.frf.frequency_hz) == pytest.approx(0.5)  # Hann: of two lines one
-    assert case.problem.measurement.frf.averages == pytest.approx(40, abs=1)
-    modes = case.problem.measurement.provenance.modes
+    assert np.diff(case.problem.test.data.frf.frequency_hz) == pytest.approx(0.5)  # Hann: of two lines one
+    assert case.problem.test.data.frf.averages == pytest.approx(40, abs=1)
+    modes = case.problem.test.data.provenance.modes
     assert [round(m.frequency_hz) for m in modes] == [122, 752]
 
 

@@ -79,7 +79,7 @@ def beam(length, names):
 
 def test_a_case_of_two_set_ups_is_the_problem_that_one_would_write_by_hand():
     case = built(CLAMP_EDGE + TWO)
-    assert [part.setup for part in case.problem.parts] == ["long", "short"]
+    assert [part.test.name for part in case.problem.parts] == ["long", "short"]
     known = (
         Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)),
         Nuisance("long.length", "mm", 383.0, Normal(0.0, 0.1 / 383)),
@@ -91,15 +91,15 @@ def test_a_case_of_two_set_ups_is_the_problem_that_one_would_write_by_hand():
     setups = []
     for part, (name, length) in zip(case.problem.parts, {"long": 0.383, "short": 0.2}.items(), strict=True):
         own = {n.name.removeprefix(f"{name}."): n.range for n in known if "." not in n.name or n.name.startswith(name)}
-        setups.append(jb.Setup(name, beam(length, own), CLAMP, part.measurement))
-    by_hand = jb.Problem(setups=setups, prior=prior)
+        setups.append(jb.Test(name, beam(length, own), CLAMP, part.test.data))
+    by_hand = jb.Problem(tests=setups, prior=prior)
     assert case.problem.names == by_hand.names
     rng = np.random.default_rng(1)
     theta = np.concatenate([np.log(TABLE_3), np.zeros(4)]) + 0.5 * by_hand.prior.sd * rng.normal(size=(5, 7)) * (
         [0.01] * 3 + [1.0] * 4
     )
     assert_array_equal(case.problem.log_posterior(theta), by_hand.log_posterior(theta))
-    outputs = [part.measurement.frf.outputs for part in case.problem.parts]
+    outputs = [part.test.data.frf.outputs for part in case.problem.parts]
     assert outputs == [("11:y",), ("11:y", "6:y")]
 
 
@@ -148,15 +148,15 @@ extra_outputs = ["3:y"]
 
 def test_each_set_up_has_noise_of_its_own_whatever_others_there_are():
     same = built("[setups.one]\n[setups.two]\n[setups.three]\n").problem.parts
-    values = [part.measurement.frf.values for part in same]
-    exact = same[0].receptance_model(jb.Ports(same[0].measurement.frf.frequency_hz, ("11:y",), ("11:y",)))
+    values = [part.test.data.frf.values for part in same]
+    exact = same[0].test.receptance_model(jb.Ports(same[0].test.data.frf.frequency_hz, ("11:y",), ("11:y",)))
     true = exact.receptance(pair_matrix(TABLE_3)[None])[0]
-    noise = [(value - true) / np.sqrt(part.measurement.variance) for value, part in zip(values, same, strict=True)]
+    noise = [(value - true) / np.sqrt(part.test.data.variance) for value, part in zip(values, same, strict=True)]
     for a, b in ((0, 1), (0, 2), (1, 2)):
         correlation = abs(np.vdot(noise[a], noise[b])) / np.linalg.norm(noise[a]) / np.linalg.norm(noise[b])
         assert correlation < 0.4  # of 50 lines: 0.14 typically
     (again,) = built("[setups.two]\n").problem.parts
-    assert_array_equal(again.measurement.frf.values, values[1])
+    assert_array_equal(again.test.data.frf.values, values[1])
 
 
 def test_a_joint_of_its_own_has_quantities_with_the_name_of_the_set_up():
@@ -211,7 +211,7 @@ def test_a_case_with_set_ups_may_be_built_on_another(tmp_path):
     case = jb.load_case(tmp_path / "case.toml")
     lengths = {one.name: one.spec.structure.length_mm for one in case.setups}
     assert lengths == {"long": 383.0, "short": 200.0, "mid": 300.0}
-    assert [part.measurement.frf.outputs for part in case.problem.parts] == [("11:y",)] * 3
+    assert [part.test.data.frf.outputs for part in case.problem.parts] == [("11:y",)] * 3
     whole = jb.case_from_text("case", case.text)
     theta = np.log(TABLE_3)[None]
     assert_array_equal(whole.problem.log_posterior(theta), case.problem.log_posterior(theta))
@@ -219,7 +219,7 @@ def test_a_case_with_set_ups_may_be_built_on_another(tmp_path):
 
 def test_levels_are_those_of_the_set_ups():
     level = '[level]\nname = "torque"\nunit = "N m"\n[setups.low]\nlevel = 5.0\n[setups.high]\nlevel = 20.0\n'
-    setups = built(level).problem.setups
+    setups = built(level).problem.tests
     assert [one.level for one in setups] == [jb.Level(5.0, "torque", "N m"), jb.Level(20.0, "torque", "N m")]
 
 

@@ -125,8 +125,8 @@ def test_each_set_up_has_its_residuals_their_distribution_and_the_guess_of_all()
     guess = BASE.replace("[joint]", "[joint]\ninitial = { k11 = 2e8, k12 = 0.0, k22 = 3e6 }")
     more = "[setups.a.noise]\nresiduals = 'log_magnitude'\n[setups.b.noise]\ndistribution = 'student_t'\ndof = 5.0\n"
     problem = built(more, guess).problem
-    assert [one.residual_kind for one in problem.setups] == ["log_magnitude", "complex"]
-    assert [isinstance(one.noise, StudentNoise) for one in problem.setups] == [False, True]
+    assert [one.residual_kind for one in problem.tests] == ["log_magnitude", "complex"]
+    assert [isinstance(one.noise, StudentNoise) for one in problem.tests] == [False, True]
     assert problem.first_guess.tolist() == [2e8, 0.0, 3e6]
 
 

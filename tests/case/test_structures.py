@@ -122,23 +122,23 @@ def test_a_portal_frame_is_what_it_says():
     expected = FrameRecipe(
         body, ModalDamping((0.005,)), ("x", "y", "rz"), case.spec.structure.supports, accelerometer_dofs=("3:y",)
     )
-    assert case.problem.structure.recipe.bodies[0][1].members == expected.bodies[0][1].members
-    assert case.problem.structure.recipe == expected
-    assert case.problem.structure.nominal.position("3:y") == pytest.approx((0.25, 0.4, 0))
+    assert case.problem.test.structure.recipe.bodies[0][1].members == expected.bodies[0][1].members
+    assert case.problem.test.structure.recipe == expected
+    assert case.problem.test.structure.nominal.position("3:y") == pytest.approx((0.25, 0.4, 0))
     assert case.spec.plan_outputs == tuple(f"{p}:x" for p in ("foot", "1", "5", "right", "2", "3", "4") if p != "right")
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
 
 def test_a_holder_and_a_tool_inherit_what_they_do_not_state():
     case = built(SPINDLE, "tool.tip:y", "tool.tip:y")
-    (holder_name, holder), (tool_name, tool) = case.problem.structure.recipe.bodies
+    (holder_name, holder), (tool_name, tool) = case.problem.test.structure.recipe.bodies
     assert (holder_name, tool_name) == ("holder", "tool")
     assert holder.members[1].end_section == Section.circle(0.04)
     assert holder.members[1].up == (0, 0, 1)
     assert holder.members[0].material == BeamMaterial(2.1e11, 0.3, 7800.0)
     assert tool.members[0].material == BeamMaterial(6e11, 0.3, 14500.0)
     assert tool.masses == (PointMass("tip", 0.02, (1e-6, 2e-6, 2e-6), (1e-3, 0, 0)),)
-    assert case.problem.structure.names == ("youngs_modulus", "tool.density")
+    assert case.problem.test.structure.names == ("youngs_modulus", "tool.density")
     assert case.problem.names[-2:] == ("youngs_modulus", "tool.density")
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
     workshop = case.workshop_problem
@@ -210,7 +210,7 @@ against = ["2:x"]
 def test_a_chain_is_that_of_python_and_its_unknown_springs_are_joints():
     problem = jb.case_from_text("chain", CHAIN + SPRINGS).problem
     expected = chain([1.0, 2.0, 1.5], [("2", "3", 1e5)], dampers=[("1", "ground", 5.0)])
-    found = problem.structure.nominal
+    found = problem.test.structure.nominal
     assert_allclose(found.stiffness, expected.stiffness)
     assert_allclose(found.mass, expected.mass)
     assert_allclose(found.damping.matrix, expected.damping.matrix)
@@ -263,8 +263,8 @@ def test_two_lapped_beams_with_two_shared_bolts_are_those_of_a_dense_solve():
     assert problem.names == ("left.kx", "left.ky", "left.krz")
     k = np.array([2e8, 1e8, 2e4])
     ports = Ports(np.arange(20.0, 900.0, 110.0), ("upper.end:y", "lower.end:y"), ("upper.end:y",))
-    found = problem.receptance_model(ports).receptance(problem.parametrisation.matrix(k))[0]
-    free = problem.structure.recipe.structure()
+    found = problem.test.receptance_model(ports).receptance(problem.parametrisation.matrix(k))[0]
+    free = problem.test.structure.recipe.structure()
     # by hand: each bolt's end hangs on a rigid arm of 5 mm from either axis
     forms = []
     for bolt in ("left", "right"):
@@ -296,9 +296,9 @@ def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
     if kind != "inline":
         text = text.replace("[[2e5, -1e4], [-1e4, 1e3]]", f'"K.{kind}"')
     case = built(text, "1:y", "1:y", directory=tmp_path)
-    assert_allclose(case.problem.structure.nominal.stiffness, stiffness)
-    assert_allclose(case.problem.structure.nominal.mass, np.diag([2.0, 0.01]))
-    found = case.problem.structure.nominal.damping
+    assert_allclose(case.problem.test.structure.nominal.stiffness, stiffness)
+    assert_allclose(case.problem.test.structure.nominal.mass, np.diag([2.0, 0.01]))
+    found = case.problem.test.structure.nominal.damping
     assert found == LossFactor(0.02)
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
@@ -310,7 +310,7 @@ def test_matrices_beside_a_base_in_another_directory_are_found(tmp_path):
     (tmp_path / "sub" / "base.toml").write_text(text)
     (tmp_path / "case.toml").write_text('extends = "sub/base.toml"\n')
     case = jb.load_case(tmp_path / "case.toml")
-    assert_allclose(case.problem.structure.nominal.stiffness, [[2e5, -1e4], [-1e4, 1e3]])
+    assert_allclose(case.problem.test.structure.nominal.stiffness, [[2e5, -1e4], [-1e4, 1e3]])
 
 
 def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
@@ -381,7 +381,7 @@ def test_what_is_wrong_is_named_by_line_and_key(structure, old, new, where, word
 
 
 def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
-    recipe = built(SPINDLE, "tool.tip:y", "tool.tip:y").problem.structure
+    recipe = built(SPINDLE, "tool.tip:y", "tool.tip:y").problem.test.structure
     description = _Description()
     plain = description._taken(recipe, "structure")
     assert description.own == {}

@@ -14,7 +14,7 @@ from jointbayes.frf.modal import rigid_body_modes
 from jointbayes.frf.mode_shapes import AssembledShapes
 from jointbayes.inference import JointPrior, ModePrediction, Problem, Uniform
 from jointbayes.joint import Joint, Joints, LogStiffness
-from jointbayes.measurement import FrequencyMeasurement, ModeMeasurement, ModeShapes, Observed
+from jointbayes.measurement import FrequencyData, ModeData, ModeShapes, Observed
 from jointbayes.structure import (
     BeamMaterial,
     Body,
@@ -130,7 +130,7 @@ def test_modes_as_data_have_no_rigid_body_motions_among_them():
     lam, shapes = (part[..., 1:] for part in assembled(structure, joint, matrix))
     frequency = np.sqrt(lam) / (2 * np.pi)
     ratio = ModeShapes(("4:x",), "1:x", Observed((shapes[3] / shapes[0])[:2, None], 0.01))
-    measured = ModeMeasurement(Observed(frequency[None, :2], 0.1), shapes=ratio)
+    measured = ModeData(Observed(frequency[None, :2], 0.1), shapes=ratio)
     found = ModePrediction(as_family(structure), joint, measured).modal_values(matrix[None])
     assert_allclose(np.sort(found), np.sort(np.hstack([frequency[:2], (shapes[3] / shapes[0])[:2]])[None]), rtol=1e-8)
     by_shape = replace(measured, match="shape")
@@ -150,7 +150,7 @@ def test_two_beams_in_free_suspension_come_back_from_their_natural_frequencies()
     exact = NaturalFrequencies(family, joint, 5).frequency_hz(LogStiffness().matrix(truth))[0]
     assert exact[0] > 20
     prior = JointPrior(LogStiffness(), tuple(Uniform(np.log(k / 30), np.log(30 * k)) for k in truth))
-    problem = Problem(family, joint, FrequencyMeasurement(exact, 1e-3 * exact), prior)
+    problem = Problem(structure=family, joint=joint, data=FrequencyData(exact, 1e-3 * exact), prior=prior)
     found = jb.find_map(problem)
     assert_allclose(problem.natural_frequencies_hz(found.values, 5)[0], exact, rtol=1e-4)
-    assert problem.most_modes == problem.structures_of_data.nominal.n_dofs - 2 - 2
+    assert problem.test.most_modes == problem.test.structures_of_data.nominal.n_dofs - 2 - 2

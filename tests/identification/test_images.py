@@ -85,7 +85,7 @@ def test_a_plane_of_symmetry_turns_the_motions_across_it_and_the_rotations_withi
     full = parametrisation_named("full", ways)
     joint = Joint(tuple(f"a:{way}" for way in ways))
     problem = SimpleNamespace(
-        parts=[SimpleNamespace(joints=joint)], parametrisation=full, quantities=full.quantities, names=full.names
+        tests=[SimpleNamespace(joints=joint)], parametrisation=full, quantities=full.quantities, names=full.names
     )
     motion = np.array([-1, 1, 1, 1, -1, -1])
     expected = [1.0] * 6 + [float(motion[i] * motion[j]) for i in range(6) for j in range(i + 1, 6)]

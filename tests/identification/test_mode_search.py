@@ -13,7 +13,7 @@ from jointbayes.identification import ModeSearch, SearchEffort, effort, resonanc
 from jointbayes.identification.least_squares import PosteriorSquares, climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.identification.starting_points import _SetupMatch, frequency_starts
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.sampling import fit_proposal
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
@@ -31,11 +31,11 @@ def one_mode(frequency_hz, natural_hz, ratio=0.005, noise=0.0, seed=0):
     rng = np.random.default_rng(seed)
     values = values + (noise > 0) * sd * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size)) / np.sqrt(2)
     frf = FrfSet(frequency_hz, values[:, None, None], ("1:y",), ("1:y",), "receptance")
-    return FrfMeasurement(frf, np.full((w.size, 1, 1), sd**2))
+    return FrfData(frf, np.full((w.size, 1, 1), sd**2))
 
 
 def test_resonances_are_those_of_the_joint_that_made_the_data(cheap_case):
-    found = resonances_hz(cheap_case.problem.measurement)
+    found = resonances_hz(cheap_case.problem.test.data)
     assert_allclose(found, natural(cheap_case.problem, count=found.size), rtol=2e-3)
     assert found.size == 3
 
@@ -55,14 +55,14 @@ def test_noise_is_no_resonance(monkeypatch):
 
 
 def test_measured_natural_frequencies_are_their_own_resonances():
-    assert resonances_hz(FrequencyMeasurement(np.array([1.0, 2.0]), np.array([0.1, 0.1]))).tolist() == [1.0, 2.0]
+    assert resonances_hz(FrequencyData(np.array([1.0, 2.0]), np.array([0.1, 0.1]))).tolist() == [1.0, 2.0]
 
 
 def test_lines_too_few_or_all_zero_show_no_resonance():
     two = FrfSet(np.array([1.0, 2.0]), np.ones((2, 1, 1), complex), ("1:y",), ("1:y",), "receptance")
     none = FrfSet(np.arange(1.0, 9.0), np.zeros((8, 1, 1), complex), ("1:y",), ("1:y",), "receptance")
-    assert resonances_hz(FrfMeasurement(two, np.ones((2, 1, 1)))).size == 0
-    assert resonances_hz(FrfMeasurement(none, np.ones((8, 1, 1)))).size == 0
+    assert resonances_hz(FrfData(two, np.ones((2, 1, 1)))).size == 0
+    assert resonances_hz(FrfData(none, np.ones((8, 1, 1)))).size == 0
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_the_best_frequency_start_has_the_natural_frequencies_of_the_data(cheap_
     assert 1 <= len(starts) <= 12
     assert np.isfinite(cheap_case.problem.log_posterior(starts)).all()
     best = natural(cheap_case.problem, cheap_case.problem.prior.values(starts[0]), 3)
-    assert_allclose(best, resonances_hz(cheap_case.problem.measurement), rtol=5e-3)
+    assert_allclose(best, resonances_hz(cheap_case.problem.test.data), rtol=5e-3)
     again = frequency_starts(cheap_case.problem, np.random.default_rng(1))
     assert np.array_equal(again, starts)
 
@@ -105,22 +105,22 @@ def test_frequencies_as_data_are_matched_directly(frequency_case):
     problem = frequency_case.problem
     starts = frequency_starts(problem, np.random.default_rng(1))
     found = natural(problem, problem.prior.values(starts[0]), 3)
-    assert_allclose(found, problem.measurement.frequency_hz, rtol=5e-3)
+    assert_allclose(found, problem.test.data.frequency_hz, rtol=5e-3)
 
 
 def test_uncertain_errors_of_frequencies_are_set_so_that_resonances_agree():
     text = cheap_text() + "\n[uncertain.mode_frequencies]\nsd_percent = 10.0\n"
     problem = jb.case_from_text("errors", text).problem
     starts = frequency_starts(problem, np.random.default_rng(1))
-    prior, data = problem.prior, resonances_hz(problem.measurement)
+    prior, data = problem.prior, resonances_hz(problem.test.data)
     found = problem.natural_frequencies_hz(prior.values(starts), data.size, prior.factors(starts))
     assert_allclose(found[0], data, rtol=1e-6)
 
 
 def test_data_without_a_resonance_give_no_frequency_starts(cheap_case):
-    measured = cheap_case.problem.measurement
+    measured = cheap_case.problem.test.data
     noisy = replace(measured, variance=np.full_like(measured.variance, np.abs(measured.frf.values).max() ** 2))
-    assert frequency_starts(replace(cheap_case.problem, measurement=noisy), np.random.default_rng(1)).shape == (0, 3)
+    assert frequency_starts(cheap_case.problem.with_test(data=noisy), np.random.default_rng(1)).shape == (0, 3)
 
 
 def test_climbs_together_end_where_each_ends_alone(cheap_case):
@@ -218,7 +218,7 @@ def test_where_the_search_stands_is_kept_with_the_posterior(cheap_posterior, tmp
 
 
 def test_the_weights_of_a_flattened_density_take_noise_for_a_fraction_of_the_frf(cheap_case):
-    measured = cheap_case.problem.measurement
+    measured = cheap_case.problem.test.data
     weights = effort._weights(cheap_case.problem)
     sd, size = np.sqrt(measured.variance)[:, 0], np.abs(measured.frf.values)[:, 0]
     expected = (sd / np.hypot(sd, size)).ravel()

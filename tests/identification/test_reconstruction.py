@@ -11,7 +11,7 @@ from jointbayes.identification import refine
 from jointbayes.identification.reconstruction import _MODEL_ERROR, _TestData, reconstructed_starts
 from jointbayes.inference import JointPrior, Uniform
 from jointbayes.joint import Damped, Joint, Joints, blocks_of, parametrisation_named
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import PAIR, rod
 
@@ -28,9 +28,9 @@ def problem_of(k, seed=1, kinds=SPRINGS, damping=None, low=LOW, high=HIGH):
     rng = np.random.default_rng(seed)
     sd = 0.03 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
     values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    measurement = FrfMeasurement(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), 2 * sd**2)
+    measurement = FrfData(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), 2 * sd**2)
     prior = JointPrior(kinds, tuple(Uniform(*ends) for ends in zip(low, high, strict=True)))
-    return jb.Problem(structure, PLACES, measurement, prior)
+    return jb.Problem(structure=structure, joint=PLACES, data=measurement, prior=prior)
 
 
 def random_springs(seed):
@@ -55,7 +55,7 @@ def test_without_tolerance_the_squares_are_those_of_the_frfs():
     h = DirectSolve(rod(damping=LossFactor(0.01)), Joints(PLACES), ports).receptance(
         problem.parametrisation.matrix(other)
     )[0]
-    data, variance = problem.measurement.frf.values[there], problem.measurement.variance[there]
+    data, variance = problem.test.data.frf.values[there], problem.test.data.variance[there]
     expected = np.sum(np.abs(h - data) ** 2 / (variance + (_MODEL_ERROR * np.abs(data)) ** 2))
     assert part.value(np.log(other)[None], 1e-9)[0] == pytest.approx(expected, rel=1e-6)
 
@@ -67,7 +67,7 @@ def test_joints_that_made_the_data_leave_nothing_whatever_the_tolerance():
     exact = DirectSolve(rod(damping=LossFactor(0.01)), Joints(PLACES), PORTS).receptance(
         problem.parametrisation.matrix(k)
     )[0]
-    noise = (problem.measurement.frf.values - exact)[::6]
+    noise = (problem.test.data.frf.values - exact)[::6]
     noise_free = replace(part, off=part.off - noise)
     for tolerance in (3.0, 0.1):
         theta = np.log(k)[None]
@@ -107,8 +107,8 @@ def test_dashpots_and_loss_factors_are_found_with_their_springs():
 def test_few_unknowns_and_data_that_are_no_frfs_have_no_such_starts():
     few = (Joint(("1:y", "1:rz"), name="left"),)
     prior = JointPrior(blocks_of({"left": PAIR}), (Uniform(10.0, 20.0),) * 3)
-    problem = jb.Problem(rod(), few, problem_of(random_springs(1)).measurement, prior)
+    problem = jb.Problem(structure=rod(), joint=few, data=problem_of(random_springs(1)).test.data, prior=prior)
     assert reconstructed_starts(problem, np.random.default_rng(1)).shape == (0, 3)
     whole = problem_of(random_springs(1))
-    frequencies = FrequencyMeasurement([50.0, 200.0, 500.0, 900.0, 1500.0], [1.0] * 5)
-    assert reconstructed_starts(replace(whole, measurement=frequencies), np.random.default_rng(1)).shape == (0, 5)
+    frequencies = FrequencyData([50.0, 200.0, 500.0, 900.0, 1500.0], [1.0] * 5)
+    assert reconstructed_starts(whole.with_test(data=frequencies), np.random.default_rng(1)).shape == (0, 5)

@@ -12,7 +12,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import JointPrior, LogPosterior, Normal, Nuisance, Problem, Uniform, likelihood_of
 from jointbayes.joint import LogStiffness, SignedCoupling
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, RelativeNoise, synthesise_frf
+from jointbayes.measurement import FrequencyData, FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
@@ -34,11 +34,11 @@ def frf_measurement(quantity="receptance", structure=ROD):
 
 def frequency_measurement():
     measured = np.array([120.0, 762.0, 2101.0])
-    return FrequencyMeasurement(measured, np.hypot(0.005 * measured, 0.5))
+    return FrequencyData(measured, np.hypot(0.005 * measured, 0.5))
 
 
 def posterior(measurement, prior=NORMAL, structure=ROD):
-    return Problem(structure, CLAMP, measurement, prior).log_posterior
+    return Problem(structure=structure, joint=CLAMP, data=measurement, prior=prior).log_posterior
 
 
 DENSITIES = {
@@ -172,7 +172,7 @@ def test_the_frf_likelihood_is_that_of_independent_normal_parts():
 
 def test_the_frequency_likelihood_is_that_of_independent_normals():
     measured = frequency_measurement()
-    predicted = Problem(ROD, CLAMP, measured, NORMAL).natural_frequencies_hz(TABLE_3, 3)[0]
+    predicted = Problem(structure=ROD, joint=CLAMP, data=measured, prior=NORMAL).natural_frequencies_hz(TABLE_3, 3)[0]
     by_hand = stats.norm.logpdf(measured.frequency_hz, predicted, measured.sd_hz).sum()
     likelihood = likelihood_of(ROD, CLAMP, measured)
     assert likelihood.log_likelihood(pair_matrix(TABLE_3)[None])[0] == pytest.approx(by_hand, rel=1e-11)
@@ -192,7 +192,7 @@ def test_a_rigid_clamp_explains_the_measured_frequencies_as_well_as_it_does_in_a
 def test_likelihood_differences_do_not_depend_on_the_quantity(quantity):
     receptance = frf_measurement()
     factor = np.abs(2j * np.pi * LINES) ** QUANTITIES.index(quantity)
-    converted = FrfMeasurement(
+    converted = FrfData(
         receptance.frf.converted(quantity), receptance.variance * factor[:, None, None] ** 2, synthetic=True
     )
     joints = pair_matrix(TABLE_3 * np.random.default_rng(1).uniform(0.5, 2.0, (20, 3)))
@@ -217,10 +217,10 @@ def test_the_likelihood_belongs_to_the_joint_and_not_to_its_coordinates():
 def test_a_measured_dof_that_does_not_exist_is_refused():
     frf = FrfSet([100.0], np.ones((1, 1, 1)), ("12:y",), ("5:y",))
     with pytest.raises(ModelError, match="found DOF '12:y'"):
-        likelihood_of(ROD, CLAMP, FrfMeasurement(frf, np.ones((1, 1, 1))))
+        likelihood_of(ROD, CLAMP, FrfData(frf, np.ones((1, 1, 1))))
     many = np.arange(1.0, 12.0)
     with pytest.raises(ModelError, match="expected 1 to 10"):
-        likelihood_of(ROD, CLAMP, FrequencyMeasurement(many, np.ones(11)))
+        likelihood_of(ROD, CLAMP, FrequencyData(many, np.ones(11)))
 
 
 # ---- posterior density

@@ -10,7 +10,7 @@ from jointbayes.frf import DirectSolve, FrfSet, NaturalFrequencies, Ports, recep
 from jointbayes.inference import JointPrior, Normal, Uniform
 from jointbayes.inference.prior import log_probability_inside
 from jointbayes.joint import Joint, Joints, LogStiffness, Rigid, SignedCoupling, blocks_of, parametrisation_named
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import PAIR, rod
 
@@ -31,14 +31,17 @@ def joined(damping):
     rng = np.random.default_rng(1)
     sd = 0.02 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
     values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    measurement = FrfMeasurement(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), 2 * sd**2)
+    measurement = FrfData(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), 2 * sd**2)
     theta = parametrisation.coordinates(K)
     marginals = tuple(
         Uniform(-1.0, 1.0) if axis.bounded else Normal(t + 0.1, 2.0)
         for axis, t in zip(parametrisation.axes, theta, strict=True)
     )
     problem = jb.Problem(
-        rod(damping=damping), tuple(PLACES.values()), measurement, JointPrior(parametrisation, marginals)
+        structure=rod(damping=damping),
+        joint=tuple(PLACES.values()),
+        data=measurement,
+        prior=JointPrior(parametrisation, marginals),
     )
     return problem, theta, exact, sd, values
 
@@ -76,12 +79,12 @@ def test_natural_frequencies_of_several_joints_are_those_of_the_assembled_matric
         for joint, kind, k in zip(PLACES.values(), KINDS.values(), np.split(K, [3, 5]), strict=True)
     )
     expected = np.sqrt(linalg.eigh(structure.stiffness + added, structure.mass, eigvals_only=True)[:5]) / (2 * np.pi)
-    measurement = FrequencyMeasurement(expected, np.ones(5))
+    measurement = FrequencyData(expected, np.ones(5))
     wide = {True: Uniform(-1.0, 40.0), False: Uniform(-1.0, 1.0)}
     prior = JointPrior(parametrisation, tuple(wide[axis.logarithmic] for axis in parametrisation.axes))
-    problem = jb.Problem(structure, list(PLACES.values()), measurement, prior)
+    problem = jb.Problem(structure=structure, joint=list(PLACES.values()), data=measurement, prior=prior)
     np.testing.assert_allclose(problem.natural_frequencies_hz(K, 5)[0], expected, rtol=1e-8)
-    assert problem.most_modes == structure.n_dofs - 6
+    assert problem.test.most_modes == structure.n_dofs - 6
 
 
 def test_a_rigid_joint_among_others_is_a_support():
@@ -101,8 +104,15 @@ def test_a_rigid_joint_among_others_is_a_support():
 def test_one_joint_with_a_name_has_the_likelihood_of_one_without():
     problem, *_ = joined(ModalDamping((0.01,)))
     marginals = tuple(Uniform(10.0, 25.0) for _ in range(3))
-    plain = jb.Problem(rod(), Joint(("1:y", "1:rz")), problem.measurement, JointPrior(PAIR, marginals))
-    named = jb.Problem(rod(), [PLACES["left"]], problem.measurement, JointPrior(blocks_of({"left": PAIR}), marginals))
+    plain = jb.Problem(
+        structure=rod(), joint=Joint(("1:y", "1:rz")), data=problem.test.data, prior=JointPrior(PAIR, marginals)
+    )
+    named = jb.Problem(
+        structure=rod(),
+        joint=[PLACES["left"]],
+        data=problem.test.data,
+        prior=JointPrior(blocks_of({"left": PAIR}), marginals),
+    )
     theta = np.random.default_rng(2).uniform(11, 24, size=(20, 3))
     np.testing.assert_array_equal(plain.log_posterior(theta), named.log_posterior(theta))
     assert named.names == ("left.k11", "left.k12", "left.k22")
@@ -126,7 +136,7 @@ def test_joints_and_prior_of_other_sizes_are_refused_in_one_line():
     with pytest.raises(
         ModelError, match=r"joints with 8 DOFs and joints with 2|expected a parametrisation of each joint"
     ):
-        jb.Problem(rod(), Joint(("1:y", "1:rz")), problem.measurement, problem.prior)
+        jb.Problem(structure=rod(), joint=Joint(("1:y", "1:rz")), data=problem.test.data, prior=problem.prior)
 
 
 @pytest.mark.science
@@ -139,9 +149,9 @@ def test_two_joints_are_found_where_one_sensor_between_them_listens():
     rng = np.random.default_rng(1)
     sd = 0.03 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
     values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    measurement = FrfMeasurement(FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs), 2 * sd**2)
+    measurement = FrfData(FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs), 2 * sd**2)
     prior = JointPrior(kinds, tuple(Uniform(t - 4, t + 3) for t in np.log(truth)))
-    posterior = jb.sample(jb.Problem(rod(), joints, measurement, prior), seed=1)
+    posterior = jb.sample(jb.Problem(structure=rod(), joint=joints, data=measurement, prior=prior), seed=1)
     assert posterior.converged
     for name, k in zip(kinds.stiffness_names, truth, strict=True):
         low, high = posterior.interval(name, 0.999)

@@ -21,7 +21,7 @@ from jointbayes.inference import (
     likelihood_of,
 )
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import BeamFamily, BeamRecipe, LossFactor, Section
 from tests.conftest import STEEL
 from tests.frf.test_measured_body import K_PAIR, LINES, TAPER, measured_spindle, tool
@@ -30,14 +30,14 @@ KNOWN = np.array([2e8, 3e6, 1e5])
 PRIOR = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 1.0) for k in KNOWN))
 
 
-def data(outputs=("7:y", "s4:y"), inputs=("7:y",), quantity="receptance", sd=0.02, structure=None) -> FrfMeasurement:
+def data(outputs=("7:y", "s4:y"), inputs=("7:y",), quantity="receptance", sd=0.02, structure=None) -> FrfData:
     """Noisy FRFs of the assembled structure whose spindle is exactly what was measured."""
     ports = Ports(LINES, outputs, inputs)
     exact = receptance_model(structure or Substructures(tool(), (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)
     rng = np.random.default_rng(7)
     noise = rng.standard_normal((*exact.shape, 2)) @ [1, 1j] / np.sqrt(2)
     frf = FrfSet(LINES, (exact * (1 + sd * noise))[0], outputs, inputs).converted(quantity)
-    return FrfMeasurement(frf, (sd * np.abs(frf.values)) ** 2)
+    return FrfData(frf, (sd * np.abs(frf.values)) ** 2)
 
 
 def whole(sd=0.01, **kwargs) -> Substructures:
@@ -97,7 +97,7 @@ def test_without_errors_of_the_body_the_likelihood_is_the_usual_one():
 def test_a_gain_multiplies_what_the_errors_of_the_body_make():
     gain = Nuisance("gain", "1", 1.0, Normal(0.0, 0.05))
     prior = replace(PRIOR, nuisances=(gain,))
-    log_posterior = Problem(whole(), TAPER, data(), prior).log_posterior
+    log_posterior = Problem(structure=whole(), joint=TAPER, data=data(), prior=prior).log_posterior
     theta = np.append(np.log(KNOWN), np.log(1.1))
     scaled = data()
     scaled = replace(scaled, frf=replace(scaled.frf, values=scaled.frf.values / 1.1), variance=scaled.variance / 1.21)
@@ -131,7 +131,7 @@ def test_whitened_residuals_of_replicated_data_are_white():
         delta[:, a, b] = delta[:, b, a] = sd * (rng.standard_normal((*sd.shape, 2)) @ [1, 1j]) / np.sqrt(2)
         noise = rng.standard_normal((*truth.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
         noisy = Substructures(tool(), (replace(body, receptance=body.receptance + delta),))
-        measurement = FrfMeasurement(FrfSet(LINES, truth + noise, ports.outputs, ports.inputs), variance)
+        measurement = FrfData(FrfSet(LINES, truth + noise, ports.outputs, ports.inputs), variance)
         z.append(likelihood_of(noisy, TAPER, measurement).standardised(K_PAIR[None])[0])
     second = np.einsum("nlp,nlq->pq", z, np.conj(z)) / (60 * len(LINES))
     assert np.abs(second - np.eye(2)).max() < 4 / np.sqrt(60 * len(LINES))
@@ -142,13 +142,13 @@ def test_residuals_of_one_point_are_those_of_the_batch_and_their_jacobian_is_of_
     family = BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)})
     nuisance = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02))
     structure = Substructures(family, (measured_spindle(),))
-    problem = Problem(structure, TAPER, data(), replace(PRIOR, nuisances=(nuisance,)))
+    problem = Problem(structure=structure, joint=TAPER, data=data(), prior=replace(PRIOR, nuisances=(nuisance,)))
     log_posterior = problem.log_posterior
     theta = np.append(np.log(KNOWN) + 0.1, 0.01)
     residual, jacobian = log_posterior.data_residuals(theta)
     white = log_posterior.white(theta)[0]
     assert np.sort(np.abs(residual)) == pytest.approx(np.sort(np.abs(white)))
-    roots = log_posterior.likelihood._roots(
+    roots = log_posterior.likelihood.terms[0].likelihood._roots(
         PRIOR.parametrisation.matrix(np.exp(theta[None, :3])), np.exp(theta[None, 3:])
     )
     for column in range(4):
@@ -179,13 +179,13 @@ def test_the_variance_is_that_of_the_data_and_the_propagated_one():
 
 
 def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
-    problem = Problem(whole(), TAPER, data(), PRIOR)
+    problem = Problem(structure=whole(), joint=TAPER, data=data(), prior=PRIOR)
     assert isinstance(problem.log_posterior, LogPosterior)
-    assert problem.most_modes == 0
+    assert problem.test.most_modes == 0
     assert problem.natural_frequencies_hz(KNOWN, 3).shape == (1, 0)
-    assert [body.name for body in problem.measured_bodies] == ["spindle"]
-    assert not problem.ignores_noise_of_bodies
-    assert replace(problem, structure=whole(propagate=False)).ignores_noise_of_bodies
+    assert [body.name for body in problem.test.measured_bodies] == ["spindle"]
+    assert not problem.test.ignores_noise_of_bodies
+    assert problem.with_test(structure=whole(propagate=False)).test.ignores_noise_of_bodies
 
 
 @pytest.mark.parametrize(
@@ -199,6 +199,6 @@ def test_noise_beside_which_the_body_cannot_be_propagated_is_refused(noise, kind
 
 def test_natural_frequencies_are_no_data_beside_a_measured_body():
     prior = JointPrior(LogStiffness(), (Uniform(1.0, 2.0),) * 3)
-    measured = FrequencyMeasurement(np.array([100.0]), np.array([1.0]))
+    measured = FrequencyData(np.array([100.0]), np.array([1.0]))
     with pytest.raises(ModelError, match="measured body spindle: found natural frequencies as data; expected FRFs"):
-        Problem(whole(), TAPER, measured, prior).log_posterior  # noqa: B018
+        Problem(structure=whole(), joint=TAPER, data=measured, prior=prior).log_posterior  # noqa: B018

@@ -121,13 +121,13 @@ def calibration_data_of_before(variant, index):
     rng = np.random.default_rng(np.random.SeedSequence(CALIBRATION, spawn_key=(list(VARIANTS).index(variant), index)))
     base = case_of(variant)
     problem = base.problem
-    nominal, noise = problem.measurement, problem.noise or GaussianNoise()
+    nominal, noise = problem.test.data, problem.test.noise or GaussianNoise()
     at_joint = nominal.joint_frf
     theta = problem.prior.sample(rng, 1)[0]
     factors = problem.prior.factors(theta)
-    structure = problem.structures.structure(problem.structural(factors))
+    structure = problem.test.structures.structure(problem.structural(factors))
     ports = Ports(at_joint.frequency_hz, at_joint.outputs, at_joint.inputs)
-    solved = DirectSolve(structure, problem.joint, ports)
+    solved = DirectSolve(structure, problem.test.joints, ports)
     values = solved.receptance(pair_matrix(problem.prior.values(theta)))[0]
     measured = len(nominal.frf.outputs)
     hyper = factors[None, factors.size - len(noise.names) :]
@@ -137,7 +137,7 @@ def calibration_data_of_before(variant, index):
     values[:, measured:] += 0.05 * np.abs(rest) * (rng.normal(size=rest.shape) + 1j * rng.normal(size=rest.shape))
     frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, "receptance")
     used = replace(nominal, frf=frf.select(nominal.frf.outputs, nominal.frf.inputs), joint_frf=frf)
-    return theta, replace(base, problem=replace(problem, measurement=used)), int(rng.integers(2**32))
+    return theta, replace(base, problem=problem.with_test(data=used)), int(rng.integers(2**32))
 
 
 @pytest.mark.parametrize(("variant", "index"), [("joint", 98), ("joint", 460), ("noise scale", 8)])

@@ -10,7 +10,7 @@ from jointbayes.frf import AssembledShapes
 from jointbayes.inference import likelihood_of
 from jointbayes.inference.modal_likelihood import ModePrediction, mac
 from jointbayes.joint import Joint
-from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
+from jointbayes.measurement import ModeData, ModeShapes, Observed
 from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
 from tests.conftest import CLAMP, rod
 
@@ -37,7 +37,7 @@ def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
     components = rng.normal(size=(2, 3, 2))
     components[1, 0, 1] = NAN
     shapes = ModeShapes(("3:x", "1:x"), ("2:x", "2:x", "2:x"), Observed(components, 0.1))
-    measured = ModeMeasurement(frequency, damping, shapes)
+    measured = ModeData(frequency, damping, shapes)
     likelihood = likelihood_of(CHAIN, GROUND, measured)
     for k in (300.0, 4e4):
         lam, phi = modes(k)
@@ -51,7 +51,7 @@ def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
 
 def test_eigenvalues_are_compared_as_eigenvalues():
     lam, _ = modes(900.0)
-    measured = ModeMeasurement(Observed(1.1 * lam, 0.2 * lam), eigenvalues=True)
+    measured = ModeData(Observed(1.1 * lam, 0.2 * lam), eigenvalues=True)
     likelihood = likelihood_of(CHAIN, GROUND, measured)
     np.testing.assert_allclose(likelihood.standardised([[[900.0]]])[0], -0.5, rtol=1e-9)
 
@@ -59,7 +59,7 @@ def test_eigenvalues_are_compared_as_eigenvalues():
 def test_a_mode_is_compared_with_the_one_of_its_number():
     lam, _ = modes(900.0)
     f = np.sqrt(lam) / (2 * np.pi)
-    measured = ModeMeasurement(Observed(f[[2, 0]], 0.1), numbers=(3, 1))
+    measured = ModeData(Observed(f[[2, 0]], 0.1), numbers=(3, 1))
     likelihood = likelihood_of(CHAIN, GROUND, measured)
     np.testing.assert_allclose(likelihood.predicted([[[900.0]]])[0], f[[2, 0]], rtol=1e-9)
 
@@ -69,7 +69,7 @@ def test_modes_are_matched_by_shape_where_the_joint_changes_their_order():
     apart = Structure(np.diag([0.0, 400.0]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
     shapes = ModeShapes(("1:x",), "2:x", Observed(np.array([[1e-3], [2e3]]), 1.0))
     frequency = Observed(np.sqrt([400.0, 900.0]) / (2 * np.pi), 0.1)
-    measured = ModeMeasurement(frequency, shapes=shapes, match="shape")
+    measured = ModeData(frequency, shapes=shapes, match="shape")
     prediction = ModePrediction(as_family(apart), Joint(("1:x",)), measured)
     for k, order in ((900.0, [0, 1]), (100.0, [1, 0])):
         modal, places = prediction.matched([[[k]]])
@@ -87,7 +87,7 @@ def test_a_reference_that_does_not_move_is_infinitely_unlikely_and_no_error():
     # the masses do not know of each other: in either mode one is at rest, to rounding or exactly
     alike = Structure(np.array([[5.0, 0.0], [0.0, 5.0]]), np.eye(2), ModalDamping((0.0,)), ("1:x", "2:x"))
     shapes = ModeShapes(("1:x",), "2:x", Observed(np.array([[0.5], [0.5]]), 0.1))
-    measured = ModeMeasurement(Observed(np.array([0.3, 0.4]), 0.1), shapes=shapes)
+    measured = ModeData(Observed(np.array([0.3, 0.4]), 0.1), shapes=shapes)
     likelihood = likelihood_of(alike, Joint(("1:x",)), measured)
     assert likelihood.log_likelihood([[[1.0]]])[0] < -1e30
 
@@ -99,7 +99,7 @@ def test_the_jacobian_of_the_residuals_is_that_of_differences(match, eigenvalues
     modal = AssembledShapes(structure, CLAMP, ("3:y", "7:y", "11:y"), 3).modes(STIFF)
     frequency = (2 * np.pi * modal.frequency_hz) ** 2 if eigenvalues else modal.frequency_hz
     shapes = ModeShapes(("3:y", "7:y"), "11:y", Observed(modal.shapes[:, :, :2] / modal.shapes[:, :, 2:], 0.01))
-    measured = ModeMeasurement(
+    measured = ModeData(
         Observed(1.01 * frequency, 0.01 * frequency),
         Observed(modal.damping_ratio, 1e-4),
         shapes,

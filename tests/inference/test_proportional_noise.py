@@ -14,7 +14,7 @@ from jointbayes.inference.likelihood_base import residual_of
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.inference.noise.proportional import RANGE, noise_of
 from jointbayes.joint import PlainSprings
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
@@ -28,11 +28,11 @@ def spoilt():
     """The small FRF case whose FRF is off by 5 % of |H| line by line, of which its stated noise knows nothing."""
     noise = ("[data.noise]", '[noise]\ndistribution = "proportional"\n\n[data.noise]')
     case = case_from_text("spoilt", edited(cheap_text(), noise, ("relative = 0.008", "relative = 0.002")))
-    measured = case.problem.measurement
+    measured = case.problem.test.data
     rng = np.random.default_rng(8)
     error = ERROR * (rng.standard_normal((*measured.frf.values.shape, 2)) @ [1, 1j])
-    off = FrfMeasurement(replace(measured.frf, values=measured.frf.values * (1 + error)), measured.variance)
-    return replace(case, problem=replace(case.problem, measurement=off, noise=ProportionalNoise.of(off, 2)))
+    off = FrfData(replace(measured.frf, values=measured.frf.values * (1 + error)), measured.variance)
+    return replace(case, problem=case.problem.with_test(data=off, noise=ProportionalNoise.of(off, 2)))
 
 
 def test_the_density_of_a_value_integrates_to_one():
@@ -48,7 +48,7 @@ def test_the_density_of_a_value_integrates_to_one():
 
 
 def test_its_standard_deviation_is_that_fraction_of_the_measured_magnitude(spoilt):
-    measured = spoilt.problem.measurement
+    measured = spoilt.problem.test.data
     magnitude, variance = np.abs(measured.frf.values[:, 0]), measured.variance[:, 0]
     spread = ProportionalNoise.of(measured, 2).spread([[0.1]], 1)[0]
     np.testing.assert_allclose(spread**2 * variance / 2, variance / 2 + (0.1 * magnitude) ** 2)
@@ -67,10 +67,10 @@ def test_without_the_error_it_is_gaussian_noise():
 
 
 def test_a_measured_zero_is_as_stated(spoilt):
-    measured = spoilt.problem.measurement
+    measured = spoilt.problem.test.data
     values = np.array(measured.frf.values)
     values[3] = 0.0
-    noise = ProportionalNoise.of(FrfMeasurement(replace(measured.frf, values=values), measured.variance), 2)
+    noise = ProportionalNoise.of(FrfData(replace(measured.frf, values=values), measured.variance), 2)
     assert noise.spread([[0.1]], 1)[0, 3, 0] == 1.0
 
 
@@ -94,6 +94,7 @@ def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spoilt):
     settings = SamplerSettings(walkers=32, max_steps=10_000, tau_factor=20, end_tolerance=0.05)
     posterior = sample(spoilt, seed=1, settings=settings)
@@ -110,12 +111,12 @@ def test_an_error_that_coherence_does_not_see_is_found_and_the_joint_with_it(spo
 @pytest.mark.science
 def test_gaussian_noise_as_stated_is_refused_by_the_check_of_the_same_data(spoilt):
     prior = replace(spoilt.problem.prior, nuisances=())
-    stated = replace(spoilt, problem=replace(spoilt.problem, noise=None, prior=prior))
+    stated = replace(spoilt, problem=replace(spoilt.problem, prior=prior).with_test(noise=None))
     settings = SamplerSettings(walkers=16, max_steps=600, tau_factor=20, end_tolerance=0.1)
     assert not sample(stated, seed=1, settings=settings).check.explains
 
 
 def test_natural_frequencies_are_refused():
-    frequencies = FrequencyMeasurement(np.array([100.0]), np.array([1.0]))
+    frequencies = FrequencyData(np.array([100.0]), np.array([1.0]))
     with pytest.raises(ModelError, match="expected FRFs"):
         noise_of(NoiseChoice(), 1, frequencies)

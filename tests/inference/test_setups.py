@@ -8,7 +8,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, blocks_of
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 
@@ -23,17 +23,17 @@ def frfs(structure, seed, stiffness=TABLE_3, joint=CLAMP, tip="11:y"):
     rng = np.random.default_rng(seed)
     sd = 0.02 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
     values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    return FrfMeasurement(FrfSet(LINES, values, (tip,), (tip,)), 2 * sd**2)
+    return FrfData(FrfSet(LINES, values, (tip,), (tip,)), 2 * sd**2)
 
 
 def frequencies(structure, count=4, sd=2.0):
     found = NaturalFrequencies(structure, CLAMP, count).frequency_hz(pair_matrix(TABLE_3))[0]
-    return FrequencyMeasurement(found, np.full(count, sd))
+    return FrequencyData(found, np.full(count, sd))
 
 
-LONG = jb.Setup("long", FULL, CLAMP, frfs(FULL, 1))
-BRIEF = jb.Setup("short", SHORT, CLAMP, frfs(SHORT, 2))
-HEARD = jb.Setup("heard", SHORT, CLAMP, frequencies(SHORT))
+LONG = jb.Test("long", FULL, CLAMP, frfs(FULL, 1))
+BRIEF = jb.Test("short", SHORT, CLAMP, frfs(SHORT, 2))
+HEARD = jb.Test("heard", SHORT, CLAMP, frequencies(SHORT))
 PRIOR = JointPrior(PAIR, MARGINALS)
 OTHER = Nuisance("other.gain", "1", 1.0, Normal(0.0, 1.0))
 
@@ -45,11 +45,18 @@ def points(problem, count=6, seed=3):
 
 
 def alone(setup, prior=PRIOR):
-    return jb.Problem(setup.structure, setup.joint, setup.measurement, prior, setup.noise, setup.residual_kind)
+    return jb.Problem(
+        structure=setup.structure,
+        joint=setup.joints,
+        data=setup.data,
+        prior=prior,
+        noise=setup.noise,
+        residual_kind=setup.residual_kind,
+    )
 
 
 def test_one_set_up_has_the_density_of_a_problem_without_set_ups_to_the_last_bit():
-    plain, of_one = alone(LONG), jb.Problem(setups=[LONG], prior=PRIOR)
+    plain, of_one = alone(LONG), jb.Problem(tests=[LONG], prior=PRIOR)
     theta = points(plain)
     np.testing.assert_array_equal(of_one.log_posterior(theta), plain.log_posterior(theta))
     for name in ("standardised", "white", "predicted", "gradient"):
@@ -62,7 +69,7 @@ def test_one_set_up_has_the_density_of_a_problem_without_set_ups_to_the_last_bit
 
 def test_the_log_likelihood_of_set_ups_is_the_sum_of_theirs():
     setups = [LONG, BRIEF, HEARD]
-    problem = jb.Problem(setups=setups, prior=PRIOR)
+    problem = jb.Problem(tests=setups, prior=PRIOR)
     theta = points(problem)
     each = [alone(one).log_posterior for one in setups]
     expected = sum(posterior.log_likelihood(theta) for posterior in each)
@@ -78,7 +85,7 @@ def test_the_log_likelihood_of_set_ups_is_the_sum_of_theirs():
         problem.log_posterior.gradient(theta) , sum(p.gradient(theta) for p in each), rtol=1e-9
     )  # fmt: skip
     for part, one, posterior in zip(problem.parts, setups, each, strict=True):
-        assert part.setup == one.name
+        assert part.test.name == one.name
         np.testing.assert_array_equal(part.log_posterior.log_likelihood(theta), posterior.log_likelihood(theta))
 
 
@@ -90,8 +97,8 @@ def uncertain(length, names):
 def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_named_after():
     names = ("youngs_modulus", "length")
     setups = [
-        jb.Setup("long", uncertain(0.383, names), CLAMP, frfs(FULL, 1), ScaledNoise()),
-        jb.Setup("short", uncertain(0.2, names), CLAMP, frfs(SHORT, 2)),
+        jb.Test("long", uncertain(0.383, names), CLAMP, frfs(FULL, 1), ScaledNoise()),
+        jb.Test("short", uncertain(0.2, names), CLAMP, frfs(SHORT, 2)),
     ]
     known = Normal(0.0, 0.02)
     nuisances = (
@@ -101,7 +108,7 @@ def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_name
         Nuisance("short.gain", "1", 1.0, known),
         Nuisance("noise_scale", "1", 1.0, known),
     )
-    problem = jb.Problem(setups=setups, prior=JointPrior(PAIR, MARGINALS, nuisances))
+    problem = jb.Problem(tests=setups, prior=JointPrior(PAIR, MARGINALS, nuisances))
     length, gain = Nuisance("length", "mm", 300.0, known), Nuisance("gain", "1", 1.0, known)
     first = alone(setups[0], JointPrior(PAIR, MARGINALS, (nuisances[0], length, nuisances[4])))
     second = alone(setups[1], JointPrior(PAIR, MARGINALS, (nuisances[0], length, gain)))
@@ -126,11 +133,11 @@ def test_quantities_are_shared_by_all_set_ups_or_belong_to_the_one_they_are_name
 def test_noise_may_be_that_of_each_set_up():
     known = Normal(0.0, 0.5)
     setups = [
-        jb.Setup("long", uncertain(0.383, ["length"]), CLAMP, LONG.measurement, ScaledNoise()),
-        jb.Setup("short", uncertain(0.2, ["length"]), CLAMP, BRIEF.measurement, ScaledNoise()),
+        jb.Test("long", uncertain(0.383, ["length"]), CLAMP, LONG.data, ScaledNoise()),
+        jb.Test("short", uncertain(0.2, ["length"]), CLAMP, BRIEF.data, ScaledNoise()),
     ]
     length, *noise = (Nuisance(name, "1", 1.0, known) for name in ("length", "long.noise_scale", "short.noise_scale"))
-    problem = jb.Problem(setups=setups, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
+    problem = jb.Problem(tests=setups, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
     assert problem.log_posterior.likelihood.hyper_count == 2
     theta = np.concatenate([np.log(TABLE_3), [0.01, 0.3, -0.2]])
     lone = [
@@ -140,7 +147,7 @@ def test_noise_may_be_that_of_each_set_up():
     np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), [sum(expected)], rtol=1e-12)
     found = [part.log_posterior.log_likelihood(theta)[0] for part in problem.parts]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-    wrong = jb.Problem(setups=setups, prior=JointPrior(PAIR, MARGINALS, (*noise, length)))
+    wrong = jb.Problem(tests=setups, prior=JointPrior(PAIR, MARGINALS, (*noise, length)))
     with pytest.raises(ModelError, match="expected those of the noise last"):
         wrong.log_posterior(theta)
 
@@ -148,9 +155,9 @@ def test_noise_may_be_that_of_each_set_up():
 def test_a_joint_may_have_quantities_of_its_own_in_one_set_up():
     """The clamp is tightened for the third test: its stiffness is another one there."""
     tight = 2.0 * TABLE_3
-    third = jb.Setup("tight", FULL, CLAMP, frfs(FULL, 5, tight))
+    third = jb.Test("tight", FULL, CLAMP, frfs(FULL, 5, tight))
     kinds = blocks_of({"": LogStiffness(), "tight": LogStiffness()})
-    problem = jb.Problem(setups=[LONG, BRIEF, third], prior=JointPrior(kinds, MARGINALS + MARGINALS))
+    problem = jb.Problem(tests=[LONG, BRIEF, third], prior=JointPrior(kinds, MARGINALS + MARGINALS))
     assert problem.names == ("k11", "k12", "k22", "tight.k11", "tight.k12", "tight.k22")
     theta = np.log(np.concatenate([TABLE_3, 1.1 * tight]))
     expected = sum(alone(one).log_posterior.log_likelihood(theta[:3]) for one in (LONG, BRIEF))
@@ -163,9 +170,9 @@ def test_joints_of_set_ups_are_found_by_their_names():
     kinds = blocks_of({"left": LogStiffness(), "right": LogStiffness()})
     both = frfs(FULL, 1, tip="5:y")
     problem = jb.Problem(
-        setups=[
-            jb.Setup("both", FULL, [right, left], both),
-            jb.Setup("one", FULL, left, both),
+        tests=[
+            jb.Test("both", FULL, [right, left], both),
+            jb.Test("one", FULL, left, both),
         ],
         prior=JointPrior(kinds, MARGINALS + MARGINALS),
     )  # fmt: skip
@@ -181,27 +188,28 @@ def test_joints_of_set_ups_are_found_by_their_names():
 @pytest.mark.parametrize(
     ("made", "words"),
     [
-        (lambda: jb.Problem(setups=[LONG, LONG], prior=PRIOR), "a name for each"),
-        (lambda: jb.Problem(setups=[jb.Setup("", FULL, CLAMP, LONG.measurement)], prior=PRIOR), "a name for each"),
-        (lambda: jb.Problem(setups=[LONG]), "found no prior"),
-        (lambda: jb.Problem(prior=PRIOR), "found no structure, joint, measurement"),
+        (lambda: jb.Problem(tests=[LONG, LONG], prior=PRIOR), "a name for each"),
+        (lambda: jb.Problem([LONG, jb.Test("", FULL, CLAMP, LONG.data)], PRIOR), "a name for each"),
+        (lambda: jb.Problem(tests=[LONG]), "found no prior"),
+        (lambda: jb.Problem(FULL, CLAMP), "found Structure as a test; expected tests, or structure, joint"),
+        (lambda: jb.Problem(prior=PRIOR), "found no structure, joint, data"),
         (
-            lambda: jb.Problem(setups=[jb.Setup("a", FULL, Joint(("1:y",)), LONG.measurement)], prior=PRIOR),
+            lambda: jb.Problem(tests=[jb.Test("a", FULL, Joint(("1:y",)), LONG.data)], prior=PRIOR),
             "expected a parametrisation of each joint",
         ),
         (
             lambda: jb.Problem(
-                setups=[LONG, BRIEF], prior=JointPrior(PAIR, MARGINALS, (OTHER,))
+                tests=[LONG, BRIEF], prior=JointPrior(PAIR, MARGINALS, (OTHER,))
             ).log_posterior,
             "other.gain, on which no set-up depends",
         ),
         (
             lambda: jb.Problem(
-                setups=[LONG, jb.Setup("b", uncertain(0.2, ["length"]), CLAMP, BRIEF.measurement)], prior=PRIOR
+                tests=[LONG, jb.Test("b", uncertain(0.2, ["length"]), CLAMP, BRIEF.data)], prior=PRIOR
             ).log_posterior,
             "no prior for length of set-up b",
         ),
-        (lambda: jb.Problem(setups=[LONG, BRIEF], prior=PRIOR).part("middle"), "expected one of long, short"),
+        (lambda: jb.Problem(tests=[LONG, BRIEF], prior=PRIOR).part("middle"), "expected one of long, short"),
     ],
 )  # fmt: skip
 def test_impossible_set_ups_are_refused_in_one_line(made, words):
@@ -212,7 +220,7 @@ def test_impossible_set_ups_are_refused_in_one_line(made, words):
 
 
 def test_a_posterior_of_set_ups_is_kept_checked_and_predicts_each_of_them(tmp_path):
-    problem = jb.Problem(setups=[LONG, HEARD], prior=PRIOR)
+    problem = jb.Problem(tests=[LONG, HEARD], prior=PRIOR)
     posterior = jb.sample(problem, seed=1, settings=TO_CONVERGE)
     assert posterior.converged
     for name, k in zip(PAIR.stiffness_names, TABLE_3, strict=True):
@@ -222,12 +230,12 @@ def test_a_posterior_of_set_ups_is_kept_checked_and_predicts_each_of_them(tmp_pa
     assert posterior.check.explains
     assert posterior.check.sentence.startswith("Set-up ")
     predicted = posterior.predict_natural_frequencies(4, 50, setup="heard").mean(axis=0)
-    np.testing.assert_allclose(predicted, HEARD.measurement.frequency_hz, rtol=1e-2)
+    np.testing.assert_allclose(predicted, HEARD.data.frequency_hz, rtol=1e-2)
     assert posterior.predict_frf(setup="long", max_draws=20).outputs == ("11:y",)
     path = tmp_path / "posterior.nc"
     posterior.save(path)
     loaded = jb.load_posterior(path)
-    assert [part.setup for part in loaded.problem.parts] == ["long", "heard"]
+    assert [part.test.name for part in loaded.problem.parts] == ["long", "heard"]
     np.testing.assert_array_equal(loaded.theta, posterior.theta)
     theta = points(problem)
     np.testing.assert_array_equal(loaded.problem.log_posterior(theta), problem.log_posterior(theta))

@@ -26,7 +26,7 @@ from jointbayes.joint import (
     spring_stiffnesses,
     under_hypothesis,
 )
-from jointbayes.measurement import FrequencyMeasurement
+from jointbayes.measurement import FrequencyData
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, pair_matrix, rod
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -313,7 +313,7 @@ def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
     """Also without any coordinate, where there is nothing to find."""
     theta = theta_of_springs(springs, np.log(3e8), np.log(2e5))
     made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(pair_matrix(springs.values(theta)))[0]
-    measurement = FrequencyMeasurement(made, np.full(3, 0.01))
+    measurement = FrequencyData(made, np.full(3, 0.01))
     marginals = {"k11": Uniform(np.log(1e6), np.log(1e11)), "k22": Uniform(np.log(1e3), np.log(1e8))}
     prior = JointPrior(springs, tuple(marginals[name] for name in springs.names))
     assert prior.sample(np.random.default_rng(1), 5).shape == (5, theta.size)

@@ -20,7 +20,7 @@ def exact_frf() -> FrfSet:
 
     case = case_from_text("truth", cheap_text())
     lines = np.arange(20.0, 2500.0, 4.0)
-    values = case.problem.receptance_model(Ports(lines, ("5:y",), ("5:y",))).receptance(pair_matrix(TABLE_3))[0]
+    values = case.problem.test.receptance_model(Ports(lines, ("5:y",), ("5:y",))).receptance(pair_matrix(TABLE_3))[0]
     return FrfSet(lines, values, ("5:y",), ("5:y",)).converted("accelerance")
 
 

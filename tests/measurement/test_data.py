@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
-from jointbayes.measurement import FrequencyMeasurement, FrfMeasurement, RelativeNoise, synthesise_frf
+from jointbayes.measurement import FrequencyData, FrfData, RelativeNoise, synthesise_frf
 from tests.conftest import CLAMP, TABLE_3, pair_matrix, rod
 
 MATRIX = pair_matrix(TABLE_3)
@@ -82,7 +82,7 @@ FRF = FrfSet([1.0, 2.0], np.ones((2, 1, 1)), ("1:y",), ("1:y",))
 
 
 def frequencies(values, sd):
-    return FrequencyMeasurement(np.array(values, dtype=float), np.array(sd, dtype=float))
+    return FrequencyData(np.array(values, dtype=float), np.array(sd, dtype=float))
 
 
 REFUSED = {
@@ -90,11 +90,11 @@ REFUSED = {
     "negative floor": lambda: RelativeNoise(0.1, -0.1),
     "no noise": lambda: RelativeNoise(0.0, 0.0),
     "NaN noise": lambda: RelativeNoise(np.nan, 0.1),
-    "variance of another shape": lambda: FrfMeasurement(FRF, np.ones((2, 1))),
-    "zero variance": lambda: FrfMeasurement(FRF, np.array([1.0, 0.0]).reshape(2, 1, 1)),
-    "negative variance": lambda: FrfMeasurement(FRF, np.array([1.0, -1.0]).reshape(2, 1, 1)),
-    "NaN variance": lambda: FrfMeasurement(FRF, np.array([1.0, np.nan]).reshape(2, 1, 1)),
-    "infinite variance": lambda: FrfMeasurement(FRF, np.array([1.0, np.inf]).reshape(2, 1, 1)),
+    "variance of another shape": lambda: FrfData(FRF, np.ones((2, 1))),
+    "zero variance": lambda: FrfData(FRF, np.array([1.0, 0.0]).reshape(2, 1, 1)),
+    "negative variance": lambda: FrfData(FRF, np.array([1.0, -1.0]).reshape(2, 1, 1)),
+    "NaN variance": lambda: FrfData(FRF, np.array([1.0, np.nan]).reshape(2, 1, 1)),
+    "infinite variance": lambda: FrfData(FRF, np.array([1.0, np.inf]).reshape(2, 1, 1)),
     "falling frequencies": lambda: frequencies([762.0, 120.0], [1.0, 1.0]),
     "equal frequencies": lambda: frequencies([120.0, 120.0], [1.0, 1.0]),
     "zero frequency": lambda: frequencies([0.0, 120.0], [1.0, 1.0]),
@@ -115,7 +115,7 @@ def test_impossible_measurements_are_refused_in_one_line(broken):
 
 
 def test_measurements_are_read_only():
-    frf, natural = FrfMeasurement(FRF, np.ones((2, 1, 1))), frequencies([120.0, 762.0], [1.0, 2.0])
+    frf, natural = FrfData(FRF, np.ones((2, 1, 1))), frequencies([120.0, 762.0], [1.0, 2.0])
     for array in (frf.variance, frf.frf.values, natural.frequency_hz, natural.sd_hz):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 7.0

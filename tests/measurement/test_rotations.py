@@ -6,7 +6,7 @@ import pytest
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.joint import Joint
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.measurement.rotations import Rotation, at_joint, with_rotations
 from jointbayes.structure import BeamMaterial, Body, FrameRecipe, LossFactor, Member, Section
 from tests.conftest import CLAMP, pair_matrix, rod
@@ -25,7 +25,7 @@ def measured(outputs=("41:y", "1:y", "2:y", "3:y"), inputs=("41:y",), elements=4
 
 def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others():
     frf = measured()
-    moved = with_rotations(FrfMeasurement(frf, np.ones(frf.values.shape)), [FIRST])
+    moved = with_rotations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
     found, variance = moved.frf, moved.variance
     assert found.outputs == ("41:y", "3:y", "1:rz")
     np.testing.assert_allclose(found.frf("1:rz", "41:y"), (frf.frf("2:y", "41:y") - frf.frf("1:y", "41:y")) / SPACING)
@@ -34,7 +34,7 @@ def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others
 
 def test_a_station_of_no_weight_stays():
     frf = measured()
-    moved = with_rotations(FrfMeasurement(frf, np.ones(frf.values.shape)), [CENTRE])
+    moved = with_rotations(FrfData(frf, np.ones(frf.values.shape)), [CENTRE])
     found, variance = moved.frf, moved.variance
     assert found.outputs == ("41:y", "2:y", "2:rz")
     np.testing.assert_allclose(variance[0, :, 0], [1, 1, 1 / (2 * SPACING**2)])
@@ -45,7 +45,7 @@ def test_the_variance_is_the_diagonal_of_the_covariance_and_nothing_off_it_is_lo
     frf = measured()
     rng = np.random.default_rng(1)
     variance = rng.uniform(0.5, 2.0, frf.values.shape)
-    moved = with_rotations(FrfMeasurement(frf, variance), [rotation])
+    moved = with_rotations(FrfData(frf, variance), [rotation])
     found, reduced = moved.frf, moved.variance
     both = np.array([np.eye(4)[frf.outputs.index(o)] for o in found.outputs[:-1]])
     weights = np.zeros(4)
@@ -59,11 +59,11 @@ def test_two_rotations_from_one_station_are_refused():
     frf = measured()
     other = Rotation("2:rz", ("2:y", "3:y"), SPACING, "first order", True)
     with pytest.raises(MeasurementError, match="found station 2:y in 1:rz as well"):
-        with_rotations(FrfMeasurement(frf, np.ones(frf.values.shape)), [FIRST, other])
+        with_rotations(FrfData(frf, np.ones(frf.values.shape)), [FIRST, other])
 
 
 def test_rotations_that_are_not_data_leave_the_data_alone():
-    data = FrfMeasurement(measured(), np.ones(measured().values.shape))
+    data = FrfData(measured(), np.ones(measured().values.shape))
     assert with_rotations(data, [Rotation("1:rz", ("1:y", "2:y"), SPACING, "first order")]) is data
 
 
@@ -120,7 +120,7 @@ def test_what_the_iteration_lacks_is_named(outputs, rotations, message):
 def test_a_rotation_measured_and_derived_is_refused():
     frf = measured(("41:y", "1:y", "2:y", "1:rz"))
     with pytest.raises(MeasurementError, match="found it among the measured DOFs"):
-        with_rotations(FrfMeasurement(frf, np.ones(frf.values.shape)), [FIRST])
+        with_rotations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
 
 
 @pytest.mark.parametrize("axis", range(3), ids="xyz")

@@ -29,10 +29,10 @@ def problem_of(text, change=None):
     problem = case_from_text("diagnosis", text).problem
     if change is None:
         return problem
-    values = problem.measurement.frf.values.copy()
+    values = problem.test.data.frf.values.copy()
     change(values)
-    frf = replace(problem.measurement.frf, values=values)
-    return replace(problem, measurement=replace(problem.measurement, frf=frf))
+    frf = replace(problem.test.data.frf, values=values)
+    return problem.with_test(data=replace(problem.test.data, frf=frf))
 
 
 def scaled(index, factor):
@@ -137,8 +137,8 @@ def test_frfs_without_any_resonance_are_compared_as_a_whole():
 
 def test_a_resonance_that_only_one_of_the_two_shows_is_no_pair():
     structure = problem_of(TIP)
-    ports = Ports(structure.measurement.frf.frequency_hz, ("11:y",), ("11:y",))
-    predicted = structure.receptance_model(ports).receptance(pair_matrix(TABLE_3[None]), np.ones((1, 0)))[0]
+    ports = Ports(structure.test.data.frf.frequency_hz, ("11:y",), ("11:y",))
+    predicted = structure.test.receptance_model(ports).receptance(pair_matrix(TABLE_3[None]), np.ones((1, 0)))[0]
     f = ports.frequency_hz
     extra = predicted + 2e-2 / (1400.0**2 - f**2 + 28j * f)[:, None, None]
     sd = 0.01 * np.median(np.abs(predicted)) * np.ones(predicted.shape)

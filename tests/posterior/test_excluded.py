@@ -71,8 +71,8 @@ def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(
     assert known_by_bounds(bounded) == ("",)
     joints = by_kind(simpler_joints(bounded))
     # nothing else is uncertain: the likelihood of a rigid joint is one number
-    measured = np.array([part.measurement.frequency_hz[0] for part in bounded.problem.parts])
-    sd = np.array([part.measurement.sd_hz[0] for part in bounded.problem.parts])
+    measured = np.array([part.test.data.frequency_hz[0] for part in bounded.problem.parts])
+    sd = np.array([part.test.data.sd_hz[0] for part in bounded.problem.parts])
     expected = (((np.array(exact(RIGID)) - measured) / sd) ** 2).sum()
     assert joints["rigid"].ratio == pytest.approx(expected, rel=0.02)
     assert joints["rigid"].limit == pytest.approx(stats.chi2(3).isf(LEVEL))
@@ -102,7 +102,7 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, monkeypatch):
     freed = by_kind(simpler_joints(posterior))["rigid"]
     # a modulus that is lower takes up part of what a rigid joint misses, at the price of its own prior
     parts, rigid = bounded.problem.parts, np.array(exact(RIGID))
-    measured, sd = (np.array([getattr(p.measurement, name)[0] for p in parts]) for name in ("frequency_hz", "sd_hz"))
+    measured, sd = (np.array([getattr(p.test.data, name)[0] for p in parts]) for name in ("frequency_hz", "sd_hz"))
     least = min(
         (((rigid * np.exp(x / 2) - measured) / sd) ** 2).sum() + (x / 0.01) ** 2 for x in np.linspace(-0.5, 0.1, 6001)
     )

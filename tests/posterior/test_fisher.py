@@ -128,13 +128,18 @@ def test_what_is_free_makes_the_stiffnesses_less_known():
 
 def _exact(problem: Problem, parametrisation) -> Problem:
     """The problem with data of Table 3's joint without noise, and a normal prior that does not move the mode."""
-    frf = problem.measurement.frf
+    frf = problem.test.data.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     data = synthesise_frf(
-        problem.structure, problem.joint, pair_matrix(TABLE_3), ports, RelativeNoise(0.008, 0.0016), frf.quantity
+        problem.test.structure,
+        problem.test.joints,
+        pair_matrix(TABLE_3),
+        ports,
+        RelativeNoise(0.008, 0.0016),
+        frf.quantity,
     )
     theta = parametrisation.coordinates(TABLE_3)
     log = isinstance(parametrisation, LogStiffness)
     marginals = [Normal(t, 2.0) if log else Uniform(t - 0.5, t + 0.5) for t in theta]
     prior = JointPrior(parametrisation, tuple(marginals))
-    return Problem(problem.structure, problem.joint, data, prior)
+    return Problem(structure=problem.test.structure, joint=problem.test.joints, data=data, prior=prior)

@@ -9,7 +9,7 @@ from benchmarks.measured_body import SETTINGS, data_set
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import MeasuredBody, MeasuredFile, NoisePropagation, Ports, Substructures
-from jointbayes.inference import Problem, Setup
+from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
 from jointbayes.posterior.run_record import run_fingerprint
@@ -70,7 +70,7 @@ def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_pa
     again = load_posterior(path)
     assert (again.stiffness == posterior.stiffness).all()
     assert again.noise_of_bodies == posterior.noise_of_bodies
-    (body,), (stored,) = posterior.problem.measured_bodies, again.problem.measured_bodies
+    (body,), (stored,) = posterior.problem.test.measured_bodies, again.problem.test.measured_bodies
     assert (stored.receptance == body.receptance).all()
     assert (stored.covariance == body.covariance).all()
     theta = posterior.thinned(5)
@@ -79,11 +79,13 @@ def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_pa
 
 def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint(posterior, tmp_path):
     problem = posterior.problem
-    (body,) = problem.measured_bodies
+    (body,) = problem.test.measured_bodies
     file = MeasuredFile("nose.uff", 1234, 32 * "ab")
 
     def of(changed):
-        return replace(posterior, problem=replace(problem, structure=replace(problem.structure, measured=(changed,))))
+        return replace(
+            posterior, problem=problem.with_test(structure=replace(problem.test.structure, measured=(changed,)))
+        )
 
     of(replace(body, files=(file,))).save(tmp_path / "posterior.nc")
     again = load_posterior(tmp_path / "posterior.nc")
@@ -107,10 +109,10 @@ def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint
 def test_the_band_holds_what_the_errors_of_the_body_make_of_the_frfs(posterior):
     """Its width beside that of the draws alone is that of the propagated noise."""
     band = posterior.predict_frf(max_draws=400)
-    exact = replace(posterior, problem=replace(posterior.problem, structure=_ignored(posterior)))
+    exact = replace(posterior, problem=posterior.problem.with_test(structure=_ignored(posterior)))
     narrow = exact.predict_frf(max_draws=400)
     problem = posterior.problem
-    model = problem.receptance_model(Ports(band.frequency_hz, band.outputs, band.inputs))
+    model = problem.test.receptance_model(Ports(band.frequency_hz, band.outputs, band.inputs))
     covariance = NoisePropagation(model).covariance(problem.prior.matrix(posterior.estimate.theta[None]))[0]
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2).real / 2).reshape(band.magnitude.shape)
     half, own = ((b.magnitude_high - b.magnitude_low) / 2 / 1.96 for b in (band, narrow))
@@ -119,21 +121,21 @@ def test_the_band_holds_what_the_errors_of_the_body_make_of_the_frfs(posterior):
 
 
 def _ignored(posterior):
-    return replace(posterior.problem.structure, propagate=False)
+    return replace(posterior.problem.test.structure, propagate=False)
 
 
 def test_lines_at_which_the_first_order_is_doubtful_are_named(posterior):
     problem, theta = posterior.problem, posterior.estimate.theta
-    (body,) = problem.measured_bodies
+    (body,) = problem.test.measured_bodies
     noisy = replace(body, covariance=body.covariance * 15**2)
-    found = noise_of_bodies(replace(problem, structure=Substructures(problem.structures, (noisy,))), theta)
+    found = noise_of_bodies(problem.with_test(structure=Substructures(problem.test.structures, (noisy,))), theta)
     usual = posterior.noise_of_bodies
     assert found.largest_sd == pytest.approx(15 * usual.largest_sd)
     assert found.largest_sd > DOUBTFUL
     assert not found.within
     assert f"At {found.doubtful_lines} of 145 lines, most at {found.largest_at_hz:.5g} Hz" in found.sentence
     odd = noise_of_bodies(
-        replace(problem, structure=Substructures(problem.structures, (replace(body, discrepancy=7.0),))), theta
+        problem.with_test(structure=Substructures(problem.test.structures, (replace(body, discrepancy=7.0),))), theta
     )
     assert odd.not_reciprocal == ("spindle",)
     assert "FRFs of spindle differ by 7 times what their noise allows" in odd.sentence
@@ -146,56 +148,56 @@ def test_the_papers_iteration_is_refused_beside_a_measured_body(posterior):
 
 def test_data_at_lines_that_the_body_lacks_are_refused(posterior):
     problem = posterior.problem
-    frf = replace(problem.measurement.frf, frequency_hz=problem.measurement.frf.frequency_hz + 1.0)
+    frf = replace(problem.test.data.frf, frequency_hz=problem.test.data.frf.frequency_hz + 1.0)
     with pytest.raises(ModelError, match="expected FRFs of the body at the very lines of the data"):
-        replace(problem, measurement=replace(problem.measurement, frf=frf)).log_posterior  # noqa: B018
-    assert isinstance(problem.measured_bodies[0], MeasuredBody)
+        problem.with_test(data=replace(problem.test.data, frf=frf)).log_posterior  # noqa: B018
+    assert isinstance(problem.test.measured_bodies[0], MeasuredBody)
 
 
 def of_setups(first, second, *, ignored="") -> Problem:
     """Two set-ups, each of one problem, of which one may take its body for exact."""
     setups = [
-        Setup(
+        Test(
             name,
-            replace(one.structure, propagate=name != ignored),
-            one.joint,
-            one.measurement,
+            replace(one.test.structure, propagate=name != ignored),
+            one.test.joints,
+            one.test.data,
         )
         for name, one in (("a", first), ("b", second))
     ]
-    return Problem(setups=setups, prior=first.prior)
+    return Problem(tests=setups, prior=first.prior)
 
 
 def test_one_measurement_of_a_body_in_two_set_ups_is_refused():
     first, second = data_set("counted", 1), data_set("counted", 2)
     of_setups(first, second)
-    (body,) = first.measured_bodies
+    (body,) = first.test.measured_bodies
     for same in (body, replace(body, name="other")):
-        whole = Substructures(first.structures, (same,))
+        whole = Substructures(first.test.structures, (same,))
         with pytest.raises(
             ModelError, match=r"one measurement of the body \w+ in set-ups a and b, .*; expected"
         ) as told:
-            of_setups(first, replace(second, structure=whole))
+            of_setups(first, second.with_test(structure=whole))
         assert "\n" not in str(told.value)
-        of_setups(first, replace(second, structure=whole), ignored="b")  # which is said in the report
+        of_setups(first, second.with_test(structure=whole), ignored="b")  # which is said in the report
 
 
 def test_of_several_set_ups_the_worst_is_told(posterior):
     first, second = posterior.problem, data_set("counted", 2)
-    (body,) = second.measured_bodies
+    (body,) = second.test.measured_bodies
     theta, lone = posterior.estimate.theta, posterior.noise_of_bodies
-    noisy = replace(
-        second, structure=Substructures(second.structures, (replace(body, covariance=225 * body.covariance),))
+    noisy = second.with_test(
+        structure=Substructures(second.test.structures, (replace(body, covariance=225 * body.covariance),))
     )
     for problem in (of_setups(first, noisy), of_setups(noisy, first)):
         found = noise_of_bodies(problem, theta)
-        assert found.setup == ("b" if problem.setups[1].measurement is noisy.measurement else "a")
+        assert found.setup == ("b" if problem.tests[1].data is noisy.test.data else "a")
         assert found.doubtful_lines > lone.doubtful_lines
         assert f"spindle in set-up {found.setup} is propagated" in found.sentence
-        assert not problem.ignores_noise_of_bodies
+        assert not any(test.ignores_noise_of_bodies for test in problem.tests)
     ignoring = of_setups(first, second, ignored="b")
     found = noise_of_bodies(ignoring, theta)
-    assert (found.ignored, found.setup, ignoring.ignores_noise_of_bodies) == (True, "b", True)
+    assert (found.ignored, found.setup) == (True, "b")
 
 
 def test_the_report_has_the_bodies_of_every_set_up_and_a_run_is_of_all(posterior):

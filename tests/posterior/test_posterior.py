@@ -25,7 +25,7 @@ MEASURED_HZ = (120.0, 762.0, 2101.0)
 
 def test_all_that_a_user_holds_prints_on_a_screen(cheap_case, cheap_posterior):
     problem = cheap_case.problem
-    held = cheap_case, problem, problem.structure, problem.measurement, cheap_posterior.estimate, cheap_posterior
+    held = cheap_case, problem, problem.test.structure, problem.test.data, cheap_posterior.estimate, cheap_posterior
     for one in held:
         assert len(repr(one)) < 800
         assert repr(one).count("\n") < 12
@@ -227,13 +227,13 @@ def test_a_negative_coupling_has_a_region_where_its_sign_is_free(frequency_poste
 
 
 def test_the_frf_band_holds_the_map_and_narrows_with_its_probability(cheap_posterior):
-    frf = cheap_posterior.problem.measurement.frf
+    frf = cheap_posterior.problem.test.data.frf
     band = cheap_posterior.predict_frf()
     assert band.magnitude.shape == frf.values.shape
     assert (band.quantity, band.outputs, band.inputs) == ("receptance", ("5:y",), ("5:y",))
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     problem = cheap_posterior.problem
-    best = receptance_model(problem.structure, problem.joint, ports).receptance(
+    best = receptance_model(problem.test.structure, problem.test.joints, ports).receptance(
         pair_matrix(cheap_posterior.estimate.values)
     )[0]
     inside = (band.magnitude_low <= np.abs(best)) & (np.abs(best) <= band.magnitude_high)
@@ -463,12 +463,11 @@ def test_the_fingerprint_follows_the_data(cheap_posterior, frequency_posterior):
     def fingerprint(posterior):
         return summarise(posterior, INITIAL).data_sha256
 
-    measurement = cheap_posterior.problem.measurement
+    measurement = cheap_posterior.problem.test.data
     changed = dataclasses.replace(
         cheap_posterior,
-        problem=dataclasses.replace(
-            cheap_posterior.problem,
-            measurement=dataclasses.replace(measurement, variance=measurement.variance * (1 + 1e-12)),
+        problem=cheap_posterior.problem.with_test(
+            data=dataclasses.replace(measurement, variance=measurement.variance * (1 + 1e-12)),
         ),
     )
     assert len({fingerprint(p) for p in (cheap_posterior, changed, frequency_posterior)}) == 3

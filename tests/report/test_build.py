@@ -194,12 +194,12 @@ def test_every_figure_says_what_it_shows(whole):
 def test_each_line_has_its_point_among_the_residuals(whole, cheap_posterior):
     drawn = next(f.svg for f in of_kind(whole.blocks(), Figure) if f.identifier == "residuals")
     strokes = max(re.findall(r'<path d="([^"]*)"', drawn), key=lambda path: path.count("M"))
-    lines = cheap_posterior.problem.measurement.frf.frequency_hz.size
+    lines = cheap_posterior.problem.test.data.frf.frequency_hz.size
     assert (strokes.count("M"), strokes.count("L")) == (lines, lines)  # a stroke of no length is a point
 
 
 def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior):
-    frf = cheap_posterior.problem.measurement.frf
+    frf = cheap_posterior.problem.test.data.frf
     plot = next(f.plot for f in of_kind(whole.blocks(), Figure) if f.identifier == "frf-0-0")
     band, measured, guess, best = plot.series
     assert plot.log_y

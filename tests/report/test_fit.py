@@ -64,8 +64,8 @@ def drawn(posterior, initial=INITIAL):
 def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     curves = drawn(fitted)
     measured, best = np.array(curves["synthetic"].y), np.array(curves["MAP"].y)
-    frf = fitted.problem.measurement.frf.values[:, 0, 0]
-    sd = np.sqrt(fitted.problem.measurement.variance[:, 0, 0]) / np.abs(frf)
+    frf = fitted.problem.test.data.frf.values[:, 0, 0]
+    sd = np.sqrt(fitted.problem.test.data.variance[:, 0, 0]) / np.abs(frf)
     apart = np.log(measured / best)
     assert abs(np.median(apart)) < 0.005
     assert np.abs(apart / sd).max() < 5

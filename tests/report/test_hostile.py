@@ -40,8 +40,8 @@ def hostile(posterior, text):
         (text, text), text, (text,), (MeasurementWarning(text, text, text, text),), (), (text,), text,
     )  # fmt: skip
     problem = posterior.problem
-    problem = dataclasses.replace(
-        problem, name=text, measurement=dataclasses.replace(problem.measurement, provenance=provenance)
+    problem = dataclasses.replace(problem, name=text).with_test(
+        data=dataclasses.replace(problem.test.data, provenance=provenance)
     )
     record = dataclasses.replace(
         posterior.record, case_name=text, case_text=f"# {text}", reason=text,

@@ -23,16 +23,16 @@ def table_of(posterior):
 
 
 def structure_of(problem):
-    return problem.structures.at(problem.joint.dofs, problem.structures.reach_hz(3)).nominal
+    return problem.test.structures.at(problem.test.joints.dofs, problem.test.structures.reach_hz(3)).nominal
 
 
 def test_frequencies_are_those_with_the_joint_and_with_a_clamp(cheap_posterior):
     problem, k = cheap_posterior.problem, cheap_posterior.estimate.values
     structure = structure_of(problem)
-    at = structure.index(problem.joint.dofs)
+    at = structure.index(problem.test.joints.dofs)
     added = np.zeros_like(structure.stiffness)
     added[np.ix_(at, at)] = pair_matrix(k)
-    joined, clamped = structure.modes(added), structure.fixed(problem.joint.dofs).modes()
+    joined, clamped = structure.modes(added), structure.fixed(problem.test.joints.dofs).modes()
     motion = joined.shapes[at, :3]
     share = 100 * np.einsum("im,ij,jm->m", motion, pair_matrix(k), motion) / joined.eigenvalues[:3]
     assert (share > 1).all()  # of strain energy
@@ -78,5 +78,5 @@ def test_only_modes_of_the_measured_band_are_listed(cheap_posterior, frequency_p
     assert in_band(20.0, 2500.0) == ["1", "2", "3"]
     assert in_band(500.0, 1500.0) == ["2"]
     assert in_band(300.0, 600.0) is None
-    measured = frequency_posterior.problem.measurement.frequency_hz
+    measured = frequency_posterior.problem.test.data.frequency_hz
     assert len(table_of(frequency_posterior).rows) == measured.size

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
+from jointbayes.measurement import ModeData, ModeShapes, Observed
 from jointbayes.report.sections.natural_frequencies import _Compared, _figures
 
 
 def test_a_mode_of_which_no_component_was_measured_has_no_figure():
     components = np.array([[0.77], [np.nan]])
     shapes = ModeShapes(("1:x",), "2:x", Observed(components, 0.05))
-    measured = ModeMeasurement(Observed(np.array([2.0, 5.0]), 0.1), shapes=shapes)
+    measured = ModeData(Observed(np.array([2.0, 5.0]), 0.1), shapes=shapes)
     best = np.array([[0.75], [-1.3]])
     compared = _Compared(components, np.full((2, 1), 0.05), best, best - 0.1, best + 0.1)
     (figure,) = _figures(measured, compared)

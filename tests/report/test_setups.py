@@ -110,7 +110,7 @@ def test_the_summary_says_of_each_set_up_what_it_says_of_a_lone_test(overhangs):
         assert said["fit"]["n_data"] == z[0].size
         assert_allclose(said["fit"]["chi2_per_line"], (np.abs(z) ** 2).mean(), rtol=1e-12)
         assert said["data_sha256"] == data_sha256(part)
-        assert said["check"]["sentence"].startswith(f"Set-up {part.setup}: ")
+        assert said["check"]["sentence"].startswith(f"Set-up {part.test.name}: ")
         best = part.natural_frequencies_hz(TABLE_3, len(said["natural_frequencies_hz"]["map"]))[0]
         assert_allclose(said["natural_frequencies_hz"]["map"], best, rtol=1e-12)
     assert summary["setups"]["heard"]["natural_frequencies_hz"]["measured"] == [437.5, 2623.0]
@@ -139,7 +139,7 @@ def test_a_posterior_of_set_ups_comes_back_from_its_file(overhangs, tmp_path):
         if name.endswith("heard"):
             assert stored["natural_frequency"].values.tolist() == [437.5, 2623.0]
         else:
-            assert_array_equal(stored["frf_real"] + 1j * stored["frf_imag"], part.measurement.frf.values)
+            assert_array_equal(stored["frf_real"] + 1j * stored["frf_imag"], part.test.data.frf.values)
     assert_array_equal(loaded.theta, overhangs.theta)
     assert [one.name for one in loaded.case.setups] == ["long", "short", "heard"]
     assert loaded.summary().to_json()["setups"] == overhangs.summary().to_json()["setups"]
@@ -148,7 +148,7 @@ def test_a_posterior_of_set_ups_comes_back_from_its_file(overhangs, tmp_path):
 def test_set_ups_with_measurement_files_are_kept_with_their_data(tmp_path):
     """The files may be gone when the posterior is read."""
     case = jb.case_from_text("source", BASE)
-    measured = case.problem.measurement
+    measured = case.problem.test.data
     for name in ("one", "two"):
         jb.write_frf(measured.frf, tmp_path / f"{name}.npz", "npz")
     text = BASE.split("[data]")[0]
@@ -175,8 +175,8 @@ variance = {{source = "relative", relative = 0.03, floor = 0.01}}
         (tmp_path / f"{name}.npz").unlink()
     loaded = jb.load_posterior(tmp_path / "posterior.nc")
     for part, other in zip(loaded.problem.parts, case.problem.parts, strict=True):
-        assert_array_equal(part.measurement.frf.values, other.measurement.frf.values)
-        assert part.measurement.provenance.files == other.measurement.provenance.files
+        assert_array_equal(part.test.data.frf.values, other.test.data.frf.values)
+        assert part.test.data.provenance.files == other.test.data.provenance.files
 
 
 def test_what_a_run_is_of_changes_with_the_data_and_the_tables_of_any_set_up():
@@ -255,8 +255,8 @@ def test_a_curve_has_the_quantity_of_each_set_up_in_the_order_of_the_levels(torq
 
 
 def test_levels_that_are_all_the_same_make_no_curve(torques):
-    setups = [dataclasses.replace(one, level=jb.Level(5.0, "torque", "N m")) for one in torques.problem.setups]
-    alike = dataclasses.replace(torques, problem=jb.Problem(setups=setups, prior=torques.problem.prior))
+    setups = [dataclasses.replace(one, level=jb.Level(5.0, "torque", "N m")) for one in torques.problem.tests]
+    alike = dataclasses.replace(torques, problem=jb.Problem(tests=setups, prior=torques.problem.prior))
     assert curves_of(alike) == ()
     with pytest.raises(jb.ModelError, match="curve: found 1 levels of set-ups with 'k22'"):
         alike.curve("k22")
@@ -370,13 +370,13 @@ def test_what_files_lack_for_the_papers_iteration_is_told_whichever_set_up_has_t
     case = jb.case_from_text("case", BASE + HEARD_FIRST)
     known = Provenance((), "receptance", 3, (1.0, 2.0), None, (), (), "stated", iteration="found no FRF at 1:rz")
     setups = [
-        replace(one, measurement=replace(one.measurement, joint_frf=None, provenance=known if n else None))
+        replace(one, data=replace(one.data, joint_frf=None, provenance=known if n else None))
         if one.name != "heard"
         else one
-        for n, one in enumerate(case.problem.setups)
+        for n, one in enumerate(case.problem.tests)
     ]
-    problem = replace(case.problem, setups=tuple(setups))
-    assert part_to_iterate(case.problem).setup == "calm"
+    problem = replace(case.problem, tests=tuple(setups))
+    assert part_to_iterate(case.problem).test.name == "calm"
     assert part_to_iterate(problem) is None
     assert missing_for_iteration(problem) == "found no FRF at 1:rz"
     with pytest.raises(ModelError, match="found no FRF at 1:rz; use find_map instead"):

@@ -85,9 +85,9 @@ def test_sampled_draws_that_are_a_little_too_narrow_are_noticed_in_the_ranks(rig
 def test_data_lie_about_the_dense_solution(variant):
     problem = case_of(variant).problem
     theta = problem.prior.sample(np.random.default_rng(4), 1)[0]
-    structure = problem.structures.structure(problem.structural(problem.prior.factors(theta)))
-    frf = problem.measurement.frf
-    dense = DirectSolve(structure, problem.joint, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    structure = problem.test.structures.structure(problem.structural(problem.prior.factors(theta)))
+    frf = problem.test.data.frf
+    dense = DirectSolve(structure, problem.test.joints, Ports(frf.frequency_hz, frf.outputs, frf.inputs))
     expected = dense.receptance(pair_matrix(problem.prior.values(theta)))[0]
     np.testing.assert_allclose(simulated_values(problem, theta, Silent()), expected, rtol=1e-6)
 

@@ -14,7 +14,7 @@ import jointbayes as jb
 from jointbayes.frf import DirectSolve, FrfSet, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Uniform
 from jointbayes.joint import LogStiffness
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior.identifiability import verdict_by_rule
 from jointbayes.posterior.information.directions import interval_ratio
 from jointbayes.posterior.information.fisher import FisherInformation, fisher_information
@@ -86,7 +86,9 @@ def problem_of(outputs) -> Problem:
     values = receptance(POINT, outputs)[..., None]
     frf = FrfSet(FREQUENCY_HZ, values, outputs, ("11:y",))
     prior = JointPrior(LogStiffness(), tuple(Uniform(mid - 5, mid + 5) for mid in POINT[:3]))
-    return Problem(rod(), CLAMP, FrfMeasurement(frf, 2 * part_sd(values) ** 2, synthetic=True), prior)
+    return Problem(
+        structure=rod(), joint=CLAMP, data=FrfData(frf, 2 * part_sd(values) ** 2, synthetic=True), prior=prior
+    )
 
 
 @pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)
@@ -133,7 +135,8 @@ def uncertain_problem(outputs) -> Problem:
     nuisances = tuple(Nuisance(name, "1", 1.0, prior) for name, prior in zip(NUISANCES, priors, strict=True))
     known = problem_of(outputs)
     family = BeamFamily(recipe, {n.name: n.range for n in nuisances})
-    return dataclasses.replace(known, prior=dataclasses.replace(known.prior, nuisances=nuisances), structure=family)
+    known = known.with_test(structure=family)
+    return dataclasses.replace(known, prior=dataclasses.replace(known.prior, nuisances=nuisances))
 
 
 @pytest.mark.parametrize("outputs", TABLE, ids=" + ".join)

@@ -23,7 +23,7 @@ def test_the_model_with_a_damped_joint_is_the_exact_beam_with_it(study):
     problem, truth = data_set(study, 1)
     exact = exact_frf(study, truth[:3], truth[3])
     theta = theta_of(problem, truth)[None]
-    model = problem.receptance_model(Ports(LINES, OUTPUTS, INPUTS))
+    model = problem.test.receptance_model(Ports(LINES, OUTPUTS, INPUTS))
     found = model.receptance(problem.prior.matrix(theta), problem.structural(problem.prior.factors(theta)))[0]
     peak = np.abs(exact).max(axis=0)
     np.testing.assert_allclose(found / peak, exact / peak, atol=1e-6)

@@ -17,7 +17,7 @@ from jointbayes.frf.modal import JoinedModes
 from jointbayes.inference import JointPrior, LogPosterior, Normal
 from jointbayes.inference.likelihood import FrfLikelihood, likelihood_of
 from jointbayes.joint import Joint, Joints, LogStiffness
-from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
+from jointbayes.measurement import FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh, Structure
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, pair_matrix, rod
 
@@ -195,7 +195,7 @@ class Stub:
 
 
 def synthetic_of(ports, values):
-    return FrfMeasurement(FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs), np.abs(values) ** 2)
+    return FrfData(FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs), np.abs(values) ** 2)
 
 
 def test_a_line_on_an_undamped_free_resonance_is_refused():

@@ -7,7 +7,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.identification import compliance_start, refine
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from tests.conftest import CONFIGS, PAIR, TABLE_3, first_in_ci, pair_matrix, shipped_text
 
 
@@ -85,8 +85,8 @@ def test_fisher_information_of_the_tip_is_the_checked_one():
 def test_the_start_without_a_guess_leads_to_the_mode_on_other_noise(noisy, seed):
     case = _with_noise_seed(noisy, seed)
     problem = case.problem
-    assert isinstance(problem.measurement, FrfMeasurement)
-    alone = compliance_start(problem.structure, problem.joint, problem.measurement)
+    assert isinstance(problem.test.data, FrfData)
+    alone = compliance_start(problem.test.structure, problem.test.joints, problem.test.data)
     _, from_truth = refine(problem.log_posterior, np.log(TABLE_3))
     assert jb.find_map(case).log_posterior >= from_truth - 1e-6
     np.linalg.cholesky(alone)  # raises where it is not positive definite
@@ -97,5 +97,5 @@ def test_without_noise_the_start_without_a_guess_is_exact_where_damping_allows_i
     text = text.replace('law = "modal"', 'law = "loss_factor"')
     text = re.sub(r"(?m)^ratio = .*$", "loss_factor = 0.02", text)
     problem = jb.case_from_text("loss", text).problem
-    start = compliance_start(problem.structure, problem.joint, problem.measurement)
+    start = compliance_start(problem.test.structure, problem.test.joints, problem.test.data)
     np.testing.assert_allclose(PAIR.from_matrix(start), TABLE_3, rtol=1e-5)

@@ -54,7 +54,7 @@ def test_natural_frequencies_are_those_of_the_beam_without_a_mesh():
 
 
 def test_synthetic_data_are_those_of_the_beam_without_a_mesh():
-    measured = case_from_text("exact", TEXT.replace("added = true", "added = false")).problem.measurement
+    measured = case_from_text("exact", TEXT.replace("added = true", "added = false")).problem.test.data
     exact = exact_beam(TABLE_3).modal_receptance(measured.frf.frequency_hz, ("11:y",), ("11:y",), (0.01,))
     assert np.abs(measured.frf.values - exact).max() < 1e-8 * np.abs(exact).max()
 

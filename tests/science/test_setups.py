@@ -56,9 +56,9 @@ def test_the_information_of_set_ups_is_that_of_central_differences_of_dense_solv
         stiffness = [np.exp(at[name]) for name in ("k11", "k12", "k22")]
         shared = {name: np.exp(at[name]) for name in ("youngs_modulus", "density", "damping_ratio")}
         parts = []
-        for test, setup in zip(tests, problem.setups, strict=True):
+        for test, setup in zip(tests, problem.tests, strict=True):
             length_mm = test.length_mm * np.exp(at[f"{test.name}.length"]) + 1000 * at["length_offset"]
-            sd = part_sd(setup.measurement.frf.values)
+            sd = part_sd(setup.data.frf.values)
             parts.append((dense(test, length_mm, stiffness, **shared) / sd).ravel())
         joined = np.concatenate(parts)
         return np.concatenate([joined.real, joined.imag])
@@ -82,6 +82,7 @@ def test_sampled_spreads_are_the_linearised_ones_where_the_posterior_is_near_gau
 
 
 @pytest.mark.science
+@pytest.mark.long
 def test_intervals_of_a_few_data_sets_hold_the_truth():
     """The study is `benchmarks.setups`: 92 to 98 of 100; of six, four or fewer would be a case in five hundred."""
     held = np.sum([analysed(seed)["held"] for seed in range(101, 107)], axis=0)

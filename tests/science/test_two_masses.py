@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import JointPrior, OfStiffness, Problem, Uniform
 from jointbayes.joint import Joint, blocks_of, parametrisation_named
-from jointbayes.measurement import ModeMeasurement, ModeShapes, Observed
+from jointbayes.measurement import ModeData, ModeShapes, Observed
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import ModalDamping, Structure
 from jointbayes.workflow import find_map, sample
@@ -84,8 +84,8 @@ def problem_of(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array) -> Prob
     springs = blocks_of({joint.name: parametrisation_named("springs", ("x",)) for joint in joints})
     prior = JointPrior(springs, (OfStiffness(Uniform(LOW, HIGH)),) * 2)
     shapes = ModeShapes(("1:x",), "2:x", Observed(ratio[:, :, None], sd_ratio[:, None]))
-    measured = ModeMeasurement(Observed(lam, sd_lam), shapes=shapes, eigenvalues=True)
-    return Problem(loose, joints, measured, prior)
+    measured = ModeData(Observed(lam, sd_lam), shapes=shapes, eigenvalues=True)
+    return Problem(structure=loose, joint=joints, data=measured, prior=prior)
 
 
 def test_the_model_is_the_two_by_two_eigenproblem():

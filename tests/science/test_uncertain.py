@@ -24,7 +24,7 @@ from jointbayes.inference import (
     Uniform,
 )
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import FrfMeasurement, RelativeNoise, synthesise_frf
+from jointbayes.measurement import FrfData, RelativeNoise, synthesise_frf
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import pair_matrix
 
@@ -54,7 +54,9 @@ def problem(nuisances, noise=None, kind="complex", measurement=None):
     ranges = {n.name: n.range for n in nuisances if n.name in {s.name for s in STRUCTURE}}
     family = BeamFamily(BEAM, ranges) if ranges else BEAM.structure()
     prior = JointPrior(LogStiffness(), WIDE, nuisances)
-    return Problem(family, JOINT, measurement or measured(), prior, noise, kind)
+    return Problem(
+        structure=family, joint=JOINT, data=measurement or measured(), prior=prior, noise=noise, residual_kind=kind
+    )
 
 
 def test_the_density_is_that_of_the_structure_with_these_quantities():
@@ -63,11 +65,11 @@ def test_the_density_is_that_of_the_structure_with_these_quantities():
     built = BEAM.structure({"youngs_modulus": np.exp(0.01), "length": np.exp(-0.003), "damping_ratio": np.exp(0.2)})
     frf, gain = measured().frf, np.exp(0.03)
     # gain · H − H^x over σ is H − H^x/gain over σ/gain
-    scaled = FrfMeasurement(
+    scaled = FrfData(
         FrfSet(frf.frequency_hz, frf.values / gain, frf.outputs, frf.inputs, frf.quantity),
         measured().variance / gain**2,
     )
-    known = Problem(built, JOINT, scaled, JointPrior(LogStiffness(), WIDE))
+    known = Problem(structure=built, joint=JOINT, data=scaled, prior=JointPrior(LogStiffness(), WIDE))
     jacobian = 2 * np.log(gain) * frf.values.size
     expected = known.log_posterior.log_likelihood(theta[:3]) - jacobian
     assert_allclose(whole.log_posterior.log_likelihood(theta), expected, rtol=1e-7)  # modes are interpolated to 1e-8
@@ -115,7 +117,7 @@ def test_residuals_and_their_derivative_are_those_of_the_density(name):
 def test_log_magnitudes_do_not_see_a_wrong_phase():
     exact = measured()
     turned = FrfSet(LINES, exact.frf.values * np.exp(0.7j), exact.frf.outputs, exact.frf.inputs, "mobility")
-    spoilt = FrfMeasurement(turned, exact.variance)
+    spoilt = FrfData(turned, exact.variance)
     noise = GaussianNoise(1)
     theta = np.concatenate([np.log(TRUTH), np.zeros(len(STRUCTURE))])
     right = problem(STRUCTURE, noise, "log_magnitude").log_posterior
@@ -152,7 +154,7 @@ def test_the_climb_ends_where_the_density_has_no_slope(noise, hyper):
 
 def test_an_overstated_noise_is_found_by_its_scale():
     exact = measured()
-    stated = FrfMeasurement(exact.frf, exact.variance * 4.0)
+    stated = FrfData(exact.frf, exact.variance * 4.0)
     density = problem(NOISES["scaled"][1], ScaledNoise(), "complex", stated).log_posterior
     theta, _ = refine(density, np.concatenate([np.log(TRUTH), [0.0]]))
     n = exact.frf.values.size
@@ -205,7 +207,7 @@ def test_a_quantity_is_the_wider_the_more_of_the_others_are_free():
 def test_the_structure_of_the_data_may_differ_from_the_one_analysed():
     text = SMALL.replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\ngain = 1.1\n#")
     truth = replace(BEAM, length=0.36)
-    other = case_from_text("other", text).problem.measurement
+    other = case_from_text("other", text).problem.test.data
     ports = Ports(other.frf.frequency_hz, other.frf.outputs, other.frf.inputs)
     exact = synthesise_frf(truth.structure(), JOINT, pair_matrix(TRUTH), ports, RelativeNoise(0.03, 0.01), gain=1.1)
     assert_allclose(other.variance, exact.variance, rtol=1e-6)  # on other meshes

@@ -9,7 +9,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference.likelihood import likelihood_of
 from jointbayes.joint import Joint
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.structure import (
     LossFactor,
     MatrixFamily,
@@ -134,7 +134,7 @@ def test_quantities_that_the_damping_matrix_would_make_silent_are_refused():
 def test_errors_of_natural_frequencies_that_frfs_do_not_depend_on_are_refused(law):
     family = MatrixFamily(chain([1.0, 2.0], [("1", "2", 1e5)], law), {"mode_frequency_1": (-0.1, 0.1)})
     values = np.ones((7, 2, 1), dtype=complex)
-    measured = FrfMeasurement(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), np.ones(values.shape))
+    measured = FrfData(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), np.ones(values.shape))
     with pytest.raises(ModelError, match=r"found mode_frequency_1 for FRFs.*; expected modal damping"):
         likelihood_of(family, Joint(("1:x",)), measured)
 

@@ -11,7 +11,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import FrfSet, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import Joint, LogStiffness
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.structure.shape_modes import ModeTable
 from tests.conftest import TABLE_3, pair_matrix
@@ -73,11 +73,11 @@ def test_set_ups_share_the_offset_that_moves_all_their_lengths_by_as_many_millim
         sd = 0.01 * np.abs(values) + 0.002 * np.median(np.abs(values))
         rng = np.random.default_rng(number)
         noisy = values + sd * (rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape))
-        measured = FrfMeasurement(FrfSet(lines, noisy, ports.outputs, ports.inputs), 2 * sd**2)
-        setups.append(jb.Setup(name, BeamFamily(recipe(length), OFFSET), CLAMP, measured))
+        measured = FrfData(FrfSet(lines, noisy, ports.outputs, ports.inputs), 2 * sd**2)
+        setups.append(jb.Test(name, BeamFamily(recipe(length), OFFSET), CLAMP, measured))
     marginals = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
     offset = Nuisance("length_offset", "mm", 1000.0, Normal(0.0, 0.002))
-    problem = jb.Problem(setups=setups, prior=JointPrior(LogStiffness(), marginals, (offset,)))
+    problem = jb.Problem(tests=setups, prior=JointPrior(LogStiffness(), marginals, (offset,)))
     estimate = jb.find_map(problem)
     found, sd = 1e3 * estimate.theta[3], 1e3 * math.sqrt(estimate.covariance[3, 3])
     assert abs(found - 2.0) < 4 * sd < 1.0

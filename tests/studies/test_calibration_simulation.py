@@ -75,10 +75,10 @@ def test_what_the_case_states_of_the_noise_knows_nothing_of_the_truth():
     rng = np.random.default_rng(3)
     theta = problem.prior.sample(rng, 1)[0]
     simulated = replace_values(problem, simulated_values(problem, theta, rng))
-    assert (simulated.measurement.variance == problem.measurement.variance).all()
-    assert not np.allclose(simulated.measurement.frf.values, problem.measurement.frf.values, rtol=1e-3)
-    assert simulated.noise is problem.noise
-    assert simulated.measurement.joint_frf is None
+    assert (simulated.test.data.variance == problem.test.data.variance).all()
+    assert not np.allclose(simulated.test.data.frf.values, problem.test.data.frf.values, rtol=1e-3)
+    assert simulated.test.noise is problem.test.noise
+    assert simulated.test.data.joint_frf is None
 
 
 def test_noise_less_data_are_the_prediction():
@@ -87,7 +87,7 @@ def test_noise_less_data_are_the_prediction():
     drawn = [simulated_values(problem, theta, np.random.default_rng(i)) for i in range(400)]
     likelihood = problem.log_posterior.likelihood
     predicted = likelihood.predicted(pair_matrix(problem.prior.values(theta))[None])[0]
-    error = np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.measurement.variance / 400)
+    error = np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.test.data.variance / 400)
     assert error.max() < 4.0
 
 

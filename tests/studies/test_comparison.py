@@ -99,7 +99,7 @@ def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(case
     for hypothesis, names in YIELDING.items():
         found = hypothesis_problem(problem, hypothesis)
         assert found.names == (problem.names if names is None else names)
-        assert found.measurement is problem.measurement
+        assert found.test.data is problem.test.data
         for name, marginal in zip(found.names, found.prior.marginals, strict=True):
             assert marginal == problem.prior.marginals[problem.names.index(name)]
     k11, k12, k22 = hypothesis_problem(problem, "rotation").prior.values(np.log([2e5]))

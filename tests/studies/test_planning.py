@@ -68,7 +68,7 @@ def accelerometer(case, *outputs, law=LAW):
     problem, data = case.problem, case.spec.data
     ports = Ports(np.array(data.lines_hz()), outputs, data.inputs)
     words = f"an accelerometer at {' and '.join(outputs)}"
-    return Candidate("+".join(outputs), "accelerometer", words, problem.structure, ports, "receptance", law)
+    return Candidate("+".join(outputs), "accelerometer", words, problem.test.structure, ports, "receptance", law)
 
 
 def planned_text(*changes):
@@ -161,8 +161,8 @@ def test_few_draws_are_refused(cheap_case):
 
 
 def test_averages_reduce_the_variance_of_all_frfs_in_hand_and_new_together(cheap_case):
-    new = repeated(cheap_case.problem, 4.0).problem(cheap_case.problem, TRUTH).measurement.variance
-    old = cheap_case.problem.measurement.variance
+    new = repeated(cheap_case.problem, 4.0).problem(cheap_case.problem, TRUTH).test.data.variance
+    old = cheap_case.problem.test.data.variance
     np.testing.assert_allclose(1 / (1 / new + 1 / old), old / 4)
 
 
@@ -199,9 +199,9 @@ def test_a_range_holds_a_further_value_in_four_of_five_cases():
 
 def test_a_noise_law_is_estimated_from_the_variance(cheap_case):
     exact = jb.case_from_text("exact", edited(cheap_text(), ("added = true", "added = false")))
-    law = estimated_law(exact.problem.measurement)
+    law = estimated_law(exact.problem.test.data)
     assert (law.relative, law.floor) == pytest.approx((0.008, 0.0016), rel=1e-6)
-    noisy = estimated_law(cheap_case.problem.measurement)
+    noisy = estimated_law(cheap_case.problem.test.data)
     assert noisy.relative == pytest.approx(0.008, rel=0.1)
 
 
@@ -214,11 +214,11 @@ def test_simulated_noise_has_the_stated_variance_and_none_without_a_generator(ch
     candidate = accelerometer(cheap_case, "3:y")
     exact = candidate.problem(cheap_case.problem, TRUTH)
     noisy = candidate.problem(cheap_case.problem, TRUTH, np.random.default_rng(1))
-    z = (noisy.measurement.frf.values - exact.measurement.frf.values) / np.sqrt(exact.measurement.variance)
+    z = (noisy.test.data.frf.values - exact.test.data.frf.values) / np.sqrt(exact.test.data.variance)
     assert (np.abs(z) ** 2).mean() == pytest.approx(1.0, abs=4 / math.sqrt(z.size))
-    structure, joint = cheap_case.problem.structure.nominal, cheap_case.problem.joint
+    structure, joint = cheap_case.problem.test.structure.nominal, cheap_case.problem.test.joints
     direct = DirectSolve(structure, joint, candidate.ports).receptance(pair_matrix(TABLE_3))[0]
-    np.testing.assert_allclose(exact.measurement.frf.values, direct, atol=1e-9 * np.abs(direct).max())
+    np.testing.assert_allclose(exact.test.data.frf.values, direct, atol=1e-9 * np.abs(direct).max())
 
 
 def test_a_correlated_discrepancy_follows_the_lines_of_the_candidate():
@@ -233,19 +233,19 @@ def test_a_correlated_discrepancy_follows_the_lines_of_the_candidate():
     band = next(c for c in candidates_of(case) if c.kind == "band")
     theta = np.concatenate([TRUTH, np.log([1.0, 50.0])])
     found = band.problem(case.problem, theta, np.random.default_rng(1))
-    assert isinstance(found.noise, CorrelatedNoise)
-    np.testing.assert_array_equal(found.noise.frequency_hz, found.measurement.frf.frequency_hz)
+    assert isinstance(found.test.noise, CorrelatedNoise)
+    np.testing.assert_array_equal(found.test.noise.frequency_hz, found.test.data.frf.frequency_hz)
 
 
 def test_a_wider_band_adds_only_its_own_lines_with_the_floor_of_all():
     case = jb.case_from_text("wide", cheap_text() + "\n[plan]\nf_max_hz = 3000.0\n")
     band = next(c for c in candidates_of(case) if c.kind == "band")
-    measured = band.problem(case.problem, TRUTH).measurement
-    present = case.problem.measurement.frf.frequency_hz
+    measured = band.problem(case.problem, TRUTH).test.data
+    present = case.problem.test.data.frf.frequency_hz
     np.testing.assert_allclose(np.diff(np.concatenate([present[-1:], measured.frf.frequency_hz])), 10.0)
     assert measured.frf.frequency_hz[-1] == 3000.0
     ports = Ports(np.concatenate([present, measured.frf.frequency_hz]), ("5:y",), ("5:y",))
-    whole = DirectSolve(case.problem.structures_of_data.nominal, case.problem.joint, ports).receptance(
+    whole = DirectSolve(case.problem.test.structures_of_data.nominal, case.problem.test.joints, ports).receptance(
         pair_matrix(TABLE_3)
     )[0]
     expected = RelativeNoise(0.008, 0.0016).variance(whole)[present.size :]
@@ -265,12 +265,12 @@ def test_an_accelerometer_with_mass_loads_the_structure_and_a_hammer_does_not():
     case = jb.case_from_text("loaded", text)
     by_name = {c.name: c for c in candidates_of(case)}
     dofs, top = ("1:y", "1:rz", "3:y", "5:y"), 2500.0
-    loaded, bare = (p.at(dofs, top).nominal for p in (by_name["3:y"].structure, case.problem.structure))
+    loaded, bare = (p.at(dofs, top).nominal for p in (by_name["3:y"].structure, case.problem.test.structure))
     added = loaded.mass - bare.mass
     at = bare.index(("3:y",))[0]
     assert added[at, at] == pytest.approx(0.020)
     assert (np.abs(added) > 1e-12).sum() == 1
-    assert by_name["hammer 3:y"].structure is case.problem.structure
+    assert by_name["hammer 3:y"].structure is case.problem.test.structure
 
 
 @pytest.mark.parametrize("own", [0.0, 15.0])
@@ -286,7 +286,7 @@ def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_acceleromet
         )
     case = jb.case_from_text("mass", text)
     family = next(c for c in candidates_of(case) if c.kind == "mass").structure
-    assert family.names == case.problem.structure.names
+    assert family.names == case.problem.test.structure.names
     names = family.names
     factors = np.array([{"density": 1.02, "length": 0.995, "accelerometer_mass": 0.9}.get(n, 1.01) for n in names])
     recipe = recipe_of(case.spec.structure, case.spec.data)
@@ -301,7 +301,7 @@ def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_acceleromet
     np.testing.assert_allclose(found[0][2:8], modes.eigenvalues[2:8], rtol=1e-6)
     np.testing.assert_allclose(family.damping_ratios(factors[None])[0, 0], 0.0101)
     assert family.loss_factors(factors[None]).tolist() == [0.0]
-    assert isinstance(case.problem.structure, BeamFamily)
+    assert isinstance(case.problem.test.structure, BeamFamily)
 
 
 def test_densities_of_independent_measurements_add(cheap_case):

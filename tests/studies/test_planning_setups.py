@@ -10,7 +10,7 @@ import jointbayes as jb
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
-from jointbayes.measurement import FrfMeasurement, RelativeNoise
+from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.posterior.information.fisher import fisher_information
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.candidates import Candidate
@@ -38,7 +38,7 @@ def measured(length, seed=None):
     exact = receptance_model(beams(length), CLAMP, ports).receptance(pair_matrix(TABLE_3), np.ones((1, 2)))[0]
     rng, variance = np.random.default_rng(seed), LAW.variance(exact)
     white = 0 if seed is None else rng.standard_normal((*exact.shape, 2)) @ [1, 1j] / np.sqrt(2)
-    return FrfMeasurement(FrfSet(LINES, exact + np.sqrt(variance) * white, ("11:y",), ("11:y",)), variance)
+    return FrfData(FrfSet(LINES, exact + np.sqrt(variance) * white, ("11:y",), ("11:y",)), variance)
 
 
 def length_of(name, mm):
@@ -47,7 +47,13 @@ def length_of(name, mm):
 
 def present(noise=None):
     nuisances = (MODULUS, length_of("length", 383.0), *(() if noise is None else (SCALE,)))
-    return jb.Problem(beams(0.383), CLAMP, measured(0.383, 1), JointPrior(PAIR, MARGINALS, nuisances), noise)
+    return jb.Problem(
+        structure=beams(0.383),
+        joint=CLAMP,
+        data=measured(0.383, 1),
+        prior=JointPrior(PAIR, MARGINALS, nuisances),
+        noise=noise,
+    )
 
 
 def proposed(name, length):
@@ -61,11 +67,11 @@ SHORT, TINY = proposed("short", 0.2), proposed("tiny", 0.1)
 
 def together(problem, *lengths):
     """The same tests as set-ups of one problem, those proposed without errors."""
-    setups = [jb.Setup("long", problem.structure, CLAMP, problem.measurement, problem.noise)]
-    setups += [jb.Setup(name, beams(length), CLAMP, measured(length)) for name, length in lengths]
+    setups = [jb.Test("long", problem.test.structure, CLAMP, problem.test.data, problem.test.noise)]
+    setups += [jb.Test(name, beams(length), CLAMP, measured(length)) for name, length in lengths]
     own = tuple(length_of(f"{name}.length", 1000 * length) for name, length in lengths)
     known = problem.prior.nuisances
-    return jb.Problem(setups=setups, prior=replace(problem.prior, nuisances=(*known[:2], *own, *known[2:])))
+    return jb.Problem(tests=setups, prior=replace(problem.prior, nuisances=(*known[:2], *own, *known[2:])))
 
 
 def test_a_linearised_figure_of_proposed_set_ups_is_that_of_a_problem_of_several():
@@ -87,10 +93,10 @@ def test_the_density_of_present_and_proposed_data_is_that_of_a_problem_of_severa
     further = [one.problem(whole.problem, truth) for one in (SHORT, TINY)]
     density = WithFurther(whole.log_density, further)
     setups = [
-        jb.Setup("long", problem.structure, CLAMP, problem.measurement, problem.noise),
-        *(jb.Setup(one.setup, one.structure, CLAMP, one.measurement, one.noise) for one in further),
+        jb.Test("long", problem.test.structure, CLAMP, problem.test.data, problem.test.noise),
+        *(one.test for one in further),
     ]
-    several = jb.Problem(setups=setups, prior=whole.problem.prior)
+    several = jb.Problem(tests=setups, prior=whole.problem.prior)
     rng = np.random.default_rng(4)
     theta = truth + 0.001 * rng.standard_normal((5, truth.size))
     np.testing.assert_allclose(density(theta), several.log_posterior(theta), rtol=1e-11)
@@ -166,8 +172,8 @@ def test_a_proposed_set_up_is_what_the_same_table_would_be_as_a_set_up():
     part = several.problem.part("short")
     names = [{"length": "now.length"}.get(name, name) for name in proposed.names]
     at = theta[[names.index(name) for name in several.problem.names]]
-    exact = proposed.measurement.frf.values
-    found = part.receptance_model(short.ports).receptance(
+    exact = proposed.test.data.frf.values
+    found = part.test.receptance_model(short.ports).receptance(
         part.prior.matrix(at), part.structural(part.prior.factors(at))
     )[0]
     np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12 * np.abs(exact).max())
@@ -194,17 +200,17 @@ def test_candidates_on_several_present_set_ups_are_named_after_them():
 
 def replace_data(case, theta):
     """Exact data for the last set-up, the others as they are."""
-    *known, last = case.problem.setups
+    *known, last = case.problem.tests
     part = case.problem.part(last.name)
     point = np.append(theta, 0.0)
-    frf = last.measurement.frf
+    frf = last.data.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    values = part.receptance_model(ports).receptance(
+    values = part.test.receptance_model(ports).receptance(
         part.prior.matrix(point), part.structural(part.prior.factors(point))
     )[0]
     law = RelativeNoise(case.spec.data.noise.relative, case.spec.data.noise.floor)
-    exact = FrfMeasurement(replace(frf, values=values), law.variance(values))
-    return replace(case.problem, setups=(*known, replace(last, measurement=exact)))
+    exact = FrfData(replace(frf, values=values), law.variance(values))
+    return replace(case.problem, tests=(*known, replace(last, data=exact)))
 
 
 @pytest.mark.parametrize(
@@ -306,8 +312,8 @@ def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
     assert case.problem.names[-1] == "noise_scale"
     there = short.problem(case.problem, theta, np.random.default_rng(1))
     exact = short.problem(case.problem, theta)
-    assert isinstance(there.noise, jb.ScaledNoise)
-    error = (there.measurement.frf.values - exact.measurement.frf.values) / np.sqrt(there.measurement.variance)
+    assert isinstance(there.test.noise, jb.ScaledNoise)
+    error = (there.test.data.frf.values - exact.test.data.frf.values) / np.sqrt(there.test.data.variance)
     assert np.sqrt((np.abs(error) ** 2).mean()) == pytest.approx(3.0, rel=0.1)
     # its density knows the scale
     wrong = theta - np.log(3.0) * (np.arange(len(theta)) == len(theta) - 1)
@@ -336,5 +342,5 @@ def test_a_set_up_proposed_beside_measured_data_has_the_tails_of_their_estimated
     text = path.read_text(encoding="utf-8") + "\n[plan.setups.short.structure]\nlength_mm = 300.0\n"
     case = jb.case_from_text(name, text, directory=CONFIGS)
     (short,) = (one for one in candidates_of(case) if one.setup == "short")
-    assert isinstance(case.problem.noise, StudentNoise)
-    assert short.noise == case.problem.noise
+    assert isinstance(case.problem.test.noise, StudentNoise)
+    assert short.noise == case.problem.test.noise

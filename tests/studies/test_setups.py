@@ -45,12 +45,12 @@ def test_simulated_data_are_those_of_each_set_up_and_of_a_lone_test_as_ever():
     simulated = simulated_problem(problem, problem, theta, np.random.default_rng(1))
     rng = np.random.default_rng(1)
     for part, own in zip(simulated.parts, problem.parts, strict=True):
-        assert_array_equal(part.measurement.frf.values, simulated_values(own, theta, rng))
-        assert part.measurement.frf.outputs == own.measurement.frf.outputs
+        assert_array_equal(part.test.data.frf.values, simulated_values(own, theta, rng))
+        assert part.test.data.frf.outputs == own.test.data.frf.outputs
     alone = case_of("").problem
     one = simulated_problem(alone, alone, theta, np.random.default_rng(1))
     values = simulated_values(alone, theta, np.random.default_rng(1))
-    assert_array_equal(one.measurement.frf.values, values)
+    assert_array_equal(one.test.data.frf.values, values)
 
 
 def test_a_calibration_of_set_ups_needs_data_of_the_same_set_ups():
@@ -77,7 +77,7 @@ def test_each_set_up_is_measured_in_a_virtual_test(tmp_path):
     assert {record.response for record in records} == {"11:y", "6:y"} or len(records) == 2
     lines = np.array([100.0, 400.0])
     part = case.problem.part("short")
-    model = part.receptance_model(jb.Ports(lines, ("6:y",), ("11:y",)))
+    model = part.test.receptance_model(jb.Ports(lines, ("6:y",), ("11:y",)))
     exact = model.receptance(part.prior.matrix(np.log(TABLE_3)[None]))[0]
     assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
     with pytest.raises(CaseError, match="expected one of long, short, heard"):
@@ -112,7 +112,7 @@ def test_where_a_set_up_cannot_be_simulated_no_file_is_written(tmp_path, last, k
 def test_hypotheses_are_those_of_every_set_up():
     problem = case_of(TWO).problem
     springs = hypothesis_problem(problem, "springs")
-    assert [part.setup for part in springs.parts] == ["long", "short"]
+    assert [part.test.name for part in springs.parts] == ["long", "short"]
     assert len(springs.names) == 2
     own = hypothesis_problem(case_of(TORQUES, OWN).problem, "springs")
     assert len(own.names) == 6

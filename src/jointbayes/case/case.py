@@ -31,7 +31,7 @@ from jointbayes.errors import CaseError, JointBayesError, MeasurementError, Mode
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Joint, Joints, as_joints
-from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.measurement import Data, FrfData, ModalData
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import StructureRecipe
@@ -112,9 +112,9 @@ class Case:
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
-        """Measured natural frequencies, if the case holds any, Hz."""
-        measured = self.problem.measurement
-        if isinstance(measured, ModalMeasurement):
+        """Measured natural frequencies, if the data of the one test, or the reference, hold any, Hz."""
+        measured = None if len(self.problem.tests) > 1 else self.problem.test.data
+        if isinstance(measured, ModalData):
             return tuple(measured.frequency_hz.tolist()) if measured.lowest else None
         reference = self.spec.reference
         return reference.natural_frequencies_hz if reference else None
@@ -124,12 +124,12 @@ class Case:
         """What in the case is possible and yet probably a slip, such as a length in m in place of mm."""
         warnings: list[InputWarning] = []
         texts = setup_texts(self.source)
-        for (name, spec), test in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
-            measured = test.measurement
-            lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
+        for (name, spec), part in zip(parse_setups(self.source).items(), self.problem.parts, strict=False):
+            measured = part.test.data
+            lines = measured.frequency_hz if isinstance(measured, ModalData) else measured.frf.frequency_hz
             warnings += input_warnings(spec, texts[name], (float(lines.min()), float(lines.max())))
             warnings += sign_warnings(measured.provenance, texts[name])
-            warnings += numbering_warnings(find_numbering(test), texts[name], measured.provenance is not None)
+            warnings += numbering_warnings(find_numbering(part), texts[name], measured.provenance is not None)
         for setup in self.setups:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(setup.spec, setup.source, prior_of([setup])[0])
         return tuple(dict.fromkeys(warnings))
@@ -195,7 +195,7 @@ def case_from_text(
     text: str,
     *,
     directory: str | os.PathLike[str] = ".",
-    measurement: Measurement | None = None,
+    data: Data | None = None,
     allow_outside: bool = False,
 ) -> Case:
     """Build a case from TOML text; errors as for `load_case`, with `name` for the file.
@@ -206,13 +206,13 @@ def case_from_text(
         Name of the case, and its text.
     directory
         Where measurement files, and case files that it builds on, are looked for.
-    measurement
+    data
         Data of a case of one test, as they were read or made before; its files are then not needed.
     allow_outside
         Whether such files may lie outside that directory.
     """
     source = case_text(text, name, Path(directory) / f"{name}.toml", allow_outside)
-    return _build(name, source, Path(directory), measurement, allow_outside)
+    return _build(name, source, Path(directory), data, allow_outside)
 
 
 def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
@@ -233,17 +233,17 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     if stated and not needs_files(specs):
         texts = setup_texts(source)
         setups = tuple(
-            _setup(name, texts[name], spec, Path(), part.measurement, allow_outside=False)
+            _setup(name, texts[name], spec, Path(), part.test.data, allow_outside=False)
             for (name, spec), part in zip(specs.items(), problem.parts, strict=True)
         )
     return Case(problem.name, source, next(iter(specs.values())), problem, problem if stated else None, setups)
 
 
 @one_blas_thread()
-def _build(name: str, source: CaseText, directory: Path, measurement: Measurement | None, allow_outside: bool) -> Case:
+def _build(name: str, source: CaseText, directory: Path, data: Data | None, allow_outside: bool) -> Case:
     texts = setup_texts(source)
     setups = [
-        _setup(setup, texts[setup], spec, directory, measurement, allow_outside)
+        _setup(setup, texts[setup], spec, directory, data, allow_outside)
         for setup, spec in parse_setups(source).items()
     ]
     parse_planned(source)  # what is wrong in a proposed set-up is told now
@@ -261,7 +261,7 @@ def _setup(
     source: CaseText,
     spec: CaseSpec,
     directory: Path,
-    measurement: Measurement | None,
+    data: Data | None,
     allow_outside: bool,
 ) -> CaseSetup:
     def place(path: KeyPath) -> str:
@@ -278,33 +278,33 @@ def _setup(
             from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
             tell("data")
-            if measurement is None and not allow_outside:
+            if data is None and not allow_outside:
                 require_inside(directory, spec.data.file, lambda number: place(("data", "file", number)))
-            measurement = measurement or read_measurement(spec.data.file, directory, plan_of(spec))
-            spec = as_measured(spec, measurement)
+            data = data or read_measurement(spec.data.file, directory, plan_of(spec))
+            spec = as_measured(spec, data)
             tell("structure")
-            recipe = recipe_of(spec.structure, spec.data, measurement)
+            recipe = recipe_of(spec.structure, spec.data, data)
             _require_one_place(spec, joint, recipe, place)
         else:
             tell("structure")
             recipe = recipe_of(spec.structure, spec.data)
             _require_one_place(spec, joint, recipe, place)
             tell("data")
-            measurement = measurement or measurement_of(spec, joint, name)
+            data = data or measurement_of(spec, joint, name)
         tell("noise")
-        noise, of_noise = noise_of(spec.noise, measurement)
+        noise, of_noise = noise_of(spec.noise, data)
         bodies: tuple[MeasuredBody, ...] = ()
         if spec.bodies:
             from jointbayes.case.case_files import measured_bodies
 
             tell("bodies")
-            named = (*joint.labels, *_ports(measurement))
+            named = (*joint.labels, *_ports(data))
             bodies = measured_bodies(spec, named, directory, allow_outside, place)
         tell("data")
-        require_lowest(stated, recipe, joint, measurement)
-        if isinstance(measurement, FrfMeasurement):
-            measurement.require_lines()
-    return CaseSetup(name, source, spec, recipe, bodies, joint, measurement, noise, of_noise)
+        require_lowest(stated, recipe, joint, data)
+        if isinstance(data, FrfData):
+            data.require_lines()
+    return CaseSetup(name, source, spec, recipe, bodies, joint, data, noise, of_noise)
 
 
 def _require_one_place(
@@ -344,9 +344,9 @@ def _require_dofs_of_offsets(spec: CaseSpec, place: Callable[[KeyPath], str]) ->
                 )
 
 
-def _ports(measurement: Measurement) -> tuple[str, ...]:
+def _ports(data: Data) -> tuple[str, ...]:
     """DOFs of the data."""
-    return measurement.frf.outputs + measurement.frf.inputs if isinstance(measurement, FrfMeasurement) else ()
+    return data.frf.outputs + data.frf.inputs if isinstance(data, FrfData) else ()
 
 
 @contextmanager

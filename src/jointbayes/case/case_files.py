@@ -23,9 +23,9 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, printable
 from jointbayes.frf import MeasuredBody
 from jointbayes.joint import as_joints
-from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.data import FrfData
 from jointbayes.measurement.measurement_plan import Channel, FrequencyPlan, MeasurementPlan, VarianceSource
-from jointbayes.measurement.mode_data import Measurement
+from jointbayes.measurement.mode_data import Data
 from jointbayes.measurement.rotations import Rotation
 from jointbayes.measurement.signals.hits import HitSettings
 from jointbayes.measurement.signals.impact import ImpactSettings
@@ -138,7 +138,7 @@ def require_inside(
             )
 
 
-def as_measured(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+def as_measured(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
 
     Raises
@@ -149,14 +149,14 @@ def as_measured(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     return _with_estimated_variance(_with_measured_damping(spec, measured), measured)
 
 
-def _with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+def _with_estimated_variance(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with Student-t residuals where the variance of FRFs was estimated line by line from few data.
 
     A residual over an estimated standard deviation is not Gaussian: with dof degrees of freedom its square is
     dof/(dof − 2) on average, not 1. Only where the case does not choose a distribution itself, and nothing else
     forbids it.
     """
-    dof = measured.variance_dof if isinstance(measured, FrfMeasurement) else None
+    dof = measured.variance_dof if isinstance(measured, FrfData) else None
     noise = spec.noise
     free = "distribution" not in noise.model_fields_set and noise.discrepancy is None and noise.scale != "integrated"
     if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
@@ -165,7 +165,7 @@ def _with_estimated_variance(spec: CaseSpec, measured: Measurement) -> CaseSpec:
     return spec.model_copy(update={"noise": chosen})
 
 
-def _with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
+def _with_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
     """The case with the damping ratios that the data show, where it asks for them.
 
     For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
@@ -188,7 +188,7 @@ def _with_measured_damping(spec: CaseSpec, measured: Measurement) -> CaseSpec:
         )
     structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
     uncertain = spec.uncertain
-    if uncertain.damping_ratio is None and isinstance(measured, FrfMeasurement):
+    if uncertain.damping_ratio is None and isinstance(measured, FrfData):
         high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
         prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
         uncertain = uncertain.model_copy(update={"damping_ratio": prior})
@@ -240,7 +240,7 @@ def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: 
     from jointbayes.measurement.assemble import read_measurement  # with all formats, which others do not need
 
     measured = read_measurement(spec.file, directory, plan_of_files(spec))
-    assert isinstance(measured, FrfMeasurement)
+    assert isinstance(measured, FrfData)
     assert measured.provenance is not None  # as of all that is read
     whole = MeasuredBody.of(measured.frf, measured.variance, name)
     motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}

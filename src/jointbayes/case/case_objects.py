@@ -18,10 +18,10 @@ from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.joint import AnyJoint
 from jointbayes.measurement import (
     CoherenceNoise,
-    FrequencyMeasurement,
-    FrfMeasurement,
-    Measurement,
-    ModeMeasurement,
+    Data,
+    FrequencyData,
+    FrfData,
+    ModeData,
     ModeShapes,
     NoiseLaw,
     Observed,
@@ -31,7 +31,7 @@ from jointbayes.measurement import (
 from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 
 
-def recipe_of(spec: StructureBase, data: DataSpec, measurement: Measurement | None = None) -> StructureRecipe:
+def recipe_of(spec: StructureBase, data: DataSpec, measurement: Data | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
     loaded = data.outputs if isinstance(data, SyntheticFrfSpec) else data.dofs if isinstance(data, ModesSpec) else ()
     if measurement is not None and measurement.provenance is not None:
@@ -45,9 +45,9 @@ def true_stiffness(spec: CaseSpec) -> Array:
     return np.array([spec.data.truth.by_name[name] for name in spec.all_quantities])
 
 
-def noise_of(spec: NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+def noise_of(spec: NoiseModelSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
-    complex_frf = isinstance(measurement, FrfMeasurement) and spec.residuals == "complex"
+    complex_frf = isinstance(data, FrfData) and spec.residuals == "complex"
     d = spec.discrepancy
     choice = NoiseChoice(
         spec.scale,
@@ -58,10 +58,10 @@ def noise_of(spec: NoiseModelSpec, measurement: Measurement) -> tuple[NoiseModel
         None if d is None else ((d.scale_low, d.scale_high), (d.length_low_hz, d.length_high_hz)),
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
-    return module.noise_of(choice, 2 if complex_frf else 1, measurement)
+    return module.noise_of(choice, 2 if complex_frf else 1, data)
 
 
-def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Measurement:
+def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Data:
     """The data that a case states or makes; FRFs with those at the joint, which the paper's iteration needs.
 
     Of several set-ups each has noise of its own, by its name.
@@ -72,7 +72,7 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, setup: str = "") -> Measurem
         return modes_of(spec)
     if isinstance(spec, NaturalFrequenciesSpec):
         frequency = np.array(spec.frequencies_hz)
-        return FrequencyMeasurement(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))
+        return FrequencyData(frequency, np.hypot(spec.sd_relative * frequency, spec.sd_hz))
     parametrisation, truth = case.parametrisation, true_stiffness(case)
     parametrisation.check(truth)
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
@@ -118,7 +118,7 @@ def noise_law(spec: NoiseSpec) -> NoiseLaw:
     return RelativeNoise(spec.relative, spec.floor)
 
 
-def modes_of(spec: ModesSpec) -> ModeMeasurement:
+def modes_of(spec: ModesSpec) -> ModeData:
     """The modes that a case states."""
     damping = shapes = None
     if spec.damping_ratios is not None:
@@ -130,7 +130,7 @@ def modes_of(spec: ModesSpec) -> ModeMeasurement:
     assert rows is not None
     of_eigenvalues = spec.eigenvalues is not None
     frequency = _observed(rows, spec.sd_relative, spec.eigenvalue_sd if of_eigenvalues else spec.sd_hz)
-    return ModeMeasurement(frequency, damping, shapes, spec.numbers or (), spec.match, of_eigenvalues)
+    return ModeData(frequency, damping, shapes, spec.numbers or (), spec.match, of_eigenvalues)
 
 
 def _observed(

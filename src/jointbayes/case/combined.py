@@ -20,10 +20,10 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import AnyStructure, MeasuredBody, NaturalFrequencies, Substructures, rigid_body_modes
 from jointbayes.identification.resonances import resonances_hz
-from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Setup, Uniform
+from jointbayes.inference import JointPrior, Level, Marginal, NoiseModel, Nuisance, Problem, Test, Uniform
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Coordinate, Parametrisation, as_joints, blocks_of
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.measurement import Data, FrfData, ModalData
 from jointbayes.structure import StructureRecipe, family_of_recipe
 
 #: Bounds of the default prior, and the default first guess of k11, relative to the beam's own stiffnesses.
@@ -51,7 +51,7 @@ class CaseSetup:
         Its tables: the rest of the file with what the set-up changes.
     recipe, bodies
         The structure, and bodies of it that are given by their measured FRFs.
-    joint, measurement
+    joint, data
         Where the joints act, and the data.
     noise, of_noise
         How the residuals are distributed, and the priors of its parameters.
@@ -63,14 +63,14 @@ class CaseSetup:
     recipe: StructureRecipe
     bodies: tuple[MeasuredBody, ...]
     joint: AnyJoint
-    measurement: Measurement
+    data: Data
     noise: NoiseModel
     of_noise: tuple[Nuisance, ...]
 
     @cached_property
     def quantities(self) -> tuple[Nuisance, ...]:
         """Uncertain quantities of structure and measurement, by the names that its structure has for them."""
-        return tuple(nuisance for nuisance, _ in quantities_of(self.spec, self.recipe, self.measurement))
+        return tuple(nuisance for nuisance, _ in quantities_of(self.spec, self.recipe, self.data))
 
     @cached_property
     def structure(self) -> AnyStructure:
@@ -98,14 +98,14 @@ class CaseSetup:
             Largest damping ratio of all set-ups.
         """
         spec = self.spec
-        uncertain = spec.uncertain.model_copy(update=workshop_priors(spec, self.measurement, largest))
+        uncertain = spec.uncertain.model_copy(update=workshop_priors(spec, self.data, largest))
         return replace(self, spec=spec.model_copy(update={"uncertain": uncertain}))
 
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
         rest = [
             replace(nuisance, name=prefixed(self.name, nuisance.name)) if own else nuisance
-            for nuisance, own in quantities_of(self.spec, self.recipe, self.measurement)
+            for nuisance, own in quantities_of(self.spec, self.recipe, self.data)
         ]
         owner = self.name if self.spec.noise.own else ""
         return rest, [replace(nuisance, name=prefixed(owner, nuisance.name)) for nuisance in self.of_noise]
@@ -129,7 +129,7 @@ def prior_of(setups: Sequence[CaseSetup]) -> tuple[JointPrior, Array]:
                 continue
             kinds[named] = owner if named != owner else joint.parametrisation_object
             if named == owner:
-                sizes = own_stiffnesses(joint, setup.spec.structure, setup.recipe, setup.measurement)
+                sizes = own_stiffnesses(joint, setup.spec.structure, setup.recipe, setup.data)
                 priors = joint_marginals(setup.spec, joint, sizes, setup.recipe.extent)
                 marginals += priors
                 guesses.append(guess_of(joint, sizes, priors))
@@ -176,31 +176,19 @@ def problem_of(setups: Sequence[CaseSetup], name: str) -> Problem:
     """
     prior, guess = prior_of(setups)
     prior.log_density(prior.mean[None])  # that there is a joint at all, before all lines are computed with
-    if [setup.name for setup in setups] == [""]:
-        (alone,) = setups
-        return Problem(
-            alone.structure,
-            alone.joint,
-            alone.measurement,
-            prior,
-            alone.noise,
-            alone.spec.noise.residuals,
-            guess,
-            name=name,
-        )
-    each = [
-        Setup(
+    tests = [
+        Test(
             setup.name,
             setup.structure,
             setup.joint,
-            setup.measurement,
+            setup.data,
             setup.noise,
             setup.spec.noise.residuals,
             setup.level,
         )
         for setup in setups
     ]
-    return Problem(setups=tuple(each), prior=prior, initial=guess, name=name)
+    return Problem(tests, prior, guess, name=name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +200,7 @@ class OwnStiffness:
 
 
 def own_stiffnesses(
-    joint: JointSpec, structure: StructureBase, recipe: StructureRecipe, measurement: Measurement
+    joint: JointSpec, structure: StructureBase, recipe: StructureRecipe, data: Data
 ) -> dict[str, OwnStiffness]:
     """The structure's stiffness by itself where each stiffness and dashpot of a joint acts, by their names.
 
@@ -223,8 +211,8 @@ def own_stiffnesses(
     sides = [side for side in (joint.dofs, joint.against) if side and structure.absent(side[0]) is None]
     if not sides:
         return {}
-    shown = resonances_hz(measurement)
-    lines = measurement.frf.frequency_hz if isinstance(measurement, FrfMeasurement) else shown
+    shown = resonances_hz(data)
+    lines = data.frf.frequency_hz if isinstance(data, FrfData) else shown
     lowest = float((shown if shown.size else lines).min())
     sizes = {}
     for quantity in joint.quantities:
@@ -295,7 +283,7 @@ def largest_ratio(spec: CaseSpec) -> float:
     return max(damping.ratio, default=0.0) if isinstance(damping, ModalDampingSpec) else 0.0
 
 
-def workshop_priors(spec: CaseSpec, measurement: Measurement, largest: float) -> dict[str, FactorPriorSpec]:
+def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, FactorPriorSpec]:
     """Priors on material, length and damping as in a workshop, where the case takes them as exactly known.
 
     One factor is on the damping ratios of all set-ups, and leaves the `largest` of them below 1.
@@ -305,13 +293,13 @@ def workshop_priors(spec: CaseSpec, measurement: Measurement, largest: float) ->
     if "length_offset" in stated:  # the error of the length is stated
         usual.pop("length", None)
     damping = spec.structure.damping
-    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and isinstance(measurement, FrfMeasurement):
+    if isinstance(damping, ModalDampingSpec) and min(damping.ratio) > 0 and isinstance(data, FrfData):
         widest = min(10.0, 0.9 / largest)
         usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(widest, 1.0))
     return {name: prior for name, prior in usual.items() if name not in stated}
 
 
-def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> list[tuple[Nuisance, bool]]:
+def quantities_of(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> list[tuple[Nuisance, bool]]:
     """Uncertain quantities of structure and measurement, those of the structure first; and whether a set-up's own."""
     structure = spec.structure
     stated = structure.stated | {"gain": ("1", 1.0)}
@@ -322,7 +310,7 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurem
             labels = [name] if len(ratios) == 1 else [f"{name}_{i + 1}" for i in range(len(ratios))]
             each = [Nuisance(n, "1", r, prior.marginal()) for n, r in zip(labels, ratios, strict=True)]
         elif name == "mode_frequencies":
-            count = _modes_in_band(spec, recipe, measurement)
+            count = _modes_in_band(spec, recipe, data)
             labels = [f"mode_frequency_{i + 1}" for i in range(count)]
             each = [Nuisance(label, "× predicted", 1.0, prior.marginal()) for label in labels]
         else:
@@ -332,12 +320,12 @@ def quantities_of(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurem
     return sorted(quantities, key=lambda quantity: quantity[0].name == "gain")
 
 
-def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, measurement: Measurement) -> int:
+def _modes_in_band(spec: CaseSpec, recipe: StructureRecipe, data: Data) -> int:
     """Number of natural frequencies with a rigid joint up to a tenth above the highest line, or as many as measured."""
-    if isinstance(measurement, ModalMeasurement):
-        return max(measurement.numbers)
+    if isinstance(data, ModalData):
+        return max(data.numbers)
     rigid = rigid_frequencies_hz(recipe, as_joints(spec.joint_objects), _MOST_MODES)
-    return max(1, int((rigid < 1.1 * measurement.frf.frequency_hz[-1]).sum()))
+    return max(1, int((rigid < 1.1 * data.frf.frequency_hz[-1]).sum()))
 
 
 def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) -> Array:
@@ -350,7 +338,7 @@ def rigid_frequencies_hz(recipe: StructureRecipe, joint: AnyJoint, most: int) ->
     return NaturalFrequencies(family, joint, count).frequency_hz(rigid)[0]
 
 
-def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, measured: Measurement) -> None:
+def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, measured: Data) -> None:
     """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
 
     No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.

@@ -18,7 +18,7 @@ from jointbayes.case.spec.fields import Finding
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import ModalMeasurement, ModeMeasurement
+from jointbayes.measurement import ModalData, ModeData
 
 if TYPE_CHECKING:
     from jointbayes.measurement.provenance import Provenance
@@ -58,11 +58,11 @@ def find_numbering(problem: Problem) -> Renumbered | None:
     problem
         One test.
     """
-    measured, prior = problem.measurement, problem.prior
-    by_shape = isinstance(measured, ModeMeasurement) and measured.match == "shape"
-    if by_shape or not isinstance(measured, ModalMeasurement) or not prior.marginals:
+    measured, prior = problem.test.data, problem.prior
+    by_shape = isinstance(measured, ModeData) and measured.match == "shape"
+    if by_shape or not isinstance(measured, ModalData) or not prior.marginals:
         return None
-    numbers, most = np.array(measured.numbers), problem.most_modes
+    numbers, most = np.array(measured.numbers), problem.test.most_modes
     draws = np.tile(prior.mean, (_DRAWS, 1))
     joint = len(prior.marginals)
     draws[:, :joint] = prior.sample(np.random.default_rng(0), _DRAWS)[:, :joint]
@@ -82,7 +82,7 @@ def find_numbering(problem: Problem) -> Renumbered | None:
 
 
 def _least_squares(
-    problem: Problem, measured: ModalMeasurement, numbers: NDArray[np.int_], draws: Array, unit_hz: float = 1.0
+    problem: Problem, measured: ModalData, numbers: NDArray[np.int_], draws: Array, unit_hz: float = 1.0
 ) -> float:
     """Sum of squared residuals of the best joint, for modes of these numbers, climbing from the best of draws."""
     prior = problem.prior

@@ -19,13 +19,13 @@ from jointbayes.frf import AnyStructure, LowRankCoupling, Ports, quantity_factor
 from jointbayes.frf.coupling import free_receptance
 from jointbayes.frf.measured_body import Substructures, substructures
 from jointbayes.joint import AnyJoint
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.structure import LossFactor, ModalDamping, Structure, as_family
 
 _PASSES = 10
 
 
-def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfMeasurement) -> Array:
+def compliance_start(structure: AnyStructure, joint: AnyJoint, data: FrfData) -> Array:
     """Estimate K^J of two DOFs from FRFs alone, positive definite, as a start for a proper fit.
 
     Parameters
@@ -33,7 +33,7 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfM
     structure, joint
         Structure without the joint, and where the joint acts (two DOFs). Modal damping of the assembled structure
         has no counterpart without the joint; the loss factor 2ζ of its first mode stands in.
-    measurement
+    data
         FRFs with variances.
 
     Returns
@@ -44,7 +44,7 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfM
     ----------
     Sanathanan & Koerner (1963), DOI 10.1109/TAC.1963.1105517
     """
-    measured, sigma, free = measured_receptances(structure, joint, measurement)
+    measured, sigma, free = measured_receptances(structure, joint, data)
     scale = free.scale
     unknown = np.zeros(4)
     weight = 1 / sigma
@@ -60,18 +60,18 @@ def compliance_start(structure: AnyStructure, joint: AnyJoint, measurement: FrfM
 
 
 def measured_receptances(
-    structure: AnyStructure, joint: AnyJoint, measurement: FrfMeasurement
+    structure: AnyStructure, joint: AnyJoint, data: FrfData
 ) -> "tuple[NDArray[np.complex128], Array, FreeReceptance]":
     """Measured receptances and their σ, each (lines, outputs, inputs), and those of the structure without the joint.
 
     Parameters
     ----------
-    structure, joint, measurement
+    structure, joint, data
         As for `compliance_start`, but a joint of any number of DOFs, or several.
     """
-    frf = measurement.frf.converted("receptance")
-    factor = quantity_factor(frf.frequency_hz, measurement.frf.quantity)[:, None, None]
-    sigma = np.sqrt(measurement.variance) / np.abs(factor)
+    frf = data.frf.converted("receptance")
+    factor = quantity_factor(frf.frequency_hz, data.frf.quantity)[:, None, None]
+    sigma = np.sqrt(data.variance) / np.abs(factor)
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
     free = _free_of_bodies(whole, joint, ports) if whole.measured else _free_of_model(whole, joint, ports)

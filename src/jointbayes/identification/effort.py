@@ -10,7 +10,7 @@ from jointbayes.identification.mode_search import Images, ModeSearch
 from jointbayes.identification.reconstruction import reconstructed_starts
 from jointbayes.identification.starting_points import frequency_starts, screened_draws
 from jointbayes.inference import LogPosterior, Problem
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 
 #: Squared residuals this many standard deviations above their expectation are far more than the noise allows.
 FAR = 8.0
@@ -129,11 +129,11 @@ def _weights(problem: Problem) -> list[Array]:
     Of a set-up whose residuals are not those of complex FRFs they are 1; none where no set-up has such.
     """
     ratios: list[Array] = []
-    for test in problem.parts:
-        measured = test.measurement
-        if isinstance(measured, FrfMeasurement) and test.residual_kind == "complex":
+    for part in problem.parts:
+        measured = part.test.data
+        if isinstance(measured, FrfData) and part.test.residual_kind == "complex":
             ratios.append(np.repeat((np.abs(measured.frf.values) ** 2 / measured.variance).ravel(), 2))
         else:
-            ratios.append(np.zeros(test.log_posterior.likelihood.n_data))
+            ratios.append(np.zeros(part.log_posterior.likelihood.n_data))
     ratio = np.concatenate(ratios)
     return [1 / np.sqrt(1 + share**2 * ratio) for share in _TEMPERED] if ratio.any() else []

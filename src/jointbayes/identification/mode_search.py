@@ -307,7 +307,7 @@ class Images:
 
 def _reflections(problem: Problem) -> Array:
     """Sign of each coordinate, shape (n, d), after reflections of all joints across their own planes."""
-    joints = [test.joints for test in problem.parts]
+    joints = [test.joints for test in problem.tests]
     each = [joint for several in joints for joint in (several.joints if isinstance(several, Joints) else (several,))]
     directions = [direction for joint in each for direction in joint.directions]
     # across the plane at right angles to x the motions x, ry and rz change their signs

@@ -16,7 +16,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet, Ports, receptance_model
 from jointbayes.inference import Problem
 from jointbayes.joint import AnyJoint, Parametrisation, parametrisation_named
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.structure import Structure, StructureFamily
 
 ComplexArray = NDArray[np.complex128]
@@ -215,12 +215,12 @@ def part_to_iterate(problem: Problem) -> Problem | None:
     """
     if problem.parametrisation.damped:
         return None
-    return next((test for test in problem.parts if test.joint_frf is not None), None)
+    return next((part for part in problem.parts if part.test.joint_frf is not None), None)
 
 
 def missing_for_iteration(problem: Problem) -> str:
     """What measurement files lack for the paper's iteration, in words; empty where no file could have had it."""
-    provenances = (test.measurement.provenance for test in problem.parts)
+    provenances = (test.data.provenance for test in problem.tests)
     return next(
         (provenance.iteration for provenance in provenances if provenance is not None and provenance.iteration), ""
     )
@@ -228,7 +228,7 @@ def missing_for_iteration(problem: Problem) -> str:
 
 def why_not_iterated(problem: Problem) -> str:
     """What was found in place of what the paper's iteration expects."""
-    bodies = [body.name for test in problem.parts for body in test.measured_bodies]
+    bodies = [body.name for test in problem.tests for body in test.measured_bodies]
     if bodies:
         return (
             f"found the measured body {bodies[0]}; the paper's iteration expects a structure that is modelled "
@@ -236,6 +236,6 @@ def why_not_iterated(problem: Problem) -> str:
         )
     if problem.parametrisation.damped:
         return "found damping of the joint; the paper's iteration expects stiffnesses alone"
-    if not any(isinstance(test.measurement, FrfMeasurement) for test in problem.parts):
+    if not any(isinstance(test.data, FrfData) for test in problem.tests):
         return "found natural frequencies as data; the paper's iteration expects FRFs"
     return missing_for_iteration(problem) or "found no FRFs at the joint; the paper's iteration expects joint_frf"

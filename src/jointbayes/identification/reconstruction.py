@@ -29,7 +29,7 @@ from jointbayes.identification.compliance_fit import FreeReceptance, measured_re
 from jointbayes.identification.least_squares import MANY_UNKNOWNS
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import JointMatrix
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 
 ComplexArray = NDArray[np.complex128]
 
@@ -70,10 +70,10 @@ def reconstructed_starts(problem: Problem, rng: np.random.Generator, effort: int
         How many times as many points, a power of 2; above 1 twice as many ends.
     """
     count = len(problem.parametrisation.names)
-    with_frfs = [test for test in problem.parts if isinstance(test.measurement, FrfMeasurement)]
+    with_frfs = [part for part in problem.parts if isinstance(part.test.data, FrfData)]
     if count < MANY_UNKNOWNS or not with_frfs:
         return np.empty((0, len(problem.names)))
-    misfit = _Misfit(problem, [_TestData.from_problem(test) for test in with_frfs])
+    misfit = _Misfit(problem, [_TestData.from_problem(part) for part in with_frfs])
     starts = misfit.inside(scipy.stats.qmc.Sobol(count, seed=rng).random(effort * _POINTS))
     starts = [misfit.nearly_rigid(), *starts]
     ends = sorted((misfit.climb(x, _FIRST) for x in starts), key=lambda end: end[1])
@@ -138,10 +138,10 @@ class _TestData:
     """Motion of these under unit forces at the inputs, shape (R,)."""
 
     @classmethod
-    def from_problem(cls, test: Problem) -> "_TestData":
-        assert isinstance(test.measurement, FrfMeasurement)
-        measured, sigma, free = measured_receptances(test.structure, test.joints, test.measurement)
-        lines = test.measurement.frf.frequency_hz
+    def from_problem(cls, part: Problem) -> "_TestData":
+        assert isinstance(part.test.data, FrfData)
+        measured, sigma, free = measured_receptances(part.test.structure, part.test.joints, part.test.data)
+        lines = part.test.data.frf.frequency_hz
         some = slice(None, None, max(1, lines.size // _LINES))
         free = FreeReceptance(free.jj[some], free.oj[some], free.ji[some], free.oi[some])
         variance = (sigma[some] ** 2 + (_MODEL_ERROR * np.abs(measured[some])) ** 2).mean(axis=2)
@@ -150,7 +150,7 @@ class _TestData:
         # a port on a joint's own DOF may be nowhere else
         size = np.where(size > 0, size, np.finfo(float).tiny)
         omega = 2 * np.pi * lines[some]
-        return cls(test.prior, omega, free, measured[some] - free.oi, variance, stiffness, size)
+        return cls(part.prior, omega, free, measured[some] - free.oi, variance, stiffness, size)
 
     def value(self, theta: Array, tolerance: float) -> Array:
         """Least squares, shape (n,), at θ, shape (n, d)."""

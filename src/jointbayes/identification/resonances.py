@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
-from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.measurement import Data, FrfData, ModalData
 from jointbayes.measurement.modal_problem import prominent_peaks
 
 Complex = NDArray[np.complex128]
@@ -29,7 +29,7 @@ _TOGETHER = 0.2
 _REPLICATES = 30
 
 
-def resonances_hz(measurement: Measurement) -> Array:
+def resonances_hz(data: Data) -> Array:
     """Natural frequencies that the data show, rising, shape (n,), Hz.
 
     Of measured natural frequencies these themselves. Of FRFs the peaks of the receptances, those of all pairs of DOFs
@@ -38,29 +38,29 @@ def resonances_hz(measurement: Measurement) -> Array:
 
     Parameters
     ----------
-    measurement
+    data
         FRFs with variances, natural frequencies, or modes.
     """
-    if isinstance(measurement, ModalMeasurement):
-        return np.sort(measurement.frequency_hz)
-    frequency = measurement.frf.frequency_hz
+    if isinstance(data, ModalData):
+        return np.sort(data.frequency_hz)
+    frequency = data.frf.frequency_hz
     if frequency.size < 3:
         return np.empty(0)
-    receptances = measurement.frf.converted("receptance").values
+    receptances = data.frf.converted("receptance").values
     roots = [
         peak
-        for output in range(len(measurement.frf.outputs))
-        for input_ in range(len(measurement.frf.inputs))
-        for peak in _peaks(measurement, receptances[:, output, input_], output, input_)
+        for output in range(len(data.frf.outputs))
+        for input_ in range(len(data.frf.inputs))
+        for peak in _peaks(data, receptances[:, output, input_], output, input_)
     ]
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
-def _peaks(measurement: FrfMeasurement, values: Complex, output: int, input_: int) -> list[tuple[float, float]]:
+def _peaks(data: FrfData, values: Complex, output: int, input_: int) -> list[tuple[float, float]]:
     """Frequency in Hz and height over the noise of each peak of one FRF, with its receptance (lines,)."""
-    frequency = measurement.frf.frequency_hz
-    height = np.abs(measurement.frf.values[:, output, input_])
-    ratio = height / np.sqrt(measurement.variance[:, output, input_])
+    frequency = data.frf.frequency_hz
+    height = np.abs(data.frf.values[:, output, input_])
+    ratio = height / np.sqrt(data.variance[:, output, input_])
     with np.errstate(divide="ignore"):  # a measured zero is no peak
         log_magnitude = np.log(np.abs(values))
     if not np.isfinite(log_magnitude).any():

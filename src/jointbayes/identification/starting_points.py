@@ -13,7 +13,7 @@ from jointbayes.frf import NaturalFrequencies, rigid_body_modes
 from jointbayes.identification.least_squares import climb_all
 from jointbayes.identification.resonances import resonances_hz
 from jointbayes.inference import JointPrior, LogPosterior, Problem
-from jointbayes.measurement import ModalMeasurement
+from jointbayes.measurement import ModalData
 from jointbayes.structure import is_mode_frequency
 from jointbayes.structure.recipe import is_damping_ratio
 
@@ -43,14 +43,14 @@ _SWEEPS = 2  # each mode is looked for with the others where they were last foun
 
 def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
     """Predicts the natural frequencies up to the end of the band of the problem's structures with its joint."""
-    structures, measured = problem.structures, problem.measurement
-    if isinstance(measured, ModalMeasurement):
-        most = max(max(measured.numbers), min(measured.most_modes, problem.most_modes))
-        return NaturalFrequencies(structures, problem.joints, most)
+    structures, measured = problem.test.structures, problem.test.data
+    if isinstance(measured, ModalData):
+        most = max(max(measured.numbers), min(measured.most_modes, problem.test.most_modes))
+        return NaturalFrequencies(structures, problem.test.joints, most)
     top = _SPARE * measured.top_hz
-    free = structures.at(problem.joints.labels, top).nominal
-    most = free.n_dofs - rigid_body_modes(free, problem.joints)
-    return NaturalFrequencies(structures, problem.joints, min(most, _MOST_MODES), top)
+    free = structures.at(problem.test.joints.labels, top).nominal
+    most = free.n_dofs - rigid_body_modes(free, problem.test.joints)
+    return NaturalFrequencies(structures, problem.test.joints, min(most, _MOST_MODES), top)
 
 
 class FrequencyMatch:
@@ -73,7 +73,7 @@ class FrequencyMatch:
         self.prior: JointPrior = problem.prior
         #: A few frequencies cost no more at one point further.
         self.linearised = None
-        self._tests = [_SetupMatch(test) for test in problem.parts if not test.measured_bodies]
+        self._tests = [_SetupMatch(part) for part in problem.parts if not part.test.measured_bodies]
         self.columns: Indices = np.unique(np.concatenate([test.columns for test in self._tests]))
 
     @property
@@ -116,15 +116,15 @@ class _SetupMatch:
     def __init__(self, problem: Problem) -> None:
         self.prior: JointPrior = problem.prior
         self._problem = problem
-        measured = problem.measurement
+        measured = problem.test.data
         #: Resonances of the data, Hz.
         self.resonances_hz = resonances_hz(measured)
         # measured natural frequencies, and modes without other numbers, are the lowest ones, each of them
-        self._complete = isinstance(measured, ModalMeasurement) and measured.lowest
-        lines = measured.frequency_hz if isinstance(measured, ModalMeasurement) else measured.frf.frequency_hz
+        self._complete = isinstance(measured, ModalData) and measured.lowest
+        lines = measured.frequency_hz if isinstance(measured, ModalData) else measured.frf.frequency_hz
         self._band = float(lines.min()), float(lines.max())
         names, joint = problem.names, len(problem.parametrisation.names)
-        quantities = problem.structures.names
+        quantities = problem.test.structures.names
         self._errors = [i for i, name in enumerate(names) if is_mode_frequency(name)]
         fixed = (name == "loss_factor" or is_damping_ratio(name) or is_mode_frequency(name) for name in quantities)
         places = joint + problem.structural_columns
@@ -137,7 +137,9 @@ class _SetupMatch:
         self._model = natural_frequency_model(problem)
         # a joint raises every natural frequency: there are no more in the band than without it
         structural = problem.structural(np.ones((1, len(problem.prior.nuisances))))
-        free = self._model.frequency_hz(np.zeros((1, problem.joints.size, problem.joints.size)), structural)[0]
+        free = self._model.frequency_hz(np.zeros((1, problem.test.joints.size, problem.test.joints.size)), structural)[
+            0
+        ]
         below = int((free < _SPARE * self._band[1]).sum())
         self._count = self.resonances_hz.size if self._complete else max(below, 1)
 
@@ -242,7 +244,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     Computational Mathematics and Mathematical Physics 7(4), 86-112. DOI 10.1016/0041-5553(67)90144-9
     """
     prior = problem.prior
-    if all(test.measured_bodies for test in problem.parts):
+    if all(test.measured_bodies for test in problem.tests):
         return np.empty((0, prior.mean.size))
     match = FrequencyMatch(problem)
     if not (match.resonances_hz.size and match.columns.size):

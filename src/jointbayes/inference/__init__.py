@@ -12,7 +12,7 @@ from jointbayes.inference.noise.proportional import ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.inference.prior import JointPrior, Nuisance
 from jointbayes.inference.problem import Problem
-from jointbayes.inference.setup import Level, Setup
+from jointbayes.inference.test import Level, Test
 
 __all__ = [
     # prior
@@ -45,5 +45,5 @@ __all__ = [
     "Level",
     "LogPosterior",
     "Problem",
-    "Setup",
+    "Test",
 ]

@@ -38,7 +38,7 @@ from jointbayes.inference.modal_likelihood import ModalLikelihood, modal_model
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, as_joint_matrix
-from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.measurement import Data, FrfData, ModalData
 from jointbayes.structure import is_mode_frequency
 
 ComplexArray = NDArray[np.complex128]
@@ -100,7 +100,7 @@ class FrfLikelihood(Likelihood):
     ----------
     model
         Predicts receptances at the lines and DOFs of the measurement.
-    measurement
+    data
         FRFs of any quantity with variance σ² = E|δH|².
     names
         Uncertain quantities besides the joint, in the order in which factors come: those of the model's structure,
@@ -126,23 +126,23 @@ class FrfLikelihood(Likelihood):
     def __init__(
         self,
         model: ReceptanceModel,
-        measurement: FrfMeasurement,
+        data: FrfData,
         names: Sequence[str] = (),
         noise: NoiseModel | None = None,
         kind: ResidualKind = "complex",
         *,
         propagate: bool = False,
     ) -> None:
-        frf, self.kind = measurement.frf, kind
+        frf, self.kind = data.frf, kind
         # of the FRF as it was measured
-        constant = residual_of(kind, frf.values, measurement.variance).constant
+        constant = residual_of(kind, frf.values, data.variance).constant
         super().__init__(names, noise or GaussianNoise(), constant, frf.values.size)
         self._gain = _GAIN in self.names
         self._n_structure = len(self.names) - self.hyper_count - self._gain
         # receptance and its measured counterpart carry the same factor (jω)ⁿ: residual/σ does not depend on it
         factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
-        self._model, self._factor, self._stated = model, factor, measurement.variance
-        variance = measurement.variance / np.abs(factor) ** 2
+        self._model, self._factor, self._stated = model, factor, data.variance
+        variance = data.variance / np.abs(factor) ** 2
         self._measured = frf.values / factor
         self._residual = residual_of(kind, self._measured, variance)
         #: What errors of measured bodies make of the noise; None where there are none, or they are ignored.
@@ -304,7 +304,7 @@ class FrfLikelihood(Likelihood):
 def likelihood_of(
     structure: AnyStructure,
     joint: AnyJoint,
-    measurement: Measurement,
+    data: Data,
     *,
     gain: bool = False,
     noise: NoiseModel | None = None,
@@ -316,7 +316,7 @@ def likelihood_of(
     ----------
     structure
         Structure without the joint, a family of them whose quantities are uncertain, or measured bodies beside one.
-    joint, measurement
+    joint, data
         Where the joint acts, and the data.
     gain
         Whether the measured FRFs may all be off by one factor.
@@ -331,14 +331,14 @@ def likelihood_of(
     """
     whole = substructures(structure)
     family = whole.family
-    if isinstance(measurement, ModalMeasurement):
+    if isinstance(data, ModalData):
         if whole.measured:
             raise ModelError(
                 f"measured body {whole.measured[0].name}: found natural frequencies as data; expected FRFs, since a "
                 "body given by its FRFs has no modes to be compared with; use the FRFs"
             )
-        modal = modal_model(family, joint, measurement)
-        return ModalLikelihood(modal, measurement, (*family.names, *(noise.names if noise else ())), noise)
+        modal = modal_model(family, joint, data)
+        return ModalLikelihood(modal, data, (*family.names, *(noise.names if noise else ())), noise)
     if (errors := [name for name in family.names if is_mode_frequency(name)]) and (
         whole.measured or not family.nominal.damping.of_assembled_modes
     ):
@@ -346,8 +346,8 @@ def likelihood_of(
             f"likelihood: found {', '.join(errors)} for FRFs that are not summed over the modes of the assembled "
             "structure; expected modal damping of a structure that is modelled throughout; remove them"
         )
-    frf: FrfSet = measurement.frf
+    frf: FrfSet = data.frf
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(noise.names if noise else ()))
     model, propagate = receptance_model(whole, joint, ports), bool(whole.measured) and whole.propagate
-    return FrfLikelihood(model, measurement, names, noise, kind, propagate=propagate)
+    return FrfLikelihood(model, data, names, noise, kind, propagate=propagate)

@@ -16,12 +16,12 @@ from jointbayes.inference.likelihood_base import STEP, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.joint import AnyJoint, AnyJointMatrix, as_joint_matrix, symmetric_changes
-from jointbayes.measurement import ModalMeasurement, ModeMeasurement
+from jointbayes.measurement import ModalData, ModeData
 from jointbayes.structure import StructureFamily
 
 
 class ModalModel(Protocol):
-    """Predicts the values of a `ModalMeasurement` as a function of K^J."""
+    """Predicts the values of a `ModalData` as a function of K^J."""
 
     def modal_frequencies(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """Natural frequencies of the modes that the measured ones are compared with, shape (batch, n), Hz."""
@@ -38,7 +38,7 @@ class ModalModel(Protocol):
         ...
 
 
-def modal_model(family: StructureFamily, joint: AnyJoint, measurement: ModalMeasurement) -> ModalModel:
+def modal_model(family: StructureFamily, joint: AnyJoint, data: ModalData) -> ModalModel:
     """The model that predicts what was measured.
 
     Raises
@@ -46,9 +46,9 @@ def modal_model(family: StructureFamily, joint: AnyJoint, measurement: ModalMeas
     ModelError
         If a measured DOF does not exist, or the structure has fewer modes.
     """
-    if isinstance(measurement, ModeMeasurement):
-        return ModePrediction(family, joint, measurement)
-    return NaturalFrequencies(family, joint, measurement.frequency_hz.size)
+    if isinstance(data, ModeData):
+        return ModePrediction(family, joint, data)
+    return NaturalFrequencies(family, joint, data.frequency_hz.size)
 
 
 def mac(measured: Array, predicted: Array) -> Array:
@@ -68,7 +68,7 @@ def mac(measured: Array, predicted: Array) -> Array:
 
 
 class ModePrediction:
-    """Predicts the values of a `ModeMeasurement`.
+    """Predicts the values of a `ModeData`.
 
     Each measured mode is compared with the predicted one of its number; or, matched by shape, all together with those
     different ones among the lowest (three more than the highest number stated) whose shapes resemble the measured ones
@@ -78,7 +78,7 @@ class ModePrediction:
     ----------
     family, joint
         Structures without the joint, and where it acts.
-    measurement
+    data
         The measured modes.
 
     Raises
@@ -87,29 +87,26 @@ class ModePrediction:
         If a DOF does not exist, or the structure has fewer modes than the highest number stated.
     """
 
-    def __init__(self, family: StructureFamily, joint: AnyJoint, measurement: ModeMeasurement) -> None:
-        self._numbers = np.array(measurement.numbers) - 1
-        self._dofs = measurement.dofs
-        least, self._by_shape = max(measurement.numbers), measurement.match == "shape"
+    def __init__(self, family: StructureFamily, joint: AnyJoint, data: ModeData) -> None:
+        self._numbers = np.array(data.numbers) - 1
+        self._dofs = data.dofs
+        least, self._by_shape = max(data.numbers), data.match == "shape"
         free = family.at(joint.labels, family.reach_hz(least)).nominal
         rigid = rigid_body_modes(free, joint)
-        count = max(least, min(measurement.most_modes, free.n_dofs - rigid - joint.size))
+        count = max(least, min(data.most_modes, free.n_dofs - rigid - joint.size))
         self._model = AssembledShapes(family, joint, self._dofs, count)
-        self._eigenvalues = measurement.eigenvalues
+        self._eigenvalues = data.eigenvalues
         place = {label: i for i, label in enumerate(self._dofs)}
-        shapes = measurement.shapes
+        shapes = data.shapes
         self._shown = np.array([place[label] for label in shapes.dofs] if shapes else [], dtype=np.intp)
-        self._reference = np.array([place[label] for label in measurement.references], dtype=np.intp)
-        #: Measured shapes at the DOFs of `ModeMeasurement.dofs`, NaN where unknown, shape (n, DOFs).
-        self.measured_shapes = _whole_shapes(measurement)
+        self._reference = np.array([place[label] for label in data.references], dtype=np.intp)
+        #: Measured shapes at the DOFs of `ModeData.dofs`, NaN where unknown, shape (n, DOFs).
+        self.measured_shapes = _whole_shapes(data)
         #: Place of each measured value among the predicted ones of all modes: frequencies, ratios, components.
         n, p = len(self._numbers), len(self._shown)
         first = {"frequency": 0, "eigenvalue": 0, "damping": n, "shape": 2 * n}
         self._place = np.array(
-            [
-                first[v.quantity] + (v.mode * p + v.dof if v.quantity == "shape" else v.mode)
-                for v in measurement.observed
-            ],
+            [first[v.quantity] + (v.mode * p + v.dof if v.quantity == "shape" else v.mode) for v in data.observed],
             dtype=np.intp,
         )
 
@@ -191,16 +188,16 @@ def _taken(modal: Modal, places: NDArray[np.intp]) -> Modal:
     )
 
 
-def _whole_shapes(measurement: ModeMeasurement) -> Array:
+def _whole_shapes(data: ModeData) -> Array:
     """Measured shapes at all DOFs, 1 at the reference, means over repetitions, NaN where unknown: shape (n, DOFs)."""
-    if measurement.shapes is None:
-        return np.empty((len(measurement.numbers), 0))
-    place = {label: i for i, label in enumerate(measurement.dofs)}
-    whole = np.full((len(measurement.numbers), len(place)), np.nan)
-    mean, _ = measurement.shapes.components.mean()
-    for i, label in enumerate(measurement.shapes.dofs):
+    if data.shapes is None:
+        return np.empty((len(data.numbers), 0))
+    place = {label: i for i, label in enumerate(data.dofs)}
+    whole = np.full((len(data.numbers), len(place)), np.nan)
+    mean, _ = data.shapes.components.mean()
+    for i, label in enumerate(data.shapes.dofs):
         whole[:, place[label]] = mean[:, i]
-    for mode, label in enumerate(measurement.references):
+    for mode, label in enumerate(data.references):
         whole[mode, place[label]] = 1.0
     return whole
 
@@ -212,7 +209,7 @@ class ModalLikelihood(Likelihood):
     ----------
     model
         Predicts as many values as were measured.
-    measurement
+    data
         Values with standard deviations.
     names
         Uncertain quantities of the structure, in the order in which factors come, then those of the noise.
@@ -228,11 +225,11 @@ class ModalLikelihood(Likelihood):
     def __init__(
         self,
         model: ModalModel,
-        measurement: ModalMeasurement,
+        data: ModalData,
         names: Sequence[str] = (),
         noise: NoiseModel | None = None,
     ) -> None:
-        self._model, self._measured, self._sd = model, measurement.values, measurement.sd
+        self._model, self._measured, self._sd = model, data.values, data.sd
         noise = noise or GaussianNoise(1)
         if not noise.needs_chi2_only:
             raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")

@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, quantity_factor
-from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.data import FrfData
 
 ComplexArray = NDArray[np.complex128]
 
 _STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth
 
 
-def without_accelerometers(
-    measured: FrfMeasurement, masses: Mapping[str, float], *, roving: bool = False
-) -> FrfMeasurement:
+def without_accelerometers(measured: FrfData, masses: Mapping[str, float], *, roving: bool = False) -> FrfData:
     """FRFs of the structure without its accelerometers.
 
     With masses m at sensors S the structure measured has the dynamic stiffness Z − ω²M; taking the masses away leaves
@@ -43,7 +41,7 @@ def without_accelerometers(
 
     Returns
     -------
-    FrfMeasurement
+    FrfData
         Without coherence, which is that of the measured FRFs. The variance is that to first order in independent
         errors; those of different FRFs are correlated where the correction is large.
 
@@ -58,7 +56,7 @@ def without_accelerometers(
     >>> from jointbayes.frf import FrfSet, quantity_factor
     >>> f = np.array([10.0])
     >>> mass = -1 / (2 * np.pi * f[:, None, None]) ** 2 / 1.002  # a free mass of 1 kg with 2 g on it
-    >>> loaded = FrfMeasurement(FrfSet(f, mass, ("1:y",), ("1:y",)), np.ones((1, 1, 1)))
+    >>> loaded = FrfData(FrfSet(f, mass, ("1:y",), ("1:y",)), np.ones((1, 1, 1)))
     >>> bool(np.isclose(without_accelerometers(loaded, {"1:y": 0.002}).frf.values, mass * 1.002))
     True
     """

@@ -16,7 +16,7 @@ import numpy as np
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet, MeasuredFile
 from jointbayes.measurement.accelerometer import without_accelerometers
-from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement
+from jointbayes.measurement.data import FrequencyData, FrfData
 from jointbayes.measurement.formats.grid import excluded_lines, in_band, join_frfs, measured_lines
 from jointbayes.measurement.formats.read import iter_records
 from jointbayes.measurement.measurement_plan import (
@@ -27,7 +27,7 @@ from jointbayes.measurement.measurement_plan import (
     map_records,
 )
 from jointbayes.measurement.modal_fit import fit_modes, identify_modes
-from jointbayes.measurement.mode_data import Measurement
+from jointbayes.measurement.mode_data import Data
 from jointbayes.measurement.provenance import MeasuredMode, MeasurementWarning, Provenance
 from jointbayes.measurement.records import FrfRecord, Record, TimeRecord
 from jointbayes.measurement.rotations import at_joint, with_rotations
@@ -40,7 +40,7 @@ from jointbayes.measurement.warnings.collector import find_warnings
 _EXPLAINED = 10.0
 
 
-def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPlan) -> Measurement:
+def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPlan) -> Data:
     """Read measurement files and assemble what they hold.
 
     Parameters
@@ -61,9 +61,7 @@ def read_measurement(names: Sequence[str], directory: Path, plan: MeasurementPla
     return assemble_measurement(_records(directory, names), plan, files)
 
 
-def assemble_measurement(
-    records: Iterable[Record], plan: MeasurementPlan, files: Sequence[MeasuredFile] = ()
-) -> Measurement:
+def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files: Sequence[MeasuredFile] = ()) -> Data:
     """Assemble a measurement from records.
 
     Parameters
@@ -77,7 +75,7 @@ def assemble_measurement(
 
     Returns
     -------
-    FrfMeasurement or FrequencyMeasurement
+    FrfData or FrequencyData
         Natural frequencies where ``plan.frequencies`` is set.
 
     Raises
@@ -225,7 +223,7 @@ def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> 
     return [[group[k] for group in by_pair.values()] for k in range(most)]
 
 
-def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, where: str) -> tuple[FrfMeasurement, str]:
+def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, where: str) -> tuple[FrfData, str]:
     """FRFs with their variance, and where that comes from, in words.
 
     Parameters
@@ -244,7 +242,7 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
     """
     frf = sets[0]
     if choice is None:
-        return FrfMeasurement(frf, np.ones(frf.values.shape)), "estimated from what the modal fit leaves"
+        return FrfData(frf, np.ones(frf.values.shape)), "estimated from what the modal fit leaves"
     if choice.averages is not None:
         frf = replace(frf, averages=choice.averages)
     law = choice.law
@@ -257,9 +255,9 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
         words = f"as stated: {100 * law.relative:g} % of |H| and {100 * law.floor:g} % of the median accelerance{alone}"
         smooth = _smoothed(frf, law)
         if smooth is None:
-            return FrfMeasurement(frf, law.variance_of_accelerance(frf)), words
+            return FrfData(frf, law.variance_of_accelerance(frf)), words
         variance = law.variance_of_accelerance(smooth)
-        return FrfMeasurement(frf, variance), f"{words}; |H| is that of a modal fit, without the noise"
+        return FrfData(frf, variance), f"{words}; |H| is that of a modal fit, without the noise"
     try:
         variance = coherence_variance(frf)
     except MeasurementError as error:
@@ -267,11 +265,11 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
     if law:
         variance = np.maximum(variance, law.variance_of_accelerance(frf))
     assert frf.averages is not None
-    measured = FrfMeasurement(frf, variance, variance_dof=2 * (frf.averages - 1))
+    measured = FrfData(frf, variance, variance_dof=2 * (frf.averages - 1))
     return measured, f"from the coherence of {frf.averages} averages{least}"
 
 
-def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) -> FrfMeasurement:
+def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) -> FrfData:
     """Mean of repeated measurements of the same FRFs, and its variance from their scatter.
 
     σ² = Σ|H_i − H̄|²/(m(m − 1)) for m repetitions, line by line. It counts all that differs from one to the next,
@@ -288,7 +286,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
 
     Returns
     -------
-    FrfMeasurement
+    FrfData
         The mean with its variance. Without coherence: none belongs to a mean of FRFs. Averages are those of all sets
         together, where all tell.
 
@@ -326,7 +324,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     averages = None if None in counts else sum(n for n in counts if n is not None)
     combined = replace(first, values=mean, coherence=None, averages=averages)
     variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
-    return FrfMeasurement(combined, variance, variance_dof=2 * (m - 1))
+    return FrfData(combined, variance, variance_dof=2 * (m - 1))
 
 
 def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
@@ -335,7 +333,7 @@ def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
     A variance in proportion to the *measured* |H|² favours lines that the noise made small, so that everything fitted
     comes out too small by the variance relative to |H|², which many lines do not average away.
     """
-    accelerance = FrfMeasurement(frf, law.variance_of_accelerance(frf)).converted("accelerance")
+    accelerance = FrfData(frf, law.variance_of_accelerance(frf)).converted("accelerance")
     try:
         fit = fit_modes(accelerance.frf, accelerance.variance)
     except MeasurementError:
@@ -345,7 +343,7 @@ def _smoothed(frf: FrfSet, law: RelativeNoise) -> FrfSet | None:
     return replace(accelerance.frf, values=fit.values, coherence=None).converted(frf.quantity)
 
 
-def _modes(measured: FrfMeasurement, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
+def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:
     """Modes that the FRFs show, and a note where they cannot be looked for.
 
     They are fitted to the accelerance, so that they do not depend on the quantity of a file.
@@ -359,7 +357,7 @@ def _modes(measured: FrfMeasurement, plan: MeasurementPlan) -> tuple[tuple[Measu
         return (), (f"Natural frequencies were not looked for: {error}.",)
 
 
-def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyMeasurement:
+def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyData:
     wanted = plan.modes or max(len(modes), 1)
     if len(modes) < wanted:
         raise MeasurementError(
@@ -367,10 +365,10 @@ def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: st
         )
     frequency = np.array([mode.frequency_hz for mode in modes[:wanted]])
     fitted = np.array([mode.frequency_sd_hz for mode in modes[:wanted]])
-    return FrequencyMeasurement(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
+    return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
 
 
-def _chosen(measured: FrfMeasurement, plan: MeasurementPlan, where: str) -> FrfMeasurement:
+def _chosen(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:
     """The FRFs that the likelihood sees, with those at the joint."""
     assert measured.provenance is not None
     used = with_rotations(measured, plan.rotations)

@@ -13,7 +13,7 @@ from jointbayes.measurement.provenance import Provenance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrfMeasurement:
+class FrfData:
     """Measured FRFs, the variance of their noise, and where both come from.
 
     Parameters
@@ -55,7 +55,7 @@ class FrfMeasurement:
             raise MeasurementError("noise: found a variance that is not above zero at some line; raise the noise floor")
 
     def __repr__(self) -> str:
-        return f"FrfMeasurement({self.frf!r}{', synthetic' if self.synthetic else ''})"
+        return f"FrfData({self.frf!r}{', synthetic' if self.synthetic else ''})"
 
     @property
     def top_hz(self) -> float:
@@ -76,18 +76,18 @@ class FrfMeasurement:
                 "can be compared with each other; widen the band"
             )
 
-    def converted(self, quantity: Quantity) -> "FrfMeasurement":
+    def converted(self, quantity: Quantity) -> "FrfData":
         """The same as receptance, mobility or accelerance."""
         factor = np.abs(quantity_factor(self.frf.frequency_hz, quantity, self.frf.quantity))[:, None, None]
         return replace(self, frf=self.frf.converted(quantity), variance=self.variance * factor**2)
 
-    def select(self, outputs: Sequence[str], inputs: Sequence[str]) -> "FrfMeasurement":
+    def select(self, outputs: Sequence[str], inputs: Sequence[str]) -> "FrfData":
         """The FRFs between the given DOFs only, in the order given."""
         rows, columns = [self.frf.outputs.index(o) for o in outputs], [self.frf.inputs.index(i) for i in inputs]
         return replace(self, frf=self.frf.select(outputs, inputs), variance=self.variance[:, rows][:, :, columns])
 
 
-class ModalMeasurement:
+class ModalData:
     """What a list of natural frequencies and a table of modes have in common: values of modes, each with its sd.
 
     Natural frequencies stand in `frequency_hz`, shape (n,), with their `sd_hz`; what enters the likelihood, these or
@@ -145,10 +145,10 @@ class ModalMeasurement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrequencyMeasurement(ModalMeasurement):
+class FrequencyData(ModalData):
     """Measured natural frequencies, lowest first, with standard deviations; both shape (n,), Hz.
 
-    `provenance` as in `FrfMeasurement`.
+    `provenance` as in `FrfData`.
 
     Raises
     ------
@@ -177,8 +177,8 @@ class FrequencyMeasurement(ModalMeasurement):
 
     def __repr__(self) -> str:
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
-        return f"FrequencyMeasurement({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
+        return f"FrequencyData({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
 
-    def with_values(self, values: Array) -> "FrequencyMeasurement":
+    def with_values(self, values: Array) -> "FrequencyData":
         """The same with other frequencies, shape (n,), Hz."""
-        return FrequencyMeasurement(values, self.sd_hz)
+        return FrequencyData(values, self.sd_hz)

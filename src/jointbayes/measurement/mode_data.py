@@ -9,7 +9,7 @@ import numpy as np
 from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError, array_of
 from jointbayes.frf.frf_set import read_only
-from jointbayes.measurement.data import FrequencyMeasurement, FrfMeasurement, ModalMeasurement
+from jointbayes.measurement.data import FrequencyData, FrfData, ModalData
 from jointbayes.measurement.provenance import Provenance
 
 _WIDEST = 1e100  # of a value: squares stay finite
@@ -110,7 +110,7 @@ class ModeValue:
 
 
 @dataclass(frozen=True, eq=False)
-class ModeMeasurement(ModalMeasurement):
+class ModeData(ModalData):
     """Modes from a modal test, or from several repetitions of it.
 
     Parameters
@@ -129,7 +129,7 @@ class ModeMeasurement(ModalMeasurement):
     eigenvalues
         Whether `frequency` holds eigenvalues: their errors are then the normal ones.
     provenance
-        Where the data come from, as in `FrfMeasurement`.
+        Where the data come from, as in `FrfData`.
 
     Raises
     ------
@@ -140,8 +140,8 @@ class ModeMeasurement(ModalMeasurement):
     --------
     >>> frequency = Observed([[12.1, 31.4], [12.2, 31.6]], 0.1)
     >>> ratio = Observed([[[0.62], [-1.60]], [[0.61], [-1.63]]], 0.02)
-    >>> ModeMeasurement(frequency, shapes=ModeShapes(("1:x",), "2:x", ratio))
-    ModeMeasurement(2 modes, 2 repetitions: 12.15, 31.5 Hz; shapes at 1:x over 2:x)
+    >>> ModeData(frequency, shapes=ModeShapes(("1:x",), "2:x", ratio))
+    ModeData(2 modes, 2 repetitions: 12.15, 31.5 Hz; shapes at 1:x over 2:x)
     """
 
     frequency: Observed
@@ -189,7 +189,7 @@ class ModeMeasurement(ModalMeasurement):
         if self.shapes is not None:
             reference = ", ".join(dict.fromkeys(self.references))
             shapes += f"; shapes at {', '.join(self.shapes.dofs)} over {reference}"
-        return f"ModeMeasurement({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
+        return f"ModeData({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
 
     @cached_property
     def _mean(self) -> tuple[Array, Array]:
@@ -266,7 +266,7 @@ class ModeMeasurement(ModalMeasurement):
         """All numbers that were measured or stated."""
         return tuple(array for _, part in self._parts if part for array in (part.values, part.sd))
 
-    def with_values(self, values: Array) -> "ModeMeasurement":
+    def with_values(self, values: Array) -> "ModeData":
         """The same with other values, in the order of `observed`, shape (m,)."""
         parts: list[Observed | None] = []
         start = 0
@@ -308,4 +308,4 @@ def _checked(shapes: ModeShapes, n: int) -> ModeShapes:
     return ModeShapes(dofs, reference, shapes.components.rows((n, len(dofs)), "mode shapes"))
 
 
-Measurement = FrfMeasurement | FrequencyMeasurement | ModeMeasurement
+Data = FrfData | FrequencyData | ModeData

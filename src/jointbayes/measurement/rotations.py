@@ -18,7 +18,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import FrfSet
 from jointbayes.joint.quantities import direction_of, rotation_sign
-from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.data import FrfData
 
 DifferenceScheme = Literal["first order", "second order, end", "second order, centre"]
 
@@ -105,7 +105,7 @@ class Rotation:
         return replace(chosen, values=self.weights[None] @ chosen.values, outputs=(self.dof,), coherence=None)
 
 
-def with_rotations(measured: FrfMeasurement, rotations: Sequence[Rotation]) -> FrfMeasurement:
+def with_rotations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfData:
     """Rotations in the place of their stations, with variances T Σ Tᵀ: what a likelihood of independent errors may see.
 
     A station that a rotation was made from is taken out, because its error is also that of the rotation: counted

@@ -11,7 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import MeasurementError
 from jointbayes.frf import DirectSolve, FrfSet, Ports, Quantity, ReceptanceModel, quantity_factor, receptance_model
 from jointbayes.joint import AnyJoint, AnyJointMatrix
-from jointbayes.measurement.data import FrfMeasurement
+from jointbayes.measurement.data import FrfData
 from jointbayes.measurement.formats.units import MOTION_OF, si_sensor_unit
 from jointbayes.measurement.records import TimeRecord
 from jointbayes.measurement.variance import NoiseLaw
@@ -28,7 +28,7 @@ def synthesise_frf(
     rng: np.random.Generator | None = None,
     *,
     gain: float = 1.0,
-) -> FrfMeasurement:
+) -> FrfData:
     """FRFs of a structure with a known joint, with noise.
 
     Parameters
@@ -51,7 +51,7 @@ def synthesise_frf(
 
     Returns
     -------
-    FrfMeasurement
+    FrfData
         Marked as synthetic.
     """
     model: DirectSolve | ReceptanceModel
@@ -68,7 +68,7 @@ def synthesise_frf(
         real, imag = np.moveaxis(rng.standard_normal((*true.shape[1:], 2, true.shape[0])), (2, 3), (0, 1))
         values = true + np.sqrt(variance / 2) * (real + 1j * imag)
     frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, quantity)
-    return FrfMeasurement(frf, variance, synthetic=True)
+    return FrfData(frf, variance, synthetic=True)
 
 
 def noisy_frf(true: FrfSet, law: NoiseLaw, averages: int, rng: np.random.Generator) -> FrfSet:

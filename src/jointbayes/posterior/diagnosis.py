@@ -22,7 +22,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import Ports, quantity_factor
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
-from jointbayes.measurement import ModalMeasurement
+from jointbayes.measurement import ModalData
 
 Complex = NDArray[np.complex128]
 Cause = Literal["frequencies, all the same way", "frequencies, unevenly", "damping", "level", "one sensor"]
@@ -180,21 +180,21 @@ class Diagnosis:
 
 def diagnose(problem: Problem, theta: ArrayLike, rng: np.random.Generator) -> Diagnosis:
     """Diagnose the misfit of a problem at θ, shape (d,), with all that was fitted: gain, masses, every nuisance."""
-    prior, measurement = problem.prior, problem.measurement
+    prior, data = problem.prior, problem.test.data
     point = np.asarray(theta, dtype=float)[None]
     factors = prior.factors(point)
-    if isinstance(measurement, ModalMeasurement):
-        modes = modal_model(problem.structures, problem.joints, measurement)
+    if isinstance(data, ModalData):
+        modes = modal_model(problem.test.structures, problem.test.joints, data)
         predicted = modes.modal_frequencies(prior.matrix(point), problem.structural(factors))[0]
-        return diagnose_frequencies(measurement.frequency_hz, predicted, measurement.sd_hz)
-    frf = measurement.frf
-    model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+        return diagnose_frequencies(data.frequency_hz, predicted, data.sd_hz)
+    frf = data.frf
+    model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
     receptance = model.receptance(prior.matrix(point), problem.structural(factors))[0]
     gain = float(problem.gain(factors)[0])
     factor = quantity_factor(frf.frequency_hz, frf.quantity)[:, None, None]
     sd = np.sqrt(problem.log_posterior.variance(point)[0]) / np.abs(factor)
     found = diagnose_frfs(frf.frequency_hz, frf.values / factor, gain * receptance, sd, frf.outputs, frf.inputs, rng)
-    return replace(found, ignores_noise=problem.ignores_noise_of_bodies)
+    return replace(found, ignores_noise=problem.test.ignores_noise_of_bodies)
 
 
 def diagnose_frequencies(measured_hz: Array, predicted_hz: Array, sd_hz: Array) -> Diagnosis:

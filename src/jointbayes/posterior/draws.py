@@ -14,7 +14,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior.checks import PredictiveCheck, check_frequencies, check_frfs
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.model_errors import MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
@@ -205,9 +205,9 @@ class PosteriorDraws:
         hyper = likelihood.hyper(part.prior.factors(theta))
         z = part.log_posterior.standardised(theta)
         rng = np.random.default_rng([self.record.seed, 2, *([number] if number else [])])
-        if not isinstance(part.measurement, FrfMeasurement):
-            return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng), setup=part.setup)
-        return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.setup)
+        if not isinstance(part.test.data, FrfData):
+            return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng), setup=part.test.name)
+        return replace(check_frfs(likelihood.noise, z, hyper, rng), setup=part.test.name)
 
     @cached_property
     def mesh(self) -> MeshCheck | None:
@@ -226,7 +226,7 @@ class PosteriorDraws:
 
         Of several set-ups that of the one which the model explains worst.
         """
-        names = [part.setup for part in self.problem.parts]
+        names = [test.name for test in self.problem.tests]
         return self.diagnoses[names.index(self.check.setup)]
 
     @cached_property
@@ -287,10 +287,10 @@ class PosteriorDraws:
             If the data are natural frequencies and no lines are given, or a DOF does not exist.
         """
         part = self.problem.part(setup)
-        measured = part.measurement
-        quantity = measured.frf.quantity if isinstance(measured, FrfMeasurement) else "receptance"
+        measured = part.test.data
+        quantity = measured.frf.quantity if isinstance(measured, FrfData) else "receptance"
         if ports is None:
-            if not isinstance(measured, FrfMeasurement):
+            if not isinstance(measured, FrfData):
                 raise ModelError(
                     "FRF prediction: the data are natural frequencies; expected lines and DOFs; give ports"
                 )
@@ -323,11 +323,13 @@ class PosteriorDraws:
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
-        """Measured natural frequencies, if they are the lowest ones and the data, or the case states any, Hz."""
+        """Measured natural frequencies of the one test, if they are the lowest and data, or the case states any, Hz."""
         if self.case is not None:
             return self.case.measured_frequencies_hz
-        measured = self.problem.measurement
-        if isinstance(measured, FrfMeasurement) or not measured.lowest:
+        if len(self.problem.tests) > 1:
+            return None
+        measured = self.problem.test.data
+        if isinstance(measured, FrfData) or not measured.lowest:
             return None
         return tuple(measured.frequency_hz.tolist())
 

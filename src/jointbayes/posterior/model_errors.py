@@ -11,7 +11,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, quantity_factor
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.reproducibility import one_blas_thread
 
 #: Largest error of a prediction that noise hides, in standard deviations of that line.
@@ -121,7 +121,7 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     -------
     MeshCheck, or None where the structure is given by matrices, which have no mesh
     """
-    meshes = [part.structures_of_data.discretisation for part in problem.parts]
+    meshes = [part.test.structures_of_data.discretisation for part in problem.parts]
     elements = next((mesh for mesh in meshes if mesh is not None), None)
     if elements is None:
         return None
@@ -149,7 +149,7 @@ def _error_of_peak(problem: Problem, reference: Problem, theta: Array) -> float:
     largest = 0.0
     for part, richer in zip(problem.parts, reference.parts, strict=True):
         here, there = (p.log_posterior.predicted(theta)[0] for p in (part, richer))
-        peak = np.abs(there).max(axis=0) if isinstance(part.measurement, FrfMeasurement) else there
+        peak = np.abs(there).max(axis=0) if isinstance(part.test.data, FrfData) else there
         largest = max(largest, float((np.abs(here - there) / peak).max()))
     return largest
 
@@ -277,27 +277,27 @@ def _badness(found: NoiseOfBodies) -> tuple[bool, bool, float, float]:
 
 
 def _noise_in_setup(problem: Problem, theta: Array) -> NoiseOfBodies | None:
-    bodies, measurement = problem.measured_bodies, problem.measurement
-    if not bodies or not isinstance(measurement, FrfMeasurement):
+    bodies, data = problem.test.measured_bodies, problem.test.data
+    if not bodies or not isinstance(data, FrfData):
         return None
-    frf, prior = measurement.frf, problem.prior
-    model = problem.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
+    frf, prior = data.frf, problem.prior
+    model = problem.test.receptance_model(Ports(frf.frequency_hz, frf.outputs, frf.inputs))
     assert isinstance(model, LowRankCoupling)
     point = theta[None]
     propagation, matrix, factors = NoisePropagation(model), prior.matrix(point), prior.factors(point)
     roots = propagation.roots(matrix, problem.structural(factors))[0]
     level = problem.gain(factors)[0] * np.abs(quantity_factor(frf.frequency_hz, frf.quantity))[:, None]
     added = (np.abs(roots) ** 2).sum(axis=-1) * level**2
-    measured_variance = measurement.variance.reshape(added.shape)
+    measured_variance = data.variance.reshape(added.shape)
     sd = propagation.relative_sd(matrix, problem.structural(factors))[0]
     return NoiseOfBodies(
         tuple(body.name for body in bodies),
-        problem.ignores_noise_of_bodies,
+        problem.test.ignores_noise_of_bodies,
         float(np.median(added / (measured_variance + added))),
         float(sd.max()),
         float(frf.frequency_hz[int(sd.argmax())]),
         int((sd > DOUBTFUL).sum()),
         frf.n_lines,
         tuple(body.discrepancy for body in bodies),
-        problem.setup,
+        problem.test.name,
     )

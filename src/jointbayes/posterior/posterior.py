@@ -10,8 +10,8 @@ import xarray as xr
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.inference import Level, Setup
-from jointbayes.inference.setup import own_name
+from jointbayes.inference import Level, Test
+from jointbayes.inference.test import own_name
 from jointbayes.posterior.draws import PosteriorDraws
 from jointbayes.posterior.information.knowledge import Knowledge
 from jointbayes.posterior.storage import estimate_record, log_prior_of_joint, write_tree
@@ -105,7 +105,7 @@ def curve_of(posterior: PosteriorDraws, name: str, probability: float = 0.95) ->
         raise ModelError(f"curve: found probability {probability:g}; expected a number between 0 and 1; correct it")
     problem = posterior.problem
     names = [*posterior.stiffness_names, *(nuisance.name for nuisance in problem.prior.nuisances)]
-    setups = _sorted_by_level(problem.setups)
+    setups = _sorted_by_level(problem.tests)
     own_names = [(one, own_name(one.name, name, names)) for one in setups]
     named = [(one, own) for one, own in own_names if own is not None]
     levels = {_value(one) for one, _ in named}
@@ -188,19 +188,19 @@ def curves_of(posterior: PosteriorDraws) -> tuple[Curve, ...]:
     """The curve of every quantity of the joints that set-ups with levels have for themselves."""
     levels: dict[str, set[float]] = {}
     for name in posterior.stiffness_names:
-        for one in _sorted_by_level(posterior.problem.setups):
+        for one in _sorted_by_level(posterior.problem.tests):
             if name.startswith(f"{one.name}."):
                 levels.setdefault(name.removeprefix(f"{one.name}."), set()).add(_value(one))
     return tuple(curve_of(posterior, name) for name, found in levels.items() if len(found) > 1)
 
 
-def _sorted_by_level(setups: Sequence[Setup]) -> list[Setup]:
+def _sorted_by_level(setups: Sequence[Test]) -> list[Test]:
     return sorted((one for one in setups if one.level is not None), key=_value)
 
 
-def _value(setup: Setup) -> float:
-    assert setup.level is not None
-    return setup.level.value
+def _value(test: Test) -> float:
+    assert test.level is not None
+    return test.level.value
 
 
 def brief(posterior: JudgedPosterior) -> dict[str, Cell]:

@@ -74,7 +74,7 @@ def frfs_as_measured(
         If a DOF does not exist.
     """
     known, problem = np.asarray(factors, dtype=float), problem.part(None)
-    receptance = problem.receptance_model(ports).receptance(
+    receptance = problem.test.receptance_model(ports).receptance(
         problem.parametrisation.matrix(stiffness), problem.structural(known)
     )
     receptance *= problem.gain(known)[..., None, None, None]
@@ -95,7 +95,7 @@ def predict_frf(
         If a DOF does not exist.
     """
     values = frfs_as_measured(problem, ports, quantity, problem.prior.values(theta), problem.prior.factors(theta))
-    if problem.measured_bodies and not problem.ignores_noise_of_bodies:
+    if problem.test.measured_bodies and not problem.test.ignores_noise_of_bodies:
         values += _errors_of_bodies(problem, ports, quantity, np.atleast_2d(np.asarray(theta, dtype=float)))
     tail = (1 - probability) / 2
     magnitude, turn = np.empty((2, 3, *values.shape[1:]))
@@ -126,7 +126,7 @@ def predict_frf(
 
 def _errors_of_bodies(problem: Problem, ports: Ports, quantity: Quantity, theta: Array) -> NDArray[np.complex128]:
     """One draw for each θ of what errors of measured bodies make of the FRFs, (n, lines, outputs, inputs)."""
-    model = problem.receptance_model(ports)
+    model = problem.test.receptance_model(ports)
     assert isinstance(model, LowRankCoupling)
     propagation, prior, rng = NoisePropagation(model), problem.prior, np.random.default_rng(_SEED)
     errors = []

@@ -15,7 +15,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
-from jointbayes.measurement import Measurement, ModalMeasurement
+from jointbayes.measurement import Data, ModalData
 from jointbayes.posterior.stored_problem import described
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
@@ -108,26 +108,26 @@ class SampledCase(Protocol):
 
 def bodies_of(problem: Problem) -> dict[str, MeasuredBody]:
     """Measured bodies of all set-ups by their names; of several set-ups with the name of each before it."""
-    return {prefixed(part.setup, body.name): body for part in problem.parts for body in part.measured_bodies}
+    return {prefixed(part.test.name, body.name): body for part in problem.parts for body in part.test.measured_bodies}
 
 
 def data_sha256(problem: Problem) -> str:
     """Fingerprint of the numbers that were analysed: data and measured bodies of all set-ups."""
-    arrays = [array for part in problem.parts for array in _arrays_of(part.measurement)]
+    arrays = [array for part in problem.parts for array in _arrays_of(part.test.data)]
     for body in bodies_of(problem).values():
         arrays += body.arrays
     return _sha256(arrays)
 
 
-def measurement_sha256(measurement: Measurement) -> str:
+def measurement_sha256(data: Data) -> str:
     """Fingerprint of the data of one set-up alone."""
-    return _sha256(_arrays_of(measurement))
+    return _sha256(_arrays_of(data))
 
 
-def _arrays_of(measurement: Measurement) -> Sequence[NDArray[Any]]:
-    if isinstance(measurement, ModalMeasurement):
-        return measurement.arrays
-    return measurement.frf.frequency_hz, measurement.frf.values, measurement.variance
+def _arrays_of(data: Data) -> Sequence[NDArray[Any]]:
+    if isinstance(data, ModalData):
+        return data.arrays
+    return data.frf.frequency_hz, data.frf.values, data.variance
 
 
 def _sha256(arrays: Iterable[NDArray[Any]]) -> str:
@@ -185,11 +185,11 @@ def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, setti
     seed, settings
         Of the run.
     """
-    parts = {"seed": str(seed), "data": "".join(measurement_sha256(part.measurement)[:16] for part in problem.parts)}
+    parts = {"seed": str(seed), "data": "".join(measurement_sha256(part.test.data)[:16] for part in problem.parts)}
     for part in problem.parts:
-        if (joint_frf := part.measurement.joint_frf) is not None:
+        if (joint_frf := part.test.data.joint_frf) is not None:
             values = np.ascontiguousarray(joint_frf.values)
-            name = f"data at the joint in {part.setup}" if part.setup else "data at the joint"
+            name = f"data at the joint in {part.test.name}" if part.test.name else "data at the joint"
             parts[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
     for name, body in bodies_of(problem).items():
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in body.arrays))

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointbayes.arrays import Array
 from jointbayes.inference import Level, Problem
-from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement
+from jointbayes.measurement import Data, FrfData, ModalData
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.run_record import data_sha256
@@ -67,23 +67,22 @@ def setup_summaries(
     """What is said of each set-up by its name; of a lone test by an empty one, with frequencies measured beside it."""
     parts = posterior.problem.parts
     if len(parts) == 1:
-        return {parts[0].setup: _setup(posterior, 0, initial, measured_frequencies_hz)}
-    return {part.setup: _setup(posterior, n, initial, _measured(part.measurement)) for n, part in enumerate(parts)}
+        return {parts[0].test.name: _setup(posterior, 0, initial, measured_frequencies_hz)}
+    return {part.test.name: _setup(posterior, n, initial, _measured(part.test.data)) for n, part in enumerate(parts)}
 
 
-def _measured(measured: Measurement) -> list[float] | None:
+def _measured(measured: Data) -> list[float] | None:
     """Natural frequencies that are the data, if they are the lowest ones."""
-    return measured.frequency_hz.tolist() if isinstance(measured, ModalMeasurement) and measured.lowest else None
+    return measured.frequency_hz.tolist() if isinstance(measured, ModalData) and measured.lowest else None
 
 
 def _setup(
     posterior: JudgedPosterior, number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
 ) -> SetupSummary:
     part = posterior.problem.parts[number]
-    measured = part.measurement
-    level = next((one.level for one in posterior.problem.setups if one.name == part.setup), None)
+    measured = part.test.data
     return SetupSummary(
-        level,
+        part.test.level,
         fit_of(part, posterior.estimate.theta),
         posterior.checks[number],
         posterior.diagnoses[number],
@@ -102,7 +101,7 @@ def _frequencies(
     def at(stiffness: Sequence[float] | Array) -> tuple[float, ...]:
         return tuple(problem.natural_frequencies_hz(np.asarray(stiffness), count, fitted)[0].tolist())
 
-    predicted = posterior.predict_natural_frequencies(count, setup=problem.setup or None)
+    predicted = posterior.predict_natural_frequencies(count, setup=problem.test.name or None)
     ends = np.quantile(predicted, [0.025, 0.975], axis=0).T
     return FrequencySummary(
         measured=tuple(measured) if measured else None,
@@ -117,14 +116,14 @@ def fit_of(problem: Problem, theta: Array) -> FitSummary:
     n_data, total = problem.log_posterior.likelihood.n_data, 0.0
     for part in problem.parts:
         # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
-        whole = 2.0 if part.residual_kind == "log_magnitude" else 1.0
+        whole = 2.0 if part.test.residual_kind == "log_magnitude" else 1.0
         total += whole * float((np.abs(part.log_posterior.standardised(theta)) ** 2).sum())
-    measurements = [part.measurement for part in problem.parts]
+    measurements = [part.test.data for part in problem.parts]
     return FitSummary(
         n_data=n_data,
         chi2_per_line=total / n_data,
         log_likelihood_map=float(problem.log_posterior.log_likelihood(theta)[0]),
-        synthetic_data=any(isinstance(one, FrfMeasurement) and one.synthetic for one in measurements),
+        synthetic_data=any(isinstance(one, FrfData) and one.synthetic for one in measurements),
     )
 
 

@@ -19,7 +19,7 @@ from jointbayes.arrays import Array
 from jointbayes.frf import FrfSet
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
-from jointbayes.measurement import FrfMeasurement, Measurement, ModeMeasurement, Observed
+from jointbayes.measurement import Data, FrfData, ModeData, Observed
 from jointbayes.sampling import Draws
 from jointbayes.whole_file import write_whole_file
 
@@ -111,7 +111,7 @@ def values_tree(
         "/prior": _values_dataset(problem, before),
     }
     for part in problem.parts:
-        groups[f"/{observed_group(part.setup)}"] = _observed(part.measurement)
+        groups[f"/{observed_group(part.test.name)}"] = _observed(part.test.data)
     return xr.DataTree.from_dict(groups)
 
 
@@ -127,24 +127,24 @@ def _values_dataset(problem: Problem, values: Array) -> xr.Dataset:
     return xr.Dataset(variables, coords={"chain": np.arange(chains), "draw": np.arange(draws)})
 
 
-def _observed(measurement: Measurement) -> xr.Dataset:
-    if isinstance(measurement, ModeMeasurement):
-        return _modes_dataset(measurement)
-    if not isinstance(measurement, FrfMeasurement):
-        mode = np.arange(1, measurement.frequency_hz.size + 1)
+def _observed(data: Data) -> xr.Dataset:
+    if isinstance(data, ModeData):
+        return _modes_dataset(data)
+    if not isinstance(data, FrfData):
+        mode = np.arange(1, data.frequency_hz.size + 1)
         return xr.Dataset(
             {
-                "natural_frequency": ("mode", measurement.frequency_hz, {"units": "Hz"}),
-                "natural_frequency_sd": ("mode", measurement.sd_hz, {"units": "Hz"}),
+                "natural_frequency": ("mode", data.frequency_hz, {"units": "Hz"}),
+                "natural_frequency_sd": ("mode", data.sd_hz, {"units": "Hz"}),
             },
             coords={"mode": mode},
         )
-    observed = _frf_dataset(measurement.frf)
-    observed["frf_variance"] = (_FRF_DIMS, measurement.variance)
-    return observed.assign_attrs(synthetic=int(measurement.synthetic))
+    observed = _frf_dataset(data.frf)
+    observed["frf_variance"] = (_FRF_DIMS, data.variance)
+    return observed.assign_attrs(synthetic=int(data.synthetic))
 
 
-def _modes_dataset(measured: ModeMeasurement) -> xr.Dataset:
+def _modes_dataset(measured: ModeData) -> xr.Dataset:
     """Values of modes and their standard deviations by repetition; NaN where nothing was observed."""
     unit = "rad2 s-2" if measured.eigenvalues else "Hz"
     by_mode = ("repetition", "mode")

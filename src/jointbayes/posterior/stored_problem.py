@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.inference import Problem
+from jointbayes.joint.quantities import prefixed
 from jointbayes.measurement.provenance import Provenance
 
 #: What to do about any file that holds no whole posterior.
@@ -43,14 +44,17 @@ def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, dict[
 
 
 def described(problem: Problem) -> dict[str, Any]:
-    """Each part of a problem as plain values; of an array its digest, of what is one's own its name."""
-    parts: dict[str, Any] = {}
-    for one in fields(problem):
+    """Each part of a problem and its tests as plain values; of an array its digest, of what is one's own its name."""
+    parts = {field.name: getattr(problem, field.name) for field in fields(problem) if field.name != "tests"}
+    for test in problem.tests:
+        parts |= {prefixed(test.name, field.name): getattr(test, field.name) for field in fields(test)}
+    plain: dict[str, Any] = {}
+    for name, part in parts.items():
         description = _Description()
-        plain = description._taken(getattr(problem, one.name), one.name)
+        taken = description._taken(part, name)
         digests = [hashlib.sha256(np.ascontiguousarray(a).tobytes()).hexdigest() for a in description.arrays.values()]
-        parts[one.name] = [plain, *digests]
-    return parts
+        plain[name] = [taken, *digests]
+    return plain
 
 
 def problem_from(array: Callable[[str], NDArray[Any]], record: Mapping[str, Any], where: str) -> Problem:
@@ -93,12 +97,20 @@ def require_same_problem(problem: Problem, record: Mapping[str, Any], where: str
     here = _Description.of(problem).as_json()
     if here["description"] == record["description"] and here["sha256"] == record["sha256"]:
         return
-    stated, given = record["description"], here["description"]
+    stated, given = (_parts(plain["description"]) for plain in (record, here))
     names = [name for name in stated if stated[name] != given.get(name)] or ["numbers in its arrays"]
     raise ModelError(
         f"{where}: found a posterior of another problem than the one passed: other {', '.join(names)}; expected the "
         "problem that was sampled; pass that one"
     )
+
+
+def _parts(description: Mapping[str, Any]) -> dict[str, Any]:
+    """What a description says of a problem and of each of its tests, by names."""
+    parts = {name: value for name, value in description.items() if name != "tests"}
+    for test in description.get("tests", ()):
+        parts |= {prefixed(str(test.get("name", "")), name): value for name, value in test.items()}
+    return parts
 
 
 @dataclass

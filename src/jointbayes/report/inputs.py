@@ -46,7 +46,7 @@ class ReportInputs:
     def setups(self) -> tuple[SetupInputs, ...]:
         """Each set-up; a lone test is one."""
         parts, said = self.posterior.problem.parts, self.summary.setups
-        return tuple(SetupInputs(self.posterior, part, said[part.setup]) for part in parts)
+        return tuple(SetupInputs(self.posterior, part, said[part.test.name]) for part in parts)
 
     @cached_property
     def knowledge(self) -> Knowledge:

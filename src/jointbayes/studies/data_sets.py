@@ -20,7 +20,7 @@ from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.frf import FrfSet
 from jointbayes.inference import Problem
 from jointbayes.inference.likelihood_base import PURE_NOISE
-from jointbayes.measurement import FrfMeasurement, Measurement, ModalMeasurement, ModeMeasurement
+from jointbayes.measurement import Data, FrfData, ModalData, ModeData
 from jointbayes.sampling import SamplerSettings
 from jointbayes.studies.ranks import rank_statistic
 from jointbayes.workflow import sample
@@ -186,7 +186,7 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
                 f"calibrate: {problem.name} has a further term of the log likelihood, from which no data can be drawn; "
                 "expected a problem without; state what it says as a prior instead"
             )
-        bodies = [body.name for part in problem.parts for body in part.measured_bodies]
+        bodies = [body.name for test in problem.tests for body in test.measured_bodies]
         if bodies:
             raise ModelError(
                 f"calibrate: {problem.name} has the measured body {bodies[0]}, whose true FRFs "
@@ -194,10 +194,10 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
             )
     if source is analysis:
         return
-    setups = [[part.setup for part in problem.parts] for problem in (analysis, source)]
-    other = ["set-ups"] if setups[0] != setups[1] else []
-    for analysed, simulated in zip(analysis.parts, source.parts, strict=False):
-        here, there = _measured(analysed.measurement), _measured(simulated.measurement)
+    names = [[test.name for test in problem.tests] for problem in (analysis, source)]
+    other = ["set-ups"] if names[0] != names[1] else []
+    for analysed, simulated in zip(analysis.tests, source.tests, strict=False):
+        here, there = _measured(analysed.data), _measured(simulated.data)
         other += [name for name, value in here.items() if value != there.get(name)]
     if other:
         differing = " and ".join(dict.fromkeys(other))
@@ -207,18 +207,18 @@ def require_simulable(analysis: Problem, source: Problem) -> None:
         )
 
 
-def _measured(measurement: Measurement) -> dict[str, object]:
+def _measured(data: Data) -> dict[str, object]:
     """What must be the same of data for the one to stand for the other, in the words of a message."""
-    if isinstance(measurement, ModeMeasurement):
+    if isinstance(data, ModeData):
         return {
             "data": "modes",
-            "values": measurement.observed,
-            "mode numbers": measurement.numbers,
-            "DOFs": (measurement.dofs, measurement.references),
+            "values": data.observed,
+            "mode numbers": data.numbers,
+            "DOFs": (data.dofs, data.references),
         }
-    if isinstance(measurement, ModalMeasurement):
-        return {"data": "natural frequencies", "number of natural frequencies": measurement.frequency_hz.size}
-    frf = measurement.frf
+    if isinstance(data, ModalData):
+        return {"data": "natural frequencies", "number of natural frequencies": data.frequency_hz.size}
+    frf = data.frf
     lines = tuple(frf.frequency_hz.tolist())
     return {"data": "FRFs", "quantity": frf.quantity, "outputs": frf.outputs, "inputs": frf.inputs, "lines": lines}
 
@@ -232,11 +232,8 @@ def simulated_problem(analysis: Problem, source: Problem, theta: Array, rng: np.
         If there is no finite FRF, or natural frequencies are out of order.
     """
     pairs = zip(analysis.parts, source.parts, strict=True)
-    simulated = [replace_values(part, simulated_values(its, theta, rng)) for part, its in pairs]
-    if not analysis.setups:
-        return simulated[0]
-    each = zip(analysis.setups, simulated, strict=True)
-    return replace(analysis, setups=tuple(replace(test, measurement=part.measurement) for test, part in each))
+    simulated = [replace_values(part, simulated_values(its, theta, rng)).test for part, its in pairs]
+    return replace(analysis, tests=tuple(simulated))
 
 
 def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
@@ -262,7 +259,7 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
     MeasurementError
         If the model has no finite FRF there.
     """
-    likelihood, measured = problem.log_posterior.likelihood, problem.measurement
+    likelihood, measured = problem.log_posterior.likelihood, problem.test.data
     factors = problem.prior.factors(theta[None])
     predicted = problem.log_posterior.predicted(theta)[0]
     if not np.isfinite(predicted).all():
@@ -272,9 +269,9 @@ def simulated_values(problem: Problem, theta: Array, rng: np.random.Generator) -
         )
     lines, pairs = len(predicted), math.prod(predicted.shape[1:])
     z = likelihood.noise.draw(rng, likelihood.hyper(factors), lines, pairs)[0].reshape(predicted.shape)
-    if isinstance(measured, ModalMeasurement):
+    if isinstance(measured, ModalData):
         return predicted + math.sqrt(2) * measured.sd * z.real  # z = r/(√2 sd), as noise models have it
-    if problem.residual_kind == "complex":
+    if problem.test.residual_kind == "complex":
         return predicted + np.sqrt(measured.variance) * z
     spread = np.minimum(measured.variance / (2 * np.abs(measured.frf.values) ** 2), PURE_NOISE)
     return predicted * np.exp(np.sqrt(2 * spread) * z.real)
@@ -290,12 +287,12 @@ def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
     MeasurementError
         If the values are no possible measurement: natural frequencies out of order.
     """
-    measured = problem.measurement
-    if isinstance(measured, ModalMeasurement):
-        return replace(problem, measurement=measured.with_values(values))
+    measured = problem.test.data
+    if isinstance(measured, ModalData):
+        return problem.with_test(data=measured.with_values(values))
     old, variance = measured.frf, measured.variance
-    if problem.residual_kind == "log_magnitude":
+    if problem.test.residual_kind == "log_magnitude":
         variance = variance * np.abs(values / old.values) ** 2  # what is stated of ln|H| is variance/|H|²
     frf = FrfSet(old.frequency_hz, values, old.outputs, old.inputs, old.quantity)
-    changed = FrfMeasurement(frf, variance, synthetic=True, variance_dof=measured.variance_dof)
-    return replace(problem, measurement=changed)
+    changed = FrfData(frf, variance, synthetic=True, variance_dof=measured.variance_dof)
+    return problem.with_test(data=changed)

@@ -19,7 +19,7 @@ from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Uniform
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 
 #: Residuals, complex where `parts` is 2, real where it is 1.
 Residuals = NDArray[Any]
@@ -152,7 +152,7 @@ class NoiseModel(ABC):
             "so the size of the residuals is no test of the model.",
         )
 
-    def fitted_to(self, measurement: FrfMeasurement, parts: int) -> Self:
+    def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines and values of another measurement, with residuals of so many parts."""
         return replace(self, parts=parts)  # type: ignore[type-var]  # every model is a dataclass
 

@@ -24,18 +24,18 @@ from jointbayes.inference.noise.base import (
 )
 from jointbayes.inference.noise.kernels import correlate, innovations, ou_log_likelihood
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 
 #: A discrepancy below this share of the stated noise adds less than a tenth to the variance of a line.
 _SLIGHT = 0.3
 
 
-def noise_of(choice: NoiseChoice, parts: int, measurement: FrfMeasurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+def noise_of(choice: NoiseChoice, parts: int, data: FrfData) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model of a case with a model discrepancy, and the priors of its hyperparameters."""
     assert choice.discrepancy is not None
     size, length = choice.discrepancy
     priors = log_uniform("discrepancy_scale", "× noise", *size), log_uniform("discrepancy_length", "Hz", *length)
-    noise = CorrelatedNoise(parts, measurement.frf.frequency_hz, choice.scale == "sampled")
+    noise = CorrelatedNoise(parts, data.frf.frequency_hz, choice.scale == "sampled")
     return noise, (*choice.parameters, *priors)
 
 
@@ -147,6 +147,6 @@ class CorrelatedNoise(NoiseModel):
             else f"It includes a model discrepancy that is small, {size:.2g} times the stated noise.",
         )
 
-    def fitted_to(self, measurement: FrfMeasurement, parts: int) -> Self:
+    def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines of another measurement."""
-        return type(self)(parts, measurement.frf.frequency_hz, self.scaled)
+        return type(self)(parts, data.frf.frequency_hz, self.scaled)

@@ -13,17 +13,17 @@ from jointbayes.frf.frf_set import read_only
 from jointbayes.inference.likelihood_base import PURE_NOISE
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, log_uniform, rows_of
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import FrfMeasurement, Measurement
+from jointbayes.measurement import Data, FrfData
 
 #: Sizes of the error, as fractions of |H|, between which every order of magnitude is equally probable.
 RANGE = 1e-4, 0.3
 
 
-def noise_of(choice: NoiseChoice, parts: int, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model that a case chooses, and the priors of its hyperparameters."""
-    if not isinstance(measurement, FrfMeasurement):
+    if not isinstance(data, FrfData):
         raise ModelError("proportional noise: found natural frequencies; expected FRFs; use Gaussian noise")
-    noise = ProportionalNoise.of(measurement, parts, choice.scale == "sampled")
+    noise = ProportionalNoise.of(data, parts, choice.scale == "sampled")
     return noise, (*choice.parameters, log_uniform("proportional_error", "× |H|", *RANGE))
 
 
@@ -56,17 +56,17 @@ class ProportionalNoise(GaussianSpread):
         object.__setattr__(self, "stated", read_only(self.stated))
 
     @classmethod
-    def of(cls, measurement: FrfMeasurement, parts: int, scaled: bool = False) -> Self:
+    def of(cls, data: FrfData, parts: int, scaled: bool = False) -> Self:
         """The model of a measurement."""
         with np.errstate(divide="ignore"):  # a measured zero has no error in proportion to it
-            variance = measurement.variance / (2 * np.abs(measurement.frf.values) ** 2)
+            variance = data.variance / (2 * np.abs(data.frf.values) ** 2)
         if parts == 1:
             variance = np.minimum(variance, PURE_NOISE)
         return cls(parts, np.sqrt(variance).reshape(len(variance), -1), scaled)
 
-    def fitted_to(self, measurement: FrfMeasurement, parts: int) -> Self:
+    def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines and values of another measurement."""
-        return type(self).of(measurement, parts, self.scaled)
+        return type(self).of(data, parts, self.scaled)
 
     def words(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """What of the noise was inferred, in sentences."""

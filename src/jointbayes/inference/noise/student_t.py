@@ -23,10 +23,10 @@ from jointbayes.inference.noise.base import (
 )
 from jointbayes.inference.noise.kernels import log1p_sum
 from jointbayes.inference.prior import Nuisance
-from jointbayes.measurement import Measurement
+from jointbayes.measurement import Data
 
 
-def noise_of(choice: NoiseChoice, parts: int, measurement: Measurement) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
+def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model that a case chooses, and the priors of its hyperparameters."""
     return StudentNoise(parts, choice.dof, choice.scale == "sampled"), choice.parameters
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import FrfSet, Ports, Quantity
 from jointbayes.inference import Problem
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.posterior import FrfPrediction, Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.prediction import frfs_as_measured
@@ -30,18 +30,18 @@ def fit_section(inputs: SetupInputs) -> Section:
         f"over {fit.n_data} values (1 is expected)."
     )
     blocks: list[Block] = [Paragraph(text), Paragraph(said.check.sentence)]
-    measurement = inputs.part.measurement
-    if isinstance(measurement, FrfMeasurement):
-        blocks.append(_residuals(measurement, said.check))
+    data = inputs.part.test.data
+    if isinstance(data, FrfData):
+        blocks.append(_residuals(data, said.check))
     blocks += _measure(said.diagnosis)
-    if isinstance(measurement, FrfMeasurement):
+    if isinstance(data, FrfData):
         blocks += _frf_figures(inputs.posterior, inputs.part, said.diagnosis)
     return Section("fit", "Measured and predicted", tuple(blocks))
 
 
-def _residuals(measurement: FrfMeasurement, check: PredictiveCheck) -> Figure:
+def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
     """Where the model does not explain the data."""
-    lines = measurement.frf.frequency_hz
+    lines = data.frf.frequency_hz
     return Figure(
         "residuals",
         "Squared residual of each line over what the noise model expects, mean over posterior draws; the line is a "
@@ -82,9 +82,9 @@ def _measure(diagnosis: Diagnosis) -> list[Block]:
 
 
 def _frf_figures(posterior: Posterior, problem: Problem, diagnosis: Diagnosis) -> list[Block]:
-    measurement = problem.measurement
-    assert isinstance(measurement, FrfMeasurement)
-    frf = measurement.frf
+    data = problem.test.data
+    assert isinstance(data, FrfData)
+    frf = data.frf
     shown = _shown(frf, diagnosis)
     every = len(frf.outputs) * len(frf.inputs)
     blocks: list[Block] = []
@@ -99,13 +99,13 @@ def _frf_figures(posterior: Posterior, problem: Problem, diagnosis: Diagnosis) -
         )
         blocks.append(Paragraph(text))
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-    band = posterior.predict_frf(None if len(shown) == every else ports, setup=problem.setup or None)
+    band = posterior.predict_frf(None if len(shown) == every else ports, setup=problem.test.name or None)
     theta, prior = posterior.estimate.theta, problem.prior
     # the first guess is one of the joint: all else is as at the MAP, so that the two curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * 2)
     stiffness = np.array([problem.first_guess, prior.values(theta)])
     guess, best = frfs_as_measured(problem, ports, frf.quantity, stiffness, factors)
-    label = "synthetic" if measurement.synthetic else "measured"
+    label = "synthetic" if data.synthetic else "measured"
     for i, output in enumerate(frf.outputs):
         for j, input_ in enumerate(frf.inputs):
             if (output, input_) not in shown:

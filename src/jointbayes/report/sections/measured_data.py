@@ -17,7 +17,7 @@ _MOST_CHANNELS = 40  # in the table
 
 def mode_table(inputs: SetupInputs) -> tuple[Block, ...]:
     """Natural frequencies and damping ratios that the FRFs show; empty where none were found."""
-    provenance = inputs.part.measurement.provenance
+    provenance = inputs.part.test.data.provenance
     if provenance is None or not provenance.modes:
         return ()
     predicted = _predicted(inputs, provenance.modes)
@@ -45,16 +45,16 @@ def _predicted(inputs: SetupInputs, modes: Sequence[MeasuredMode]) -> list[float
     """The model's natural frequency nearest to each measured one; NaN where the model has none."""
     problem, theta = inputs.part, inputs.posterior.estimate.theta
     measured = np.array([mode.frequency_hz for mode in modes])
-    if not problem.most_modes:
+    if not problem.test.most_modes:
         return [float("nan")] * len(measured)
-    count = min(problem.most_modes, 2 * len(measured) + 4)
+    count = min(problem.test.most_modes, 2 * len(measured) + 4)
     predicted = problem.natural_frequencies_hz(problem.prior.values(theta), count, problem.prior.factors(theta))[0]
     return [float(predicted[np.argmin(np.abs(predicted - f))]) for f in measured]
 
 
 def measurement_section(inputs: SetupInputs) -> Section | None:
     """Files, channels, variance, what was changed, and what is doubtful."""
-    p = inputs.part.measurement.provenance
+    p = inputs.part.test.data.provenance
     if p is None:
         return None
     averages = f", {p.averages} averages" if p.averages else ""
@@ -102,9 +102,9 @@ def measured_bodies_section(inputs: ReportInputs) -> Section | None:
     if noise is None:
         return None
     bodies = [
-        (f"{body.name} in set-up {part.setup}" if part.setup else body.name, body)
+        (f"{body.name} in set-up {part.test.name}" if part.test.name else body.name, body)
         for part in inputs.posterior.problem.parts
-        for body in part.measured_bodies
+        for body in part.test.measured_bodies
     ]
     head = ("Body", "DOFs", "Lines", "Noise, median (%)", "Reciprocity")
     note = (

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jointbayes.arrays import Array
 from jointbayes.inference import ModePrediction, Problem, mac
-from jointbayes.measurement import ModalMeasurement, ModeMeasurement, Observed
+from jointbayes.measurement import ModalData, ModeData, Observed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import interval, number, signed
 from jointbayes.report import figures
@@ -37,9 +37,9 @@ def frequency_section(inputs: SetupInputs) -> Section | None:
     if measured:
         head.insert(1, "Measured (Hz)")
     blocks: list[Block] = [Table("Natural frequencies, undamped", tuple(head), tuple(rows))]
-    measurement = inputs.part.measurement
+    data = inputs.part.test.data
     if measured:
-        sd = measurement.sd_hz if isinstance(measurement, ModalMeasurement) else None
+        sd = data.sd_hz if isinstance(data, ModalData) else None
         low, high = np.array(frequencies.interval95).T
         series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
         svg = figures.frequency_errors(np.array(measured), sd, series)
@@ -74,10 +74,10 @@ class _Compared:
 def modes_section(inputs: SetupInputs) -> Section | None:
     """Measured against predicted modes; None where the data are others."""
     posterior, problem = inputs.posterior, inputs.part
-    measured = problem.measurement
-    if not isinstance(measured, ModeMeasurement):
+    measured = problem.test.data
+    if not isinstance(measured, ModeData):
         return None
-    prediction = ModePrediction(problem.structures, problem.joints, measured)
+    prediction = ModePrediction(problem.test.structures, problem.test.joints, measured)
     parts, likeness, places = _compared(posterior, problem, prediction)
     head = ("Measured", "sd", "MAP", "MAP − measured (sd)", "95 % interval")
     rows = []
@@ -113,8 +113,8 @@ def _compared(
     posterior: Posterior, problem: Problem, prediction: ModePrediction
 ) -> tuple[dict[str, _Compared], Array, NDArray[np.intp]]:
     """Each kind of quantity by name; and of each mode its MAC and its partner's place (from 0) at the MAP."""
-    prior, measured = problem.prior, problem.measurement
-    assert isinstance(measured, ModeMeasurement)
+    prior, measured = problem.prior, problem.test.data
+    assert isinstance(measured, ModeData)
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
     modal, places = prediction.matched(prior.matrix(theta), problem.structural(prior.factors(theta)))
     omega_squared = (2 * np.pi * modal.frequency_hz) ** 2
@@ -136,7 +136,7 @@ def _compared(
     return parts, likeness, places[0]
 
 
-def _figures(measured: ModeMeasurement, shape: _Compared) -> list[Block]:
+def _figures(measured: ModeData, shape: _Compared) -> list[Block]:
     """Components, measured and predicted, of each mode of which some were measured."""
     assert measured.shapes is not None
     blocks: list[Block] = []

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from jointbayes.measurement import FrfMeasurement, Measurement
+from jointbayes.measurement import Data, FrfData
 from jointbayes.posterior.posterior import Curve, curves_of
 from jointbayes.posterior.rounding import interval, number
 from jointbayes.posterior.verdicts import verdict_text
@@ -22,7 +22,7 @@ def overview_section(inputs: ReportInputs) -> Section:
     rows = []
     for one in inputs.setups:
         fit, check = one.said.fit, one.said.check
-        row = [foreign(one.part.setup), _data(one.part.measurement), str(fit.n_data), number(fit.chi2_per_line, 4)]
+        row = [foreign(one.part.test.name), _data(one.part.test.data), str(fit.n_data), number(fit.chi2_per_line, 4)]
         row.append("yes" if check.explains else "no")
         if levels:
             level = one.said.level
@@ -42,8 +42,8 @@ def overview_section(inputs: ReportInputs) -> Section:
     return Section("setups", "Set-ups", (table,))
 
 
-def _data(measured: Measurement) -> str:
-    if not isinstance(measured, FrfMeasurement):
+def _data(measured: Data) -> str:
+    if not isinstance(measured, FrfData):
         return f"{measured.frequency_hz.size} natural frequencies"
     frf, f = measured.frf, measured.frf.frequency_hz
     pairs = f"{_dofs(frf.outputs)} / {_dofs(frf.inputs)}"
@@ -61,7 +61,7 @@ def setup_section(place: int, inputs: SetupInputs, sections: Sequence[Section]) 
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
         blocks += (_name_setup(place, block) for block in section.blocks)
-    return Section(f"setup-{place}", f"Set-up {foreign(inputs.part.setup)}", tuple(blocks))
+    return Section(f"setup-{place}", f"Set-up {foreign(inputs.part.test.name)}", tuple(blocks))
 
 
 def _name_setup(place: int, block: Block) -> Block:

@@ -12,12 +12,12 @@ from scipy import optimize
 
 from jointbayes.arrays import Array
 from jointbayes.errors import ModelError
-from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor, receptance_model
+from jointbayes.frf import AnyStructure, FrfSet, Ports, Quantity, quantity_factor
 from jointbayes.inference import NoiseModel, Nuisance, Problem
 from jointbayes.inference.likelihood_base import ResidualKind
-from jointbayes.inference.setup import columns_of_names
+from jointbayes.inference.test import columns_of_names
 from jointbayes.joint import AnyJoint
-from jointbayes.measurement import FrfMeasurement, RelativeNoise
+from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.posterior.identifiability import Verdict
 
 ComplexArray = NDArray[np.complex128]
@@ -60,14 +60,14 @@ class StatedVariance:
         return self.stated
 
 
-def estimated_law(measurement: FrfMeasurement) -> RelativeNoise:
+def estimated_law(data: FrfData) -> RelativeNoise:
     """Relative noise and floor that come nearest to a measurement's own variance, for DOFs that it does not have.
 
     The standard deviation of a part is fitted as a|H| + b·median|H| with a, b ≥ 0, relative deviations squared.
     Exact where the variance was made so from an FRF without noise.
     """
-    magnitude = np.abs(measurement.frf.values)
-    sd = np.sqrt(measurement.variance / 2)
+    magnitude = np.abs(data.frf.values)
+    sd = np.sqrt(data.variance / 2)
     floor = np.broadcast_to(np.median(magnitude, axis=0), magnitude.shape)
     terms = np.stack([magnitude / sd, floor / sd], axis=-1).reshape(-1, 2)
     (relative, share), _ = optimize.nnls(terms, np.ones(len(terms)))
@@ -139,17 +139,17 @@ class Candidate:
             Source of the noise; None leaves the FRFs exact, with their variance still stated.
         """
         point = np.asarray(theta, dtype=float)
-        known = next((part for part in problem.parts if part.setup == self.setup), problem.parts[0])
-        there = replace(
-            known,
+        known = next((part for part in problem.parts if part.test.name == self.setup), problem.parts[0])
+        test = replace(
+            known.test,
+            name=self.setup or known.test.name,
             structure=self.structure,
-            joint=known.joint if self.joint is None else self.joint,
-            setup=self.setup or known.setup,
-            residual_kind=self.residual_kind or known.residual_kind,
-            extra_log_likelihood=None,  # what else is known is known once
+            joints=known.test.joints if self.joint is None else self.joint,
+            residual_kind=self.residual_kind or known.test.residual_kind,
         )
+        there = replace(known, tests=(test,), extra_log_likelihood=None)  # what else is known is known once
         factors = there.prior.factors(point)
-        model = receptance_model(self.structure, there.joints, self.ports)
+        model = test.receptance_model(self.ports)
         true = model.receptance(there.prior.matrix(point), there.structural(factors))[0]
         true = (
             float(there.gain(factors)) * true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
@@ -158,15 +158,15 @@ class Candidate:
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
         if rng is not None:
-            noise = _noise(known, there, self.noise, point, FrfMeasurement(frf, variance), rng)
+            noise = _noise(known, there, self.noise, point, FrfData(frf, variance), rng)
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
-        measurement = FrfMeasurement(frf, variance, synthetic=True)
-        law = self.noise or known.noise
+        measurement = FrfData(frf, variance, synthetic=True)
+        law = self.noise or known.test.noise
         noise_model = law and law.fitted_to(measurement, law.parts)
-        return replace(there, measurement=measurement, noise=noise_model)
+        return there.with_test(data=measurement, noise=noise_model)
 
 
-def present(problem: Problem) -> FrfMeasurement:
+def present(problem: Problem) -> FrfData:
     """The present measurement.
 
     Raises
@@ -174,9 +174,9 @@ def present(problem: Problem) -> FrfMeasurement:
     ModelError
         If it is not one of FRFs.
     """
-    if not isinstance(problem.measurement, FrfMeasurement):
+    if not isinstance(problem.test.data, FrfData):
         raise ModelError("planning: found natural frequencies; expected FRFs, whose lines and noise a plan can vary")
-    return problem.measurement
+    return problem.test.data
 
 
 def repeated(problem: Problem, averages_factor: float) -> Candidate:
@@ -193,14 +193,14 @@ def repeated(problem: Problem, averages_factor: float) -> Candidate:
     measured = present(problem)
     if not 1 < averages_factor < math.inf:
         raise ModelError(f"planning: found {averages_factor:g} times the averages; expected a number above 1")
-    if problem.noise is not None and not problem.noise.averages_out:
+    if problem.test.noise is not None and not problem.test.noise.averages_out:
         raise ModelError("planning: found an inferred discrepancy; expected none, since averages do not reduce it")
     frf = measured.frf
     return Candidate(
         f"{averages_factor:g} × averages",
         "averages",
         f"{averages_factor:g} times the averages",
-        problem.structure,
+        problem.test.structure,
         Ports(frf.frequency_hz, frf.outputs, frf.inputs),
         frf.quantity,
         StatedVariance(measured.variance / (averages_factor - 1)),
@@ -212,7 +212,7 @@ def _noise(
     there: Problem,
     stated: NoiseModel | None,
     theta: Array,
-    exact: FrfMeasurement,
+    exact: FrfData,
     rng: np.random.Generator,
 ) -> ComplexArray:
     """Standardised complex residuals that a noise model expects at θ, shape (lines, outputs, inputs).
@@ -221,10 +221,10 @@ def _noise(
     """
     likelihood = present.log_posterior.likelihood
     law = likelihood.noise
-    if stated is not None and isinstance(present.measurement, FrfMeasurement):
-        law = stated.fitted_to(present.measurement, law.parts)
+    if stated is not None and isinstance(present.test.data, FrfData):
+        law = stated.fitted_to(present.test.data, law.parts)
     names = [nuisance.name for nuisance in present.prior.nuisances]
-    factors = present.prior.factors(theta)[None, columns_of_names(there.setup, law.names, names)]
+    factors = present.prior.factors(theta)[None, columns_of_names(there.test.name, law.names, names)]
     z = present.log_posterior.standardised(theta)
     noise, hyper = law.with_scale((np.abs(z) ** 2).sum(), likelihood.n_data, factors)
     # noise is made in both parts even where only the magnitude is looked at

@@ -26,7 +26,7 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import as_joints
-from jointbayes.measurement import FrfMeasurement
+from jointbayes.measurement import FrfData
 from jointbayes.structure import StructureFamily, StructureRecipe, family_of_recipe
 from jointbayes.studies.planning.candidates import Candidate, CandidateKind, VarianceLaw, estimated_law, repeated
 
@@ -53,23 +53,23 @@ def candidates_of(case: Case) -> tuple[Candidate, ...]:
     stated = next((spec.plan for spec in specs.values() if spec.plan != PlanSpec()), case.spec.plan)
     found: list[Candidate] = []
     for part in case.problem.parts:
-        if not isinstance(part.measurement, FrfMeasurement):
-            source, loc = sources.get(part.setup, case.source), ("data", "kind")
+        if not isinstance(part.test.data, FrfData):
+            source, loc = sources.get(part.test.name, case.source), ("data", "kind")
             expected = "expected FRFs, whose noise and band a plan can vary"
             words = "found natural frequencies as data", expected, 'write kind = "synthetic_frf" or "measured_frf"'
             raise CaseError(source.fault(loc, show_key(source.written(loc)), *words))
-        spec = specs.get(part.setup, case.spec)
+        spec = specs.get(part.test.name, case.spec)
         # a set-up that lacks one of the plan's DOFs reads none of the plan
         dofs = {key: tuple(x for x in getattr(stated, key) if spec.structure.absent(x) is None) for key in _DOFS}
         planned = spec.model_copy(update={"plan": stated.model_copy(update=dofs)})
-        found += _Maker(planned, part, part.measurement).all()
+        found += _Maker(planned, part, part.test.data).all()
     return (*found, *proposed_setups(case))
 
 
 class _Maker:
     """Makes candidates on one set-up; noise at other DOFs is as stated, or like that of the measured FRFs."""
 
-    def __init__(self, spec: CaseSpec, problem: Problem, measurement: FrfMeasurement) -> None:
+    def __init__(self, spec: CaseSpec, problem: Problem, measurement: FrfData) -> None:
         data = spec.data
         self._problem, self._data, self._spec = problem, measurement.frf, spec
         self._recipe = recipe_of(spec.structure, data, measurement)
@@ -88,14 +88,14 @@ class _Maker:
             if self._recipe.accelerometer_mass > 0 or not pairs <= seen:
                 found.append(candidate)
                 seen |= pairs
-        noise = self._problem.noise
+        noise = self._problem.test.noise
         if noise is None or noise.averages_out:
             found.append(repeated(self._problem, self._spec.plan.averages_factor))
         return tuple(map(self._name_after_setup, (*found, *self._band(), *self._mass())))
 
     def _name_after_setup(self, candidate: Candidate) -> Candidate:
         """A candidate with the name of its set-up, if it is one of several."""
-        name = self._problem.setup
+        name = self._problem.test.name
         if not name:
             return candidate
         words = f"{candidate.words} in set-up {name}"
@@ -104,7 +104,7 @@ class _Maker:
     def _family(self, recipe: StructureRecipe) -> StructureFamily:
         """Structures of a recipe that the prior thinks possible."""
         known = self._problem.prior.nuisances
-        names, columns = self._problem.structures.names, self._problem.structural_columns
+        names, columns = self._problem.test.structures.names, self._problem.structural_columns
         return family_of_recipe(recipe, {name: known[i].range for name, i in zip(names, columns, strict=True)})
 
     def _dof_candidates(self) -> Iterator[Candidate]:
@@ -128,7 +128,7 @@ class _Maker:
             dof for dof in outputs if dof not in self._recipe.accelerometer_dofs
         )
         recipe = replace(self._recipe, accelerometer_dofs=loaded)
-        structure = self._problem.structure
+        structure = self._problem.test.structure
         if recipe.accelerometer_mass > 0 and kind != "hammer":
             structure = self._family(recipe)
         ports = Ports(self._lines, outputs, inputs)
@@ -148,7 +148,7 @@ class _Maker:
             f"band to {top:g} Hz",
             "band",
             f"a band up to {top:g} Hz",
-            problem.structure,
+            problem.test.structure,
             Ports(lines, data.outputs, data.inputs),
             data.quantity,
             self._law,
@@ -229,22 +229,22 @@ def _built(name: str, text: CaseText, spec: CaseSpec, case: Case) -> CaseSetup:
         raise ModelError("found a case without its set-ups; expected the case file, of which they are; load it again")
     first = case.setups[0]
     if isinstance(spec.data, MeasuredSpec):
-        spec = as_measured(spec, first.measurement)
+        spec = as_measured(spec, first.data)
     if isinstance(spec.structure, MatricesSpec):
         raise ModelError(
             "found a structure given by matrices; expected a beam, a frame or a chain, of which a set-up can change "
             "something; remove it"
         )
-    recipe = recipe_of(spec.structure, spec.data, first.measurement)
+    recipe = recipe_of(spec.structure, spec.data, first.data)
     joint = as_joints(spec.joint_objects)
     joint.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
-    noise, of_noise = noise_of(spec.noise, first.measurement)
-    return CaseSetup(name, text, spec, recipe, (), joint, first.measurement, noise, of_noise)
+    noise, of_noise = noise_of(spec.noise, first.data)
+    return CaseSetup(name, text, spec, recipe, (), joint, first.data, noise, of_noise)
 
 
 def _candidate(setup: CaseSetup, problem: Problem) -> Candidate:
-    measured, data, name = setup.measurement, setup.spec.data, setup.name
-    assert isinstance(measured, FrfMeasurement)
+    measured, data, name = setup.data, setup.spec.data, setup.name
+    assert isinstance(measured, FrfData)
     if isinstance(data, SyntheticFrfSpec):
         ports = Ports(np.array(data.lines_hz()), data.outputs, data.inputs)
         law, quantity = noise_law(data.noise), data.quantity

@@ -51,8 +51,9 @@ class WithOwn:
         known = self.present.prior.nuisances
         end = len(known) - self.present.log_posterior.likelihood.hyper_count
         prior = replace(self.present.prior, nuisances=(*known[:end], *self.own, *known[end:]))
-        setup = "" if self.present.setups else self.present.setup or _PRESENT
-        return replace(self.present, prior=prior, setup=setup)
+        if len(self.present.tests) > 1 or self.present.test.name:
+            return replace(self.present, prior=prior)
+        return replace(self.present, prior=prior, tests=(replace(self.present.test, name=_PRESENT),))
 
     @cached_property
     def present_columns(self) -> NDArray[np.intp]:

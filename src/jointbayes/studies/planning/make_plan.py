@@ -83,7 +83,7 @@ def plan(
         If the directory holds something else, or another process is at work in it.
     """
     tell = progress or (lambda line: None)
-    bodies = [(part.setup, body.name) for part in case.problem.parts for body in part.measured_bodies]
+    bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
         setup, name = bodies[0]
         source = {test.name: test.source for test in case.setups}.get(setup, case.source)
@@ -122,9 +122,9 @@ def plan(
         for estimate in (*chosen, *others)
     ]
     planned.sort(
-        key=lambda measurement: (
-            not measurement.ranked,
-            measurement.sd_after if measurement.ranked else measurement.linearised.median,
+        key=lambda data: (
+            not data.ranked,
+            data.sd_after if data.ranked else data.linearised.median,
         )
     )
     return Plan(

@@ -149,7 +149,7 @@ class Plan:
     @property
     def ranked(self) -> tuple[PlannedMeasurement, ...]:
         """Measurements with simulations behind them, the best first."""
-        return tuple(measurement for measurement in self.measurements if measurement.ranked)
+        return tuple(data for data in self.measurements if data.ranked)
 
     @property
     def recommended(self) -> PlannedMeasurement | None:
@@ -169,7 +169,7 @@ class Plan:
         best = self.recommended
         if best is None:
             return ()
-        return tuple(measurement for measurement in self.ranked[1:] if _share_better(measurement, best) >= AS_GOOD)
+        return tuple(data for data in self.ranked[1:] if _share_better(data, best) >= AS_GOOD)
 
     @property
     def sentence(self) -> str:
@@ -193,7 +193,7 @@ class Plan:
             f"{spread_in_words(best.sd_after)} ({best.simulation.verdict}); now it is known to {now}. In 80 % of "
             f"simulated measurements: {spread_in_words(low)} to {spread_in_words(high)}."
         )
-        others = ", ".join(measurement.words for measurement in self.as_good)
+        others = ", ".join(data.words for data in self.as_good)
         return f"{said} About as good: {others}." if others else said
 
     @property
@@ -202,11 +202,7 @@ class Plan:
         notes = []
         if self.assumed:
             notes.append("The measurements were simulated for a stated joint, not for what the present data allow.")
-        lost = [
-            measurement.label
-            for measurement in self.measurements
-            if measurement.simulation is not None and not measurement.simulation.valid
-        ]
+        lost = [data.label for data in self.measurements if data.simulation is not None and not data.simulation.valid]
         if lost:
             notes.append(f"Not ranked, because too many simulations failed: {', '.join(lost)}.")
         if self.left_out:
@@ -248,20 +244,20 @@ class Plan:
             "converged": self.converged,
             "reason": self.reason,
             "now": {"sd": _finite(self.now.sd), "verdict": self.now.verdict},
-            "measurements": [measurement.as_json() for measurement in self.measurements],
+            "measurements": [data.as_json() for data in self.measurements],
             "recommended": None if best is None else list(best.names),
-            "as_good": [list(measurement.names) for measurement in self.as_good],
+            "as_good": [list(data.names) for data in self.as_good],
             "sentence": self.sentence,
             "notes": list(self.notes),
         }
 
 
-def _share_better(measurement: PlannedMeasurement, best: PlannedMeasurement) -> float:
+def _share_better(data: PlannedMeasurement, best: PlannedMeasurement) -> float:
     """Share of the truths that both were simulated for in which the first leaves less than the second."""
-    assert measurement.simulation is not None
+    assert data.simulation is not None
     assert best.simulation is not None
-    count = min(len(measurement.simulation.sds), len(best.simulation.sds))
-    mine, other = measurement.simulation.sds[:count], best.simulation.sds[:count]
+    count = min(len(data.simulation.sds), len(best.simulation.sds))
+    mine, other = data.simulation.sds[:count], best.simulation.sds[:count]
     both = np.isfinite(mine) & np.isfinite(other)
     return float((mine < other)[both].mean()) if both.any() else 0.0
 

@@ -1,0 +1,274 @@
+"""A test: what was tested in which state, and which of the uncertain quantities are its own."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointbayes.errors import ModelError
+from jointbayes.frf import (
+    AnyStructure,
+    FrfSet,
+    MeasuredBody,
+    Ports,
+    ReceptanceModel,
+    receptance_model,
+    rigid_body_modes,
+)
+from jointbayes.frf.measured_body import substructures
+from jointbayes.inference.likelihood_base import ResidualKind
+from jointbayes.inference.noise.base import NoiseModel
+from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, as_joints
+from jointbayes.joint.quantities import prefixed
+from jointbayes.measurement import Data, FrfData
+from jointbayes.structure import StructureFamily
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """What a test was made at: a torque, a drive level, a temperature.
+
+    Parameters
+    ----------
+    value
+        The number.
+    name, unit
+        What it is, in words, and its unit.
+
+    Raises
+    ------
+    ModelError
+        If it is no finite number.
+    """
+
+    value: float
+    name: str = "level"
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise ModelError(f"level: found {self.value:g}; expected a finite number; correct it")
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """A vibration test: a structure without its joints, where these act, and what was measured.
+
+    Of several tests a quantity of the prior belongs to one where its name begins with the test's, ``"long.length"`` or
+    ``"loud.clamp.k22"``, and to all others where it does not: ``"length"``, ``"clamp.k22"``.
+
+    Parameters
+    ----------
+    name
+        Short name; that of a lone test may be empty.
+    structure
+        Structure without the joints as it was in this test, a family of them where its quantities are uncertain, or
+        `Substructures` where bodies of it are given by their measured FRFs.
+    joints
+        Where the joints act; several in a sequence, each with a name.
+    data
+        FRFs, natural frequencies or modes with their noise.
+    noise
+        How residuals of FRFs are distributed; None is Gaussian noise of the variance of the data.
+    residual_kind
+        What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
+    level
+        What it was made at, for the curve of a joint whose quantities are its own in each test.
+
+    Raises
+    ------
+    ModelError
+        If structure, joints or data are missing.
+    """
+
+    __test__ = False  # no collection of tests of a program, whatever the name says to pytest
+
+    name: str
+    structure: AnyStructure
+    joints: AnyJoint
+    data: Data
+    noise: NoiseModel | None = None
+    residual_kind: ResidualKind = "complex"
+    level: Level | None = None
+
+    def __post_init__(self) -> None:
+        missing = [name for name in ("structure", "joints", "data") if getattr(self, name) is None]
+        if missing:
+            raise ModelError(
+                f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them"
+            )
+        object.__setattr__(self, "joints", as_joints(self.joints))
+
+    def __repr__(self) -> str:
+        return f"{f'{self.name}: ' if self.name else ''}{self.structure!r}; {self.data!r}"
+
+    def __str__(self) -> str:
+        lines = (
+            *([f"set-up: {self.name}"] if self.name else []),
+            f"structure: {self.structure!r}",
+            f"joint: {self.joints}",
+            f"data: {self.data!r}",
+            f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}, residuals {self.residual_kind}",
+        )
+        return "\n".join(lines)
+
+    @cached_property
+    def structures(self) -> StructureFamily:
+        """The modelled structures without the joint."""
+        return substructures(self.structure).family
+
+    @property
+    def measured_bodies(self) -> tuple[MeasuredBody, ...]:
+        """Bodies given by their measured FRFs; where there are any the assembled structure has no modes."""
+        return substructures(self.structure).measured
+
+    @property
+    def ignores_noise_of_bodies(self) -> bool:
+        """Whether measured bodies are taken for exact, so that intervals are too narrow."""
+        whole = substructures(self.structure)
+        return bool(whole.measured) and not whole.propagate
+
+    @property
+    def joint_frf(self) -> FrfSet | None:
+        """FRFs at the joint for the paper's iteration, which needs a structure that is modelled throughout, or None."""
+        return None if self.measured_bodies else self.data.joint_frf
+
+    @cached_property
+    def structures_of_data(self) -> StructureFamily:
+        """The modelled structures, exact at the joint and the measured DOFs up to the highest frequency of the data."""
+        joint, data = self.joints.labels, self.data
+        if isinstance(data, FrfData):
+            dofs = (*joint, *data.frf.outputs, *data.frf.inputs)
+            return substructures(self.structure).at(dofs, data.top_hz).family
+        return self.structures.at((*joint, *data.dofs), self.structures.reach_hz(max(data.numbers)))
+
+    @property
+    def most_modes(self) -> int:
+        """Natural frequencies that the model of the data has whatever the joint, also a rigid one; 0 without modes."""
+        if self.measured_bodies:
+            return 0
+        free = self.structures_of_data.nominal
+        return free.n_dofs - rigid_body_modes(free, self.joints) - self.joints.size
+
+    def receptance_model(self, ports: Ports) -> ReceptanceModel:
+        """Forward model for other lines and DOFs.
+
+        Raises
+        ------
+        ModelError
+            If a DOF does not exist.
+        """
+        return receptance_model(self.structure, self.joints, ports)
+
+    def with_reference(self, *, solved: bool) -> "Test":
+        """The same test with much richer elements, see `StructureFamily.reference`."""
+        family, whole = self.structures.reference(solved=solved), substructures(self.structure)
+        return replace(self, structure=replace(whole, modelled=family) if whole.measured else family)
+
+
+def require_own_bodies(tests: Sequence[Test]) -> None:
+    """Refuse a measurement of a body that several tests have.
+
+    Its errors are the same in all of them, and the likelihoods of tests are those of independent data: with its
+    noise propagated they would count as averaged, and intervals would be too narrow.
+
+    Raises
+    ------
+    ModelError
+        If two tests have it.
+    """
+    owners: list[tuple[str, MeasuredBody]] = []
+    for test in tests:
+        whole = substructures(test.structure)
+        bodies = whole.measured if whole.propagate else ()
+        for body in bodies:
+            other = next((name for name, earlier in owners if _is_one_measurement(earlier, body)), None)
+            if other is not None:
+                raise ModelError(
+                    f"problem: found one measurement of the body {body.name} in set-ups {other} and {test.name}, with "
+                    "one error that would count as one of each; expected a measurement for each set-up, or one set-up; "
+                    "measure the body again"
+                )
+        owners += ((test.name, body) for body in bodies)
+
+
+def _is_one_measurement(first: MeasuredBody, second: MeasuredBody) -> bool:
+    return first is second or (
+        np.array_equal(first.frequency_hz, second.frequency_hz) and np.array_equal(first.receptance, second.receptance)
+    )
+
+
+def own_name(test: str, name: str, names: Iterable[str]) -> str | None:
+    """Name of a quantity of a test among `names`: its own where there is one, or else the one for all; or None."""
+    among = set(names)
+    first = prefixed(test, name) if test else name
+    return first if first in among else name if name in among else None
+
+
+def columns_of_names(test: str, wanted: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    """Places of the quantities of a test among `names`.
+
+    Raises
+    ------
+    ModelError
+        If one is not among them.
+    """
+    own_names = [own_name(test, name, names) for name in wanted]
+    missing = [name for name, among_names in zip(wanted, own_names, strict=True) if among_names is None]
+    if missing:
+        of = f" of set-up {test}" if test else ""
+        raise ModelError(
+            f"posterior: found no prior for {', '.join(missing)}{of}; expected one for each of {', '.join(wanted)}; "
+            "add it"
+        )
+    return np.array([names.index(name) for name in own_names if name is not None], dtype=np.intp)
+
+
+def arranged(parametrisation: Parametrisation, tests: Sequence[Test]) -> Parametrisation:
+    """The parametrisation with a K^J of the joints of all tests side by side, in their order.
+
+    Parameters
+    ----------
+    parametrisation
+        Of all joints; one that is of several tests once.
+    tests
+        In their order.
+
+    Raises
+    ------
+    ModelError
+        If a joint has no quantities, or those of a joint of another size.
+    """
+    blocks = parametrisation.blocks if isinstance(parametrisation, Blocks) else (Block("", parametrisation, (0,)),)
+    rows: dict[str, list[int]] = {block.name: [] for block in blocks}
+    by_joint = {joint: block for block in blocks for joint in block.joints}
+    row = 0
+    for test in tests:
+        joints = test.joints
+        for joint in joints.joints if isinstance(joints, Joints) else (joints,):
+            own_joint = prefixed(test.name, joint.name) if joint.name else test.name
+            block = (
+                by_joint.get(own_joint)
+                or by_joint.get(joint.name)
+                or (blocks[0] if _is_lone_joint(blocks, joints) else None)
+            )
+            if block is None or block.parametrisation.size != joint.size:
+                those = "none" if block is None else f"those of {block.parametrisation.size} DOFs"
+                raise ModelError(
+                    f"problem: found a prior of quantities for {', '.join(map(repr, by_joint))}, and {those} for joint "
+                    f"{joint.name or str(joint)!r} with {joint.size} DOFs; expected a parametrisation of each joint; "
+                    "make it with `blocks_of` by the joints' names"
+                )
+            rows[block.name].append(row)
+            row += joint.size
+    if not isinstance(parametrisation, Blocks) and rows[""] == [0]:
+        return parametrisation
+    return Blocks(tuple(replace(block, rows=tuple(rows[block.name])) for block in blocks))
+
+
+def _is_lone_joint(blocks: Sequence[Block], joints: AnyJoint) -> bool:
+    """Whether one set of quantities without a name meets one joint, whatever its name."""
+    return len(blocks) == 1 and not blocks[0].name and not (isinstance(joints, Joints) and len(joints.joints) > 1)

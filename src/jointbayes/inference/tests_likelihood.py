@@ -1,0 +1,145 @@
+"""The likelihood of several tests together, each with joints and uncertain quantities of its own or shared ones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointbayes.arrays import Array
+from jointbayes.errors import ModelError
+from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.joint import AnyJointMatrix, JointMatrix, as_joint_matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """The likelihood of one test, and what of all joints and quantities it depends on.
+
+    Parameters
+    ----------
+    likelihood
+        Of the test.
+    rows
+        Of the joint matrix, those of its joints.
+    columns
+        Of the factors, in the order of its names.
+    """
+
+    likelihood: Likelihood
+    rows: slice
+    columns: NDArray[np.intp]
+
+    def of(self, matrices: AnyJointMatrix, factors: ArrayLike | None) -> tuple[JointMatrix, Any]:
+        """Joint matrices (..., r, r) and factors (..., q) of the test from those of all."""
+        of_test = None if factors is None else np.asarray(factors, dtype=float)[..., self.columns]
+        return as_joint_matrix(matrices).block(self.rows), of_test
+
+
+class TestsLikelihood(Likelihood):
+    """Likelihood of independent tests: the sum of theirs.
+
+    Joint matrices are those of all tests' joints side by side; factors are those of all quantities of the prior.
+
+    Parameters
+    ----------
+    names
+        All uncertain quantities beside the joints, those of the noise models last.
+    terms
+        One for each test.
+
+    Raises
+    ------
+    ModelError
+        If the parameters of the noise models are not the last.
+    """
+
+    def __init__(self, names: Sequence[str], terms: Sequence[Term]) -> None:
+        self.names, self.terms = tuple(names), tuple(terms)
+        self.noise = terms[0].likelihood.noise
+        self.constant = sum(term.likelihood.constant for term in terms)
+        self.n_data = sum(term.likelihood.n_data for term in terms)
+        of_noise = {
+            int(column) for term in terms for column in term.columns[len(term.columns) - term.likelihood.hyper_count :]
+        }
+        # one of several tests leaves the parameters of the others' noise among the last out
+        self.hyper_count = len(self.names) - min(of_noise, default=len(self.names))
+        of_structure = {int(column) for term in terms for column in term.columns} - of_noise
+        if of_structure and max(of_structure) >= len(self.names) - self.hyper_count:
+            raise ModelError(
+                f"likelihood: found uncertain quantities {self.names}; expected those of the noise last; reorder them"
+            )
+
+    @property
+    def gaussian(self) -> bool:
+        """Whether the noise of every test is Gaussian of known size."""
+        return all(term.likelihood.gaussian for term in self.terms)
+
+    def hyper(self, factors: ArrayLike) -> Array:
+        """Parameters of the noise model of a lone test, shape (batch, its number)."""
+        (term,) = self.terms
+        factor_rows = np.atleast_2d(np.asarray(factors, dtype=float))
+        return term.likelihood.hyper(factor_rows[:, term.columns])
+
+    def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+        """ln L, shape (batch,): the sum of all tests."""
+        return np.sum([term.likelihood.log_likelihood(*term.of(matrices, factors)) for term in self.terms], axis=0)
+
+    def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """Residuals over σ: of a lone test in its own shape, of several one after the other, shape (batch, n)."""
+        return self._joined([term.likelihood.standardised(*term.of(matrices, factors)) for term in self.terms])
+
+    def predicted(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """What is compared with the data, as `standardised`."""
+        return self._joined([term.likelihood.predicted(*term.of(matrices, factors)) for term in self.terms])
+
+    def variance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
+        """σ² of what is compared, as `standardised`."""
+        return self._joined([term.likelihood.variance(*term.of(matrices, factors)) for term in self.terms])
+
+    def pointwise(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> NDArray[Any]:
+        """ln L value by value, as `standardised`."""
+        return self._joined([term.likelihood.pointwise(*term.of(matrices, factors)) for term in self.terms])
+
+    @staticmethod
+    def _joined(of_tests: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        if len(of_tests) == 1:
+            return of_tests[0]
+        return np.concatenate([values.reshape(len(values), -1) for values in of_tests], axis=1)
+
+    def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
+        """Real residuals, shape (batch, m), of all tests."""
+        return np.concatenate([term.likelihood.white(*term.of(matrices, factors)) for term in self.terms], axis=1)
+
+    def typical_squares(self, matrices: AnyJointMatrix, factors: ArrayLike) -> tuple[float, int]:
+        """Sum and number of the squared white residuals of one joint."""
+        squares = [term.likelihood.typical_squares(*term.of(matrices, factors)) for term in self.terms]
+        return sum(total for total, _ in squares), sum(count for _, count in squares)
+
+    def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
+        """ln L (batch,) and its gradient S (batch, R, R) by the joint matrices."""
+        joints = as_joint_matrix(matrices)
+        factor_rows = np.empty((len(joints), 0)) if factors is None else np.asarray(factors, dtype=float)
+        total, slope = np.zeros(len(joints)), np.zeros_like(joints.stiffness)
+        for term in self.terms:
+            value, slope[:, term.rows, term.rows] = term.likelihood.gradient(*term.of(joints, factor_rows))
+            total += value
+        return total, slope
+
+    def residuals(
+        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Standardised residuals e (m,) and their derivative (m, p + q), for one joint, of all tests."""
+        changes = as_joint_matrix(directions)
+        factor_rows = np.empty(0) if factors is None else np.asarray(factors, dtype=float)
+        residuals, slopes = [], []
+        for term in self.terms:
+            joint, of_test = term.of(matrix, factor_rows)
+            residual, slope = term.likelihood.residuals(joint, changes.block(term.rows), of_test)
+            whole = np.zeros((len(residual), len(changes) + len(self.names)))
+            whole[:, : len(changes)] = slope[:, : len(changes)]
+            whole[:, len(changes) + term.columns] = slope[:, len(changes) :]
+            residuals.append(residual)
+            slopes.append(whole)
+        return np.concatenate(residuals), np.concatenate(slopes)
