@@ -52,7 +52,7 @@ def some_joints(case):
 @pytest.mark.parametrize(("law", "peer"), PEERS, ids=lambda value: getattr(value, "__name__", value))
 def test_a_peer_computes_the_same_likelihood(quick, law, peer):
     matrices, problem = some_joints(quick[law]), quick[law].problem
-    setup = peers.Test(problem)
+    setup = peers.Setup(problem)
     # every mode of the same elements, as the peers have them; to a sampler the reduced model is the same
     whole = problem.with_test(structure=FixedFamily(setup.structure).reference())
     likelihood = whole.log_posterior.likelihood

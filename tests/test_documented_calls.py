@@ -35,7 +35,9 @@ def clone(tmp_path, monkeypatch):
     """A directory with what the pages name: the shipped cases, a measurement, a table of two joints."""
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     (tmp_path / "tip.uff").symlink_to(ROOT / "configs" / "data" / "virtual_test.uff")
-    (tmp_path / "joints.csv").write_text("key,sampling.seed,sampling.max_steps\nSN-20007,1,60\nSN-20008,2,60\n", encoding="utf-8")
+    (tmp_path / "joints.csv").write_text(
+        "key,sampling.seed,sampling.max_steps\nSN-20007,1,200\nSN-20008,2,200\n", encoding="utf-8"
+    )
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

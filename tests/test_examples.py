@@ -8,7 +8,7 @@ import pytest
 from benchmarks import example_data, example_figures, many_joints, many_joints_data, numbers, quoted
 
 import jointbayes as jb
-from jointbayes.measurement.formats import write_frf
+from jointbayes.measurement.formats import iter_records, write_frf
 from jointbayes.studies.data_sets import simulated_problem
 
 pytestmark = pytest.mark.docs
@@ -111,7 +111,7 @@ def test_the_moments_of_the_two_storeys_are_the_published_ones():
 def test_the_files_of_the_measured_spindle_are_those_of_the_script(tmp_path):
     for name, frf in zip(example_data.SPINDLE_FILES, example_data.spindle_files(), strict=True):
         write_frf(frf, tmp_path / "made.uff", "uff58")
-        made, shipped = (list(jb.iter_records(path)) for path in (tmp_path / "made.uff", numbers.CONFIGS / name))
+        made, shipped = (list(iter_records(path)) for path in (tmp_path / "made.uff", numbers.CONFIGS / name))
         assert len(made) == len(shipped) == frf.values[0].size
         for one, other in zip(made, shipped, strict=True):
             np.testing.assert_allclose(one.values, other.values, rtol=1e-5)

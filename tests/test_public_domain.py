@@ -16,6 +16,12 @@ from hypothesis.extra import numpy as arrays
 
 import jointbayes as jb
 from jointbayes.errors import JointBayesError
+from jointbayes.inference import OfStiffness
+from jointbayes.joint import ElasticCentre
+from jointbayes.measurement.formats import iter_records
+from jointbayes.measurement.records import FrfRecord, TimeRecord
+from jointbayes.measurement.variance import coherence_variance
+from jointbayes.structure import PointMass, Rayleigh, ViscousMatrix
 from tests.conftest import cheap_text
 
 EXAMPLES = int(os.environ.get("JOINTBAYES_EXAMPLES", "60"))  # of each test; `make science` takes more
@@ -93,14 +99,14 @@ OF_NUMBERS = {
     "box": (jb.Section.box, 3),
     "BeamMaterial": (jb.BeamMaterial, 3),
     "LossFactor": (jb.LossFactor, 1),
-    "Rayleigh": (jb.Rayleigh, 2),
+    "Rayleigh": (Rayleigh, 2),
     "ModalDamping": (lambda *ratios: jb.ModalDamping(ratios), 3),
     "Normal": (jb.Normal, 2),
     "from_decades": (jb.Normal.from_decades, 2),
     "Uniform": (jb.Uniform, 2),
     "of_logarithm": (jb.Uniform.of_logarithm, 2),
-    "OfStiffness of Normal": (lambda mean, sd: jb.OfStiffness(jb.Normal(mean, sd)), 2),
-    "OfStiffness of Uniform": (lambda low, high: jb.OfStiffness(jb.Uniform(low, high)), 2),
+    "OfStiffness of Normal": (lambda mean, sd: OfStiffness(jb.Normal(mean, sd)), 2),
+    "OfStiffness of Uniform": (lambda low, high: OfStiffness(jb.Uniform(low, high)), 2),
     "Nuisance": (lambda nominal: jb.Nuisance("gain", "1", nominal, jb.Normal(0.0, 1.0)), 1),
     "StudentNoise": (jb.StudentNoise, 1),
 }
@@ -178,8 +184,8 @@ def test_any_arrays_are_modes_or_an_error(values, sd, dofs):
 @EASY
 @given(lines=ANY_ARRAY, values=ANY_ARRAY, coherence=st.none() | ANY_ARRAY)
 def test_any_arrays_are_a_record_or_an_error(lines, values, coherence):
-    made(jb.FrfRecord, "a", "b", lines, values, coherence=coherence)
-    made(jb.TimeRecord, "a", 100.0, values)
+    made(FrfRecord, "a", "b", lines, values, coherence=coherence)
+    made(TimeRecord, "a", 100.0, values)
 
 
 @EASY
@@ -187,7 +193,7 @@ def test_any_arrays_are_a_record_or_an_error(lines, values, coherence):
 def test_coherence_variance_is_positive_or_an_error(coherence, averages):
     frf = made(jb.FrfSet, [10.0, 20.0], np.ones((2, 1, 1)), ["2:y"], ["2:y"], "receptance", coherence, averages)
     if frf is not None:
-        variance = made(jb.coherence_variance, frf)
+        variance = made(coherence_variance, frf)
         assert variance is None or (np.isfinite(variance).all() and (variance >= 0).all())
 
 
@@ -221,7 +227,7 @@ def test_any_frame_has_finite_modes_or_is_an_error(place, up, kappa, size, mass,
     def frame():
         end = None if kappa is None else jb.Section.circle(size)
         member = jb.Member(("1", "2"), CIRCLE, MATERIAL, end, kappa, up, (place, place))
-        body = jb.Body({"1": (0, 0, 0), "2": place}, (member,), (jb.PointMass("2", mass, inertia, place),))
+        body = jb.Body({"1": (0, 0, 0), "2": place}, (member,), (PointMass("2", mass, inertia, place),))
         recipe = jb.FrameRecipe(body, DAMPING, supports=supports, element=element)
         return jb.FrameFamily(recipe, {})
 
@@ -234,7 +240,7 @@ def test_any_frame_has_finite_modes_or_is_an_error(place, up, kappa, size, mass,
 @EASY
 @given(stiffness=ANY_ARRAY, mass=ANY_ARRAY, damping=ANY_ARRAY, labels=LABELS)
 def test_any_matrices_are_a_structure_or_an_error(stiffness, mass, damping, labels):
-    law = made(jb.ViscousMatrix, damping) or DAMPING
+    law = made(ViscousMatrix, damping) or DAMPING
     recipe = made(jb.MatrixRecipe, stiffness, mass, labels, law)
     assert_sound(None if recipe is None else made(lambda: jb.MatrixFamily(recipe, {}).nominal))
 
@@ -259,7 +265,7 @@ def cheap_problem():
 KINDS_OF_JOINT = [
     jb.LogStiffness(),
     jb.SignedCoupling(),
-    jb.ElasticCentre(),
+    ElasticCentre(),
     jb.FullStiffness(("y", "rz")),
     jb.blocks_of({"only": jb.SignedCoupling()}),
 ]
@@ -308,7 +314,7 @@ def test_any_text_is_a_case_or_an_error(text):
     assert all(line.isprintable() for line in message_of(jb.case_from_text, "case", text).split("\n"))
 
 
-READERS = [jb.load_case, jb.load_posterior, jb.read_frf, jb.inspect_file, lambda path: list(jb.iter_records(path))]
+READERS = [jb.load_case, jb.load_posterior, jb.read_frf, jb.inspect_file, lambda path: list(iter_records(path))]
 
 
 @EASY

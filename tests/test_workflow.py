@@ -14,7 +14,7 @@ from scipy import sparse, stats
 import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
-from jointbayes.joint import Joint, LogStiffness, PlainSprings, SignedCoupling
+from jointbayes.joint import Joint, LogStiffness, PlainSprings, Rigid, SignedCoupling
 from jointbayes.measurement import FrequencyData, FrfData
 from jointbayes.posterior.stored_problem import problem_from
 from jointbayes.sampling import SamplerSettings
@@ -412,7 +412,7 @@ def test_python_dash_m_is_the_command_line():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: jb.Rigid((("1:y", "1:rz"),)), "expected how many DOFs it holds"),
+        (lambda: Rigid((("1:y", "1:rz"),)), "expected how many DOFs it holds"),
         (lambda: jb.Joint("1:y", "1:rz"), r'write \("1:y",\)'),
         (lambda: jb.Structure(np.eye(1), np.eye(1), 0.01, ("1:y",)), r"such as LossFactor\(0.01\)"),
     ],

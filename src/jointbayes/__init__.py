@@ -14,6 +14,26 @@ _HOME_OF = {name: home for home, name in re.findall(r"^from (\S+) import (\w+) a
 
 __all__ = [*_HOME_OF]
 
+#: Public names of rooms that stood at the top once: who still asks for them here is told where they are.
+_MOVED = {
+    name: room
+    for room, names in {
+        "errors": "CheckpointError ReportError WorkerError WriteError",
+        "inference": "CorrelatedNoise GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
+        "joint": "ElasticCentre Joints Rigid",
+        "measurement.assemble": "mean_of_repeats",
+        "measurement.formats": "iter_records write_records",
+        "measurement.inspection": "Inspection",
+        "measurement.provenance": "MeasuredMode MeasurementWarning",
+        "measurement.records": "FrfRecord TimeRecord",
+        "measurement.warnings.collector": "find_warnings",
+        "posterior": "Knowledge PredictiveCheck gather_knowledge",
+        "structure": "PointMass Rayleigh ViscousMatrix",
+        "studies.campaign.campaign_report": "write_campaign_report",
+    }.items()
+    for name in names.split()
+}
+
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 (any public name)
     if name == "__version__":
@@ -21,7 +41,8 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 (any public name)
 
         return version("jointbayes")
     if name not in _HOME_OF:
-        raise AttributeError(f"module 'jointbayes' has no attribute {name!r}")
+        moved = f"; it is in jointbayes.{_MOVED[name]}" if name in _MOVED else ""
+        raise AttributeError(f"module 'jointbayes' has no attribute {name!r}{moved}")
     return getattr(import_module(_HOME_OF[name]), name)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import Case, case_around, load_case
+from jointbayes.case.case import AnyCase, Case, as_case, case_around
 from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.identification import (
     Images,
@@ -43,7 +43,7 @@ from jointbayes.sampling import (
 )
 
 #: What is analysed: a case, the path of its file, or a problem.
-Analysed = Case | Problem | str | os.PathLike[str]
+Analysed = AnyCase | Problem
 
 _PRIOR_DRAWS = 8000
 _PAIR = 2  # DOFs of a joint whose compliance a linear fit gives
@@ -101,24 +101,18 @@ def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHisto
 
 
 def _problem_and_case(given: Analysed) -> tuple[Problem, Case | None]:
-    if isinstance(given, str | os.PathLike):
-        given = load_case(given)
     if isinstance(given, Problem):
         return given, None
-    if not isinstance(given, Case):
-        raise ModelError(
-            f"found {type(given).__name__}; expected a case, a problem or the path of a case file; "
-            "load_case reads such a file"
-        )
-    return given.problem, given
+    case = as_case(given, "a case, a problem")
+    return case.problem, case
 
 
 @one_blas_thread()
 def find_map(
     case: Analysed,
     initial: ArrayLike | None = None,
-    seed: int | None = None,
     *,
+    seed: int | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
@@ -188,9 +182,9 @@ def _seed(case: Case | None, seed: int | None) -> int:
 @one_blas_thread()
 def sample(
     case: Analysed,
-    seed: int | None = None,
     *,
     settings: SamplerSettings | None = None,
+    seed: int | None = None,
     progress: Callable[[Progress], None] | None = None,
     tell: Callable[[str], None] | None = None,
     checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
@@ -202,11 +196,11 @@ def sample(
     ----------
     case
         The case, the path of its file, or the problem.
+    settings
+        Sampler settings; by default the case's.
     seed
         Seed of all random numbers; by default the case's, 1 of a problem. The same seed gives the same draws bit for
         bit.
-    settings
-        Sampler settings; by default the case's.
     progress
         Called after each block of steps.
     tell
@@ -235,7 +229,7 @@ def sample(
     """
     if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
         with UnfinishedRun(checkpoint, resume=resume, tell=tell or (lambda _line: None)) as unfinished:
-            return sample(case, seed, settings=settings, progress=progress, tell=tell, checkpoint=unfinished)
+            return sample(case, settings=settings, seed=seed, progress=progress, tell=tell, checkpoint=unfinished)
     problem, whole = _problem_and_case(case)
     for part in problem.parts:
         if isinstance(part.test.data, FrfData):

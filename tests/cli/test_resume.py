@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
+from jointbayes.errors import CheckpointError
 from jointbayes.report.run_directory import room_of_run
 from jointbayes.sampling import SamplerSettings, UnfinishedRun, checkpoint
 from tests.conftest import CONFIGS, cheap_frequencies_text, edited
@@ -191,7 +192,7 @@ def test_a_case_of_two_set_ups_killed_after_a_block_goes_on_to_the_same_bits(tmp
     for name, other in (("short", "length_mm = 300.0"), ("long", "length_mm = 360.0")):
         changed = edited(text, (other, "length_mm = 310.0"))
         words = rf"something else: setups\.{name}\.structure\.length_mm: found 310\.0, expected 3.0\.0 as in the checkp"
-        with pytest.raises(jb.CheckpointError, match=words):
+        with pytest.raises(CheckpointError, match=words):
             jb.sample(case(changed), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True)
     told = []
     resumed = jb.sample(case(), seed=2, settings=settings, checkpoint=tmp_path / "run", resume=True, tell=told.append)

@@ -32,7 +32,7 @@ def test_the_real_measurement_of_a_random_case_is_made_at_its_truth():
 def test_a_simulated_posterior_is_that_of_sampling_the_same_data(seed, name):
     """The forecast's own sums, against the search for the mode and the ensemble sampler on the data it simulated."""
     drawn = random_case(seed)
-    present = sample(drawn.case, 1)
+    present = sample(drawn.case, seed=1)
     candidate = next(c for c in candidates_of(drawn.case) if name in c.name)
     problem = drawn.case.problem
     simulator = Simulator(

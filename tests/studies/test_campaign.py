@@ -13,6 +13,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
+from jointbayes.errors import WriteError
 from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, run_cases
 from jointbayes.studies.campaign.case_table import read_cases
 from jointbayes.studies.campaign.index import INDEX, Index, campaign_directory, kept_rows
@@ -292,11 +293,11 @@ class TestDirectory:
     def test_directory_with_other_files_is_refused(self, tmp_path):
         (tmp_path / "x").mkdir()
         (tmp_path / "x/index.jsonl").touch()  # an older one of ours, or anybody's
-        with pytest.raises(jb.WriteError, match=r"holds other files, and no mark.*write 'jointbayes: a campaign' into"):
+        with pytest.raises(WriteError, match=r"holds other files, and no mark.*write 'jointbayes: a campaign' into"):
             campaign_directory(tmp_path / "x").__enter__()
-        with pytest.raises(jb.WriteError, match="found a file"):
+        with pytest.raises(WriteError, match="found a file"):
             campaign_directory(tmp_path / "x/index.jsonl").__enter__()
-        with pytest.raises(jb.WriteError, match="cannot be written"):
+        with pytest.raises(WriteError, match="cannot be written"):
             campaign_directory(tmp_path / "x/index.jsonl/below").__enter__()
         assert [p.name for p in (tmp_path / "x").iterdir()] == ["index.jsonl"]
         for line in ("jointbayes: a campaign\n", "jointbayes: a campaign", "jointbayes: a campaign\r\n"):  # by hand

@@ -369,7 +369,7 @@ def test_bad_input_is_refused_in_one_line_before_anything_is_computed(tmp_path):
 
 def test_an_evidence_that_is_not_to_be_trusted_exits_3(tmp_path, monkeypatch):
     doubtful = Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, "")
-    monkeypatch.setattr("jointbayes.studies.compare.compare", lambda *_: doubtful)
+    monkeypatch.setattr("jointbayes.studies.compare.compare", lambda *_, **_settings: doubtful)
     result = cli("compare", write(tmp_path, "case.toml", frequencies_text()))
     assert result.exit_code == 3
     assert "NOT TRUSTED" in result.stdout

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 import jointbayes as jb
 from jointbayes.cli import progress
 from jointbayes.cli.commands import main
+from jointbayes.errors import WriteError
 from jointbayes.studies.planning import race
 from jointbayes.studies.planning.candidates import SimulatedPosterior
 from jointbayes.studies.planning.race import KEPT, KeptSimulations, Race
@@ -100,7 +101,7 @@ def test_simulations_are_not_read_from_what_never_ends(kind, tmp_path):
         os.mkfifo(file)
     else:
         file.symlink_to("/dev/zero")
-    with pytest.raises(jb.WriteError, match=f"{KEPT}: found a link, a file of several names, or no file at all"):
+    with pytest.raises(WriteError, match=f"{KEPT}: found a link, a file of several names, or no file at all"):
         KeptSimulations(file, {"seed": "1"})
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.frf import FrfSet, Ports, receptance_model
-from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
+from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
 from jointbayes.measurement import FrfData, RelativeNoise
 from jointbayes.posterior.information.fisher import fisher_information
@@ -86,7 +86,7 @@ def test_a_linearised_figure_of_proposed_set_ups_is_that_of_a_problem_of_several
 
 
 def test_the_density_of_present_and_proposed_data_is_that_of_a_problem_of_several():
-    problem = present(jb.ScaledNoise())
+    problem = present(ScaledNoise())
     whole = WithOwn(problem, own_of((SHORT, TINY)))
     assert whole.problem.names[-4:] == ("length", "short.length", "tiny.length", "noise_scale")
     truth = np.concatenate([np.log(TABLE_3), [0.0, 0.0, 0.0, 0.0, 0.0]])
@@ -312,7 +312,7 @@ def test_the_noise_of_a_proposed_set_up_is_that_of_its_own_tables():
     assert case.problem.names[-1] == "noise_scale"
     there = short.problem(case.problem, theta, np.random.default_rng(1))
     exact = short.problem(case.problem, theta)
-    assert isinstance(there.test.noise, jb.ScaledNoise)
+    assert isinstance(there.test.noise, ScaledNoise)
     error = (there.test.data.frf.values - exact.test.data.frf.values) / np.sqrt(there.test.data.variance)
     assert np.sqrt((np.abs(error) ** 2).mean()) == pytest.approx(3.0, rel=0.1)
     # its density knows the scale

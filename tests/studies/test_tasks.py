@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.errors import WorkerError
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.crews import Event, Reply, Task, attempt, packed
 from jointbayes.studies.tasks import _Driver, run_tasks
@@ -189,12 +190,12 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
 )
 def test_settings_that_cannot_work_are_refused(settings, message, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.dask_crew._CONNECT", 1.0)
-    with pytest.raises(jb.WorkerError, match=message):
+    with pytest.raises(WorkerError, match=message):
         list(run_tasks(square, numbered(3), **settings))
 
 
 def test_function_that_cannot_be_sent_is_refused():
-    with pytest.raises(jb.WorkerError, match="cannot be sent to another process"):
+    with pytest.raises(WorkerError, match="cannot be sent to another process"):
         list(run_tasks(lambda i: i, numbered(3), workers=1))
 
 
@@ -218,7 +219,7 @@ def test_executor_made_anew_names_the_task_that_broke_it(tmp_path):
 def test_broken_executor_that_cannot_be_made_anew_is_an_error(tmp_path):
     with ProcessPoolExecutor(2, multiprocessing.get_context("forkserver")) as executor:
         list(executor.map(time.sleep, [0.2, 0.2]))  # one that is started as it breaks would never end
-        with pytest.raises(jb.WorkerError, match="pass a function that makes an executor"):
+        with pytest.raises(WorkerError, match="pass a function that makes an executor"):
             list(run_tasks(kill_some, numbered(8, str(tmp_path), (), (3,)), executor=executor))
 
 
@@ -235,7 +236,7 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
 @pytest.mark.filterwarnings("ignore:.*it gets nothing to do:RuntimeWarning")  # of the first of two workers
 def test_workers_of_another_version_get_nothing_to_do(cluster, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.crews.code_version", lambda: "0.1.0+other")
-    with pytest.raises(jb.WorkerError, match=r"found jointbayes 0\.1\.0\+[0-9a-f]{12}; expected 0\.1\.0\+other"):
+    with pytest.raises(WorkerError, match=r"found jointbayes 0\.1\.0\+[0-9a-f]{12}; expected 0\.1\.0\+other"):
         list(run_tasks(square, numbered(4), scheduler=cluster.scheduler_address))
 
 
@@ -254,7 +255,7 @@ if __name__ == "__main__":
             for outcome in run_tasks(slow_square, tasks, scheduler=workers.scheduler_address):
                 if outcome.key == "0":
                     workers.loop.add_callback(workers.scheduler.close)
-        except jb.WorkerError as error:
+        except WorkerError as error:
             print(error)
             sys.stdout.flush()
             os._exit(0)

@@ -190,6 +190,21 @@ def load_case(path: str | os.PathLike[str], allow_outside: bool = False) -> Case
     return _build(file.stem, source, file.parent, None, allow_outside)
 
 
+#: A case, or the path of its file.
+AnyCase = Case | str | os.PathLike[str]
+
+
+def as_case(given: AnyCase, expected: str = "a case") -> Case:
+    """The case, read from its file where its path is given; what is neither is refused: `expected` it was."""
+    if isinstance(given, str | os.PathLike):
+        return load_case(given)
+    if not isinstance(given, Case):
+        raise ModelError(
+            f"found {type(given).__name__}; expected {expected} or the path of a case file; load_case reads such a file"
+        )
+    return given
+
+
 def case_from_text(
     name: str,
     text: str,

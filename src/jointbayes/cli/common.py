@@ -86,7 +86,7 @@ def draw(case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = No
     from jointbayes.workflow import sample as draw
 
     with show_progress() as progress:
-        return draw(case, seed, progress=progress, tell=show_phase, checkpoint=checkpoint)
+        return draw(case, seed=seed, progress=progress, tell=show_phase, checkpoint=checkpoint)
 
 
 @contextmanager

@@ -48,7 +48,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     require_same_data(cases)
     if out is not None:
         require_writable(out, COMPARISON_MARK)
-    comparison = weigh(cases, seed, lambda name: say(f"weighing {name}", err=True))
+    comparison = weigh(cases, seed=seed, progress=lambda name: say(f"weighing {name}", err=True))
     for line in evidence_table(comparison.summary(), method=True).lines():
         say(line)
     for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):

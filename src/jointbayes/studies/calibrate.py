@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pydantic
 
-from jointbayes.case.case import Case
+from jointbayes.case.case import Case, as_case
 from jointbayes.errors import ModelError
 from jointbayes.inference import Problem
 from jointbayes.posterior.run_record import run_fingerprint
@@ -22,6 +22,7 @@ from jointbayes.studies.calibration import Calibration, calibration_directory
 from jointbayes.studies.data_sets import DENSITY, DRAWS, DataSet, Job, analyse_packed, require_simulable
 from jointbayes.studies.study_directory import append_line, kept_lines
 from jointbayes.studies.tasks import run_tasks
+from jointbayes.workflow import Analysed
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -42,12 +43,12 @@ class CalibrationProgress:
 
 
 def calibrate(
-    case: Case | Problem,
+    case: Analysed,
     n: int = 1000,
     *,
-    seed: int | None = None,
-    data_from: Case | Problem | None = None,
+    data_from: Analysed | None = None,
     settings: SamplerSettings | None = None,
+    seed: int | None = None,
     directory: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     scheduler: "str | Client | None" = None,
@@ -64,7 +65,7 @@ def calibrate(
     Parameters
     ----------
     case
-        The case, or the problem.
+        The case, the path of its file, or the problem.
     n
         Number of data sets.
     seed
@@ -104,6 +105,9 @@ def calibrate(
     """
     if n < 1:
         raise ModelError(f"calibrate: found n = {n}; expected one data set at least; correct it")
+    case = case if isinstance(case, Problem) else as_case(case, "a case, a problem")
+    if data_from is not None and not isinstance(data_from, Problem):
+        data_from = as_case(data_from, "a case, a problem")
     job = _job(case, data_from, settings, seed)
     engine = {"workers": workers, "scheduler": scheduler, "executor": executor}
     tell = progress or (lambda _progress: None)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointbayes.arrays import Array
-from jointbayes.case.case import Case
+from jointbayes.case.case import AnyCase, Case, as_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import HYPOTHESES, Parametrisation, under_hypothesis
@@ -75,14 +75,14 @@ def _places(parametrisation: Parametrisation) -> dict[str, str]:
 
 @one_blas_thread()
 def compare(
-    cases: Sequence[Case], seed: int | None = None, progress: Callable[[str], None] | None = None
+    cases: Sequence[AnyCase], *, seed: int | None = None, progress: Callable[[str], None] | None = None
 ) -> Comparison:
     """Weigh the hypotheses of cases that hold the same data against each other.
 
     Parameters
     ----------
     cases
-        Cases, each with its list of hypotheses.
+        Cases, or paths of their files, each with its list of hypotheses.
     seed
         Seed of all random numbers; by default the first case's.
     progress
@@ -103,10 +103,11 @@ def compare(
     Kass, R. E., Raftery, A. E. (1995). Bayes factors. Journal of the American Statistical Association 90(430),
     773-795. DOI 10.1080/01621459.1995.10476572
     """
-    require_same_data(cases)
-    seed = cases[0].spec.sampling.seed if seed is None else seed
+    given = [as_case(case) for case in cases]
+    require_same_data(given)
+    seed = given[0].spec.sampling.seed if seed is None else seed
     candidates = []
-    for case in cases:
+    for case in given:
         for hypothesis in case.spec.compare.hypotheses:
             if progress is not None:
                 progress(f"{hypothesis} in {case.name}")
@@ -116,7 +117,7 @@ def compare(
                 raise
             except JointBayesError as error:
                 raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
-    return Comparison(tuple(candidates), seed, data_sha256(cases[0].problem))
+    return Comparison(tuple(candidates), seed, data_sha256(given[0].problem))
 
 
 def require_same_data(cases: Sequence[Case]) -> None:

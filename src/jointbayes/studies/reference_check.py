@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointbayes.case.case import Case
+from jointbayes.case.case import AnyCase, Case, as_case
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.rounding import signed
@@ -64,7 +64,7 @@ def require_reference(case: Case) -> np.ndarray:
 
 
 @one_blas_thread()
-def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
+def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     """Compare the posterior mode with the case's reference.
 
     Exact data: every stiffness within 0.5 %. Noisy data: the reference inside the joint 99 % highest-density region
@@ -76,6 +76,7 @@ def check_posterior(case: Case, posterior: Posterior) -> CheckResult:
     CaseError
         If the case has no reference.
     """
+    case = as_case(case)
     reference = require_reference(case)
     lines = [
         CheckLine("sampler", posterior.reason, "converged", posterior.converged),

@@ -62,13 +62,14 @@ class CaseTarget(Target):
 
     def prepare(self, directory: Path) -> None:
         """Compile the loops, and make what the cases refer to: small measurements, and a case to build on."""
-        import jointbayes as jb
+        from jointbayes.measurement.formats import iter_records, write_records
+        from jointbayes.measurement.records import FrfRecord
 
         (directory / "data").mkdir()
         for name in ("virtual_test", "spindle_nose", "spindle_tip"):
-            records = list(jb.iter_records(CONFIGS / "data" / f"{name}.uff"))
-            thinned = [record.at_lines(slice(None, None, 25)) for record in records if isinstance(record, jb.FrfRecord)]
-            jb.write_records(thinned, directory / "data" / f"{name}.csv", "csv")
+            records = list(iter_records(CONFIGS / "data" / f"{name}.uff"))
+            thinned = [record.at_lines(slice(None, None, 25)) for record in records if isinstance(record, FrfRecord)]
+            write_records(thinned, directory / "data" / f"{name}.csv", "csv")
         (directory / "data" / "base.toml").write_bytes((SEEDS / "base.toml").read_bytes())
         for number, seed in enumerate(self.seeds()):
             path = directory / f"warm{number}.toml"

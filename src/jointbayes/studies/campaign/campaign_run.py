@@ -73,7 +73,7 @@ def do_case(work: CaseWork) -> dict[str, Cell]:
     begin = time.monotonic()
     case = case_from_text(work.key, work.text, directory=work.directory, allow_outside=work.allow_outside)
     # the cases are what is spread over processes; the draws are the same
-    posterior = sample(case, work.seed, settings=case.sampler.for_one_of_many(full=work.full))
+    posterior = sample(case, settings=case.sampler.for_one_of_many(full=work.full), seed=work.seed)
     row = posterior.brief()
     posterior.with_fewer_draws(work.draws).save(Path(work.file))
     return {"seconds": time.monotonic() - begin, "code": code_version(), **row}

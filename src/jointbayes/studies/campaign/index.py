@@ -231,6 +231,20 @@ class Campaign:
         table["date"] = pandas.to_datetime(table["date"])
         return table.set_index("key", drop=False)
 
+    def write_report(self, *, seed: int = 1) -> Path:
+        """Write the report of the campaign and its population into its directory; `seed` is that of the population.
+
+        Raises
+        ------
+        MeasurementError
+            If there is no campaign in the directory.
+        WriteError
+            If a file cannot be written.
+        """
+        from jointbayes.studies.campaign.campaign_report import write_campaign_report
+
+        return write_campaign_report(self.directory, seed)
+
     def posterior(self, key: str) -> "Posterior":
         """Posterior of one case.
 

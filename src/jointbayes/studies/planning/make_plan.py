@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jointbayes.case.case import Case
+from jointbayes.case.case import AnyCase, Case, as_case
 from jointbayes.case.spec.fields import show_key
 from jointbayes.errors import CaseError
 from jointbayes.posterior import Posterior
@@ -35,10 +35,10 @@ MOST_SINGLES, MOST_SETS = 12, 8
 
 @one_blas_thread()
 def plan(
-    case: Case,
+    case: AnyCase,
     posterior: Posterior | None = None,
-    seed: int | None = None,
     *,
+    seed: int | None = None,
     assume: Mapping[str, float] | None = None,
     simulations: int = ALL,
     directory: str | os.PathLike[str] | None = None,
@@ -49,7 +49,8 @@ def plan(
     Parameters
     ----------
     case
-        Case with FRF data; its `[plan]` names the stiffness to be known best and the candidates.
+        Case with FRF data, or the path of its file; its `[plan]` names the stiffness to be known best, and the
+        candidates.
     posterior
         Posterior of the case; by default it is sampled.
     seed
@@ -82,6 +83,7 @@ def plan(
     WriteError
         If the directory holds something else, or another process is at work in it.
     """
+    case = as_case(case)
     tell = progress or (lambda line: None)
     bodies = [(part.test.name, body.name) for part in case.problem.parts for body in part.test.measured_bodies]
     if bodies:
@@ -142,7 +144,7 @@ def _present(case: Case, seed: int, checkpoint: Path | None, tell: Callable[[str
         tell(f"sampling the present posterior: step {progress.steps} of about {progress.expected_steps}, about "
              f"{left:.0f} s left before candidates are simulated")  # fmt: skip
 
-    return sample(case, seed, progress=report, checkpoint=checkpoint, resume=True)
+    return sample(case, seed=seed, progress=report, checkpoint=checkpoint, resume=True)
 
 
 def _stated_sets(case: Case, candidates: Mapping[str, Candidate]) -> tuple[Names, ...]:
